@@ -1,0 +1,23 @@
+"""MPI-parallel batch inversion of agglomerating granular flows."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from agglom_mpi.campaign import load_campaign
+    from agglom_mpi.database.reader import open_campaign
+
+__version__ = "0.1.0"
+__all__ = ["__version__", "load_campaign", "open_campaign"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the two entry points when they are first used, so that importing the package is free."""
+    if name == "load_campaign":
+        from agglom_mpi.campaign import load_campaign
+
+        return load_campaign
+    if name == "open_campaign":
+        from agglom_mpi.database.reader import open_campaign
+
+        return open_campaign
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

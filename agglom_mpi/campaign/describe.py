@@ -1,0 +1,133 @@
+"""A campaign in plain text: what would run, and what it leaves out."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agglom_mpi.campaign.needs import needs
+from agglom_mpi.campaign.submodels import submodels
+from agglom_mpi.campaign.variables import volume_fraction
+from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    from agglom_mpi.campaign.load import Campaign
+
+Section = tuple[str, list[str]]
+
+
+def text(campaign: "Campaign") -> str:
+    """All sections, each a heading with indented lines."""
+    return "\n".join(
+        line
+        for heading, lines in sections(campaign)
+        for line in (heading, *(f"  {line}" for line in lines))
+    )
+
+
+def sections(campaign: "Campaign") -> list[Section]:
+    """Headings with their lines."""
+    used, left_out = submodels(campaign.scene)
+    return [
+        (campaign.title or campaign.name, _run(campaign)),
+        ("Scene", _scene(campaign)),
+        ("Variables", _variables(campaign)),
+        ("Submodels", used),
+        ("Left out", left_out or ["nothing"]),
+    ]
+
+
+def _run(campaign: "Campaign") -> list[str]:
+    search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
+    strings = campaign.most_strings
+    fewest = strings if stopping.target is None else search.population
+    lines = [
+        f"seed: {campaign.seed}",
+        f"objective: {_objective(campaign)}",
+        f"search: genetic, population {search.population}, parents {search.parents}, "
+        f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
+    ]
+    if search.rescale is not None:
+        every, factor = search.rescale.every, search.rescale.factor
+        lines.append(f"search box: every {every} generations shrunk by {factor:g} around the best")
+    lines.append(f"ensemble: {_rule(campaign)}")
+    if stopping.target is not None:
+        top, objective = stopping.target.top, stopping.target.objective
+        lines.append(f"target: mean objective of the best {top} at most {objective:g}")
+    lines += [
+        f"generations: {_between(1 if stopping.target else None, stopping.generations)}",
+        f"strings: {_between(fewest, strings)}",
+        f"samples: {_between(fewest * ensemble.min_samples, strings * ensemble.max_samples)}, "
+        f"{ensemble.min_samples} to {ensemble.max_samples} per string",
+    ]
+    if ensemble.rule != "standard_error":
+        lines.append("samples per string in the papers: 125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)")
+    return lines
+
+
+def _between(fewest: int | None, most: int) -> str:
+    return f"{most:,}" if fewest in (None, most) else f"{fewest:,} to {most:,}"
+
+
+def _objective(campaign: "Campaign") -> str:
+    objective = campaign.objective
+    if objective.law == "growth_target":
+        return f"mean radius ratio {objective.ratio:g}, |mean/{objective.ratio:g} - 1| [A 26]"
+    return "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
+
+
+def _rule(campaign: "Campaign") -> str:
+    ensemble = campaign.ensemble
+    match ensemble.rule:
+        case "successive_difference":
+            cite = "[A 27]" if ensemble.quantity == "mean_radius" else "[B 8.1]"
+            quantity = "mean radius" if ensemble.quantity == "mean_radius" else "objective"
+            what = f"until one more sample changes the {quantity} by less than"
+            return f"{what} {ensemble.tolerance:g} of itself {cite}"
+        case "moments":
+            what = f"until one more sample changes no moment up to {ensemble.order} by more than"
+            return f"{what} {ensemble.tolerance:g} of itself [A 25, 27]"
+        case _:
+            what = "until half the 95 % interval of the objective is at most"
+            return f"{what} {ensemble.tolerance:g}"
+
+
+def _scene(campaign: "Campaign") -> list[str]:
+    scene, i = campaign.scene, NAMES.index("size_ratio")
+    low, high = (volume_fraction(float(ends[i])) for ends in _ends(campaign))
+    fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    engine = scene.engine
+    if engine.law == "fixed":
+        steps = f"{engine.steps} equal steps [A]"
+    else:
+        steps = f"adaptive steps, {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
+    if scene.end_time == "characteristic":
+        end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
+    else:
+        end = f"{scene.end_time:g} s"
+    return [
+        f"particles: {scene.particles:,}",
+        f"box: half-width {scene.half_width:g} m, volume fraction {fraction}",
+        f"engine: {steps}",
+        f"end time: {end}",
+    ]
+
+
+def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
+    return campaign.variables.lower, campaign.variables.upper
+
+
+def _variables(campaign: "Campaign") -> list[str]:
+    reasons = needs(campaign.scene)
+    lines = []
+    for variable, lower, upper in zip(VARIABLES, *_ends(campaign), strict=True):
+        if variable.name in campaign.variables.searched:
+            value = f"{lower:g} .. {upper:g}"
+        elif variable.name in reasons:
+            value = f"{lower:g} (fixed)"
+        elif variable.name in campaign.variables.ignored:
+            value = "ignored: nothing depends on it"
+        else:
+            continue
+        unit = "" if variable.unit == "1" else variable.unit
+        lines.append(f"{variable.name:<18}{unit:<8}{value}")
+    return lines

@@ -1,0 +1,78 @@
+"""The campaign file as one typed model, checks between its sections included."""
+
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+
+from agglom_mpi.campaign.explain import explain
+from agglom_mpi.campaign.needs import mismatches
+from agglom_mpi.campaign.parts import Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.plan import (
+    AnyEnsemble,
+    AnyObjective,
+    GrowthTarget,
+    Output,
+    Search,
+    Stopping,
+)
+from agglom_mpi.campaign.scene import SceneModel
+from agglom_mpi.campaign.source import CampaignError, parse
+from agglom_mpi.campaign.variables import VariableEntries
+
+
+class Document(Part):
+    """All sections, each valid and fitting the others."""
+
+    title: str = ""
+    seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
+    scene: SceneModel = Field(description="the section on what is simulated")
+    variables: VariableEntries = Field(description="the section of values and ranges")
+    objective: AnyObjective = Field(description="allowed: growth_target, maximum_growth")
+    search: Search = Search()
+    ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
+    stopping: Stopping = Field(description="the section on what ends the campaign")
+    output: Output = Output()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_empty_sections(cls, data: Any) -> Any:
+        return {key: value for key, value in data.items() if value is not None}
+
+    # Sections are validated in the order above; a section that failed is not in `info.data`.
+
+    @field_validator("variables")
+    @classmethod
+    def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
+        if "scene" in info.data:
+            refuse(mismatches(info.data["scene"], dict(entries)))
+        return entries
+
+    @field_validator("objective")
+    @classmethod
+    def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
+        if "scene" in info.data and isinstance(objective, GrowthTarget):
+            particles = info.data["scene"].particles
+            largest = particles ** (1.0 / 3.0)
+            if objective.ratio > largest:
+                message = f"is {objective.ratio:g}; {particles} grains in one give {largest:.4g}"
+                raise RefusalError((("ratio",), f"{message}, which is the most"))
+        return objective
+
+    @field_validator("stopping")
+    @classmethod
+    def _top_is_there(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
+        if "search" in info.data and stopping.target is not None:
+            population = info.data["search"].population
+            if stopping.target.top > population:
+                message = f"is {stopping.target.top}; must be at most the population, {population}"
+                raise RefusalError((("target", "top"), message))
+        return stopping
+
+
+def read_document(text: str, name: str) -> Document:
+    """Parse and validate the text of a campaign file that errors call `name`."""
+    source = parse(text, name)
+    try:
+        return Document.model_validate(source.data)
+    except ValidationError as error:
+        raise CampaignError(*explain(error, source, Document)) from None

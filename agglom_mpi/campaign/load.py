@@ -1,0 +1,170 @@
+"""The campaign: everything a file says, typed and in SI units."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.campaign import describe, identity
+from agglom_mpi.campaign.document import read_document
+from agglom_mpi.campaign.engines import Engine, parse_engine
+from agglom_mpi.campaign.needs import needs
+from agglom_mpi.campaign.plan import Ensemble, Objective, Output, Search, Stopping
+from agglom_mpi.campaign.scene import SceneModel
+from agglom_mpi.campaign.source import CampaignError, Problem, parse, read_text
+from agglom_mpi.campaign.variables import Variables, collect, read_named
+from agglom_mpi.variables import COUNT, NAMES
+
+if TYPE_CHECKING:
+    from agglom_mpi.simulation.sample import Outcome
+
+
+def load_campaign(path: str | os.PathLike[str]) -> "Campaign":
+    """Read a campaign file; a CampaignError lists everything that is wrong with it."""
+    name = os.fspath(path)
+    return Campaign.from_text(read_text(name), name)
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A campaign file that has been read; two are the same if their `identity` is."""
+
+    title: str
+    seed: int
+    scene: SceneModel
+    variables: Variables
+    objective: Objective
+    search: Search
+    ensemble: Ensemble
+    stopping: Stopping
+    output: Output
+    text: str
+    name: str
+
+    @classmethod
+    def from_text(cls, text: str, name: str = "campaign.yaml") -> "Campaign":
+        """Read the YAML text of a campaign that errors call `name`."""
+        document = read_document(text, name)
+        return cls(
+            title=document.title,
+            seed=document.seed,
+            scene=document.scene,
+            variables=collect(dict(document.variables), tuple(needs(document.scene))),
+            objective=document.objective,
+            search=document.search,
+            ensemble=document.ensemble,
+            stopping=document.stopping,
+            output=document.output,
+            text=text,
+            name=name,
+        )
+
+    @property
+    def most_strings(self) -> int:
+        """Strings evaluated when all generations run: q + (g - 1)(q - p) [A 22]."""
+        new = self.search.population - self.search.parents
+        return self.search.population + (self.stopping.generations - 1) * new
+
+    def check_searchable(self) -> None:
+        """Raise a CampaignError unless there is a variable to search."""
+        if not self.variables.searched:
+            line = parse(self.text, self.name).line(("variables",))
+            message = "has no range; a search needs at least one variable as [lower, upper]"
+            raise CampaignError(Problem(self.name, line, "variables", message))
+
+    def with_generations(self, generations: int) -> "Campaign":
+        """Return the same campaign with another number of generations; `text` stays as it is."""
+        if generations < 1:
+            message = f"is {generations}; must be at least 1"
+            raise CampaignError(Problem(self.name, None, "stopping.generations", message))
+        stopping = self.stopping.model_copy(update={"generations": generations})
+        return replace(self, stopping=stopping)
+
+    def parameters(
+        self,
+        values: Mapping[str, float | str] | None = None,
+        fill: Literal["lower", "centre", "upper"] = "centre",
+    ) -> npt.NDArray[np.float64]:
+        """Return one parameter string.
+
+        Parameters
+        ----------
+        values
+            Values by name, SI numbers or texts with units; they may lie outside the search box.
+            A variable that the scene does not use is checked and then ignored.
+        fill
+            What a range becomes for which no value is given.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 in SI units in the order of `VARIABLES`, nan where the scene uses none.
+        """
+        share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
+        string = (1.0 - share) * self.variables.lower + share * self.variables.upper
+        problems = []
+        for name, value in (values or {}).items():
+            try:
+                number = read_named(name, value)
+            except ValueError as error:
+                problems.append(Problem(self.name, None, name, str(error)))
+                continue
+            if name in self.variables.used:
+                string[NAMES.index(name)] = number
+        if problems:
+            raise CampaignError(*problems)
+        return string
+
+    def engine(self, text: str | Engine | None) -> Engine:
+        """Engine meant by `fixed`, `fixed:STEPS` or `adaptive`; None is the campaign's own."""
+        if text is None:
+            return self.scene.engine
+        if not isinstance(text, str):
+            return text
+        try:
+            return parse_engine(text, self.scene.engine)
+        except ValueError as error:
+            raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
+
+    def simulate(
+        self,
+        parameters: Mapping[str, float | str] | npt.ArrayLike,
+        sample: int = 0,
+        engine: str | Engine | None = None,
+    ) -> "Outcome":
+        """Simulate one sample exactly as a rank of the campaign does.
+
+        Parameters
+        ----------
+        parameters
+            Values by name, as for `parameters`, or all ten in SI units.
+        sample
+            Sample number from 0.
+        engine
+            Another engine than the campaign's, as for `engine`.
+        """
+        from agglom_mpi.simulation.sample import simulate
+
+        if isinstance(parameters, Mapping):
+            string = self.parameters(parameters)
+        else:
+            string = np.asarray(parameters, dtype=np.float64)
+            if string.shape != (COUNT,):
+                message = f"have the shape {string.shape}; must be {COUNT} numbers"
+                raise CampaignError(Problem(self.name, None, "parameters", message))
+        return simulate(self, string, sample, self.engine(engine))
+
+    def identity(self) -> dict[str, object]:
+        """Everything that decides results, flat: `scene.particles` -> 100, in SI units."""
+        return identity.identity(self)
+
+    def sha256(self) -> str:
+        """Digest of `identity`."""
+        return identity.digest(self.identity())
+
+    def describe(self) -> str:
+        """Plain text for people: what would run."""
+        return describe.text(self)

@@ -1,0 +1,133 @@
+"""The `variables` section: each of the ten is fixed, or a range [lower, upper] to search."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
+from math import pi
+from typing import Annotated, Any, Final, NamedTuple
+
+import numpy as np
+from pydantic import BeforeValidator, create_model
+
+from agglom_mpi.campaign.parts import Part
+from agglom_mpi.campaign.quantities import shown, si
+from agglom_mpi.variables import COUNT, NAMES, VARIABLES, Variable
+
+JAMMING: Final = 0.38
+"""Volume fraction at which random sequential placement jams."""
+
+LARGEST_SIZE_RATIO: Final = 0.8986
+"""(6 JAMMING / pi)^(1/3), rounded down to what a message can say."""
+
+MAY_BE_ZERO: Final = frozenset({"relative_speed", "friction", "activation_energy", "reaction_heat"})
+
+
+class Range(NamedTuple):
+    """Lower and upper end in SI units; equal for a fixed variable."""
+
+    lower: float
+    upper: float
+
+
+def volume_fraction(size_ratio: float) -> float:
+    """Share of the box that the grains fill, (pi/6) size_ratio^3."""
+    return pi / 6.0 * size_ratio**3
+
+
+def read_value(variable: Variable, value: Any) -> float:
+    """One value of a variable in SI units, refused with a ValueError where it is impossible."""
+    number = si(value, variable.unit)
+    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    if variable.name == "temperature" and number <= 0.0:
+        raise ValueError(f"is {shown(value)}; must be above absolute zero, 0 K")
+    if number < 0.0 and variable.name in MAY_BE_ZERO:
+        raise ValueError(f"is {shown(value)}; must be 0{unit} or more")
+    if number <= 0.0 and variable.name not in MAY_BE_ZERO:
+        raise ValueError(f"is {shown(value)}; must be greater than 0{unit}")
+    if variable.name == "size_ratio" and number > LARGEST_SIZE_RATIO:
+        raise ValueError(
+            f"is {shown(value)}, a volume fraction of {volume_fraction(number):.3f}; random "
+            f"placement jams near {JAMMING}, so at most {LARGEST_SIZE_RATIO}"
+        )
+    return number
+
+
+def read_named(name: str, value: Any) -> float:
+    """One value of the variable called `name`, in SI units."""
+    if name not in NAMES:
+        close = get_close_matches(name, NAMES, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(NAMES)}"
+        raise ValueError(f"unknown variable; {hint}")
+    return read_value(VARIABLES[NAMES.index(name)], value)
+
+
+def read_range(value: Any, variable: Variable) -> Range:
+    """Read a variable's entry: one value, or a list of a lower and a higher one."""
+    if not isinstance(value, list):
+        number = read_value(variable, value)
+        return Range(number, number)
+    if len(value) != 2:
+        raise ValueError(f"is {shown(value)}; must be one value or a range [lower, upper]")
+    lower, upper = (read_value(variable, end) for end in value)
+    if lower >= upper:
+        raise ValueError(f"is {shown(value)}; the lower end must be less than the upper")
+    return Range(lower, upper)
+
+
+def _field(variable: Variable) -> Any:
+    reader = BeforeValidator(partial(read_range, variable=variable))
+    return Annotated[Range | None, reader], None
+
+
+VariableEntries: Any = create_model(
+    "VariableEntries",
+    __base__=Part,
+    **{variable.name: _field(variable) for variable in VARIABLES},
+)
+"""The section as it is written, a model with one optional field per variable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """The variables of a campaign.
+
+    Attributes
+    ----------
+    lower, upper
+        Ends in SI units in the order of `agglom_mpi.variables.VARIABLES`: equal where a variable
+        is fixed, nan where the scene does not use it.
+    used
+        Names that the scene depends on.
+    ignored
+        Names that the file fixes although the scene does not depend on them.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    used: tuple[str, ...]
+    ignored: tuple[str, ...]
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """Names that are ranges."""
+        return tuple(NAMES[i] for i in np.flatnonzero(self.lower < self.upper))
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Value of each used variable that is not searched, in SI units."""
+        return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
+
+
+def collect(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Variables:
+    """Arrays of the entries that the scene uses."""
+    lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
+    ignored = []
+    for i, name in enumerate(NAMES):
+        entry = entries[name]
+        if entry is not None and name in used:
+            lower[i], upper[i] = entry
+        elif entry is not None:
+            ignored.append(name)
+    lower.flags.writeable = upper.flags.writeable = False
+    return Variables(lower, upper, used, tuple(ignored))

@@ -1,0 +1,123 @@
+"""How kernels are compiled, where their machine code is cached, and how formulas are chosen.
+
+Numba does not notice an edit in a file that a cached kernel only calls into, so the cache folder is
+keyed by a hash of every source that can end up in a kernel.
+"""
+
+import functools
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeAlias, TypeVar
+
+import numba
+from numba.extending import overload
+
+_PACKAGE: Final = Path(__file__).parent
+_KERNEL_SOURCES: Final = ("compilation.py", "physics/*.py", "simulation/*.py")
+
+Submodel: TypeAlias = Any
+"""A NamedTuple of numbers that says by its type which law a scene has."""
+
+_OPTIONS: Final = {"nogil": True, "error_model": "numpy"}
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@functools.cache
+def sources_digest() -> str:
+    """Hash of all sources that decide what a sample computes, as 64 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for pattern in _KERNEL_SOURCES:
+        for path in sorted(_PACKAGE.glob(pattern)):
+            digest.update(path.relative_to(_PACKAGE).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels of exactly these sources; made, and known to be writable.
+
+    `NUMBA_CACHE_DIR` names the parent folder if set, else `XDG_CACHE_HOME` or `~/.cache`; where
+    that cannot be written, a folder of this user in the temporary directory.
+    """
+    key = sources_digest()[:16]
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    parents = [Path(chosen)] if chosen else [Path(home).expanduser() / "agglom_mpi"]
+    parents.append(Path(tempfile.gettempdir()) / f"agglom_mpi-{os.getuid()}")
+    for parent in parents:
+        if _writable(parent / key):
+            return parent / key
+    raise OSError(f"no writable folder for compiled kernels, tried: {', '.join(map(str, parents))}")
+
+
+def kernel(function: F) -> F:
+    """Compile a function that Python calls: cached on disk, without the GIL."""
+    if not numba.config.DISABLE_JIT:
+        numba.config.CACHE_DIR = str(cache_folder())
+    compiled: F = numba.njit(cache=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return compiled
+
+
+def stage(function: F) -> F:
+    """Compile a function that only kernels call, which saves the code to call it from Python."""
+    compiled: F = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS)(function)
+    return compiled
+
+
+class Question:
+    """A formula that a scene answers by the type of one submodel.
+
+    Used as a decorator on a signature without a body; `answer` registers what each submodel type
+    (a NamedTuple class, or `None` for a submodel that the scene leaves out) computes. Compiled code
+    is specialised to the types, so a scene pays only for what it has.
+    """
+
+    def __init__(self, signature: Callable[..., Any]) -> None:
+        self.name = signature.__name__
+        self.table: dict[type, Callable[..., Any]] = {}
+
+    def answer(self, *models: type | None) -> Callable[[F], F]:
+        """Register the decorated function as the answer of these submodel types."""
+
+        def register(function: F) -> F:
+            for model in models:
+                self.table[type(None) if model is None else model] = function
+            return function
+
+        return register
+
+    def of_numba_type(self, model: Any) -> Callable[..., Any] | None:
+        """Return the answer of a submodel given as a Numba type."""
+        if isinstance(model, numba.types.NoneType):
+            return self.table.get(type(None))
+        return self.table.get(getattr(model, "instance_class", object))
+
+
+def question(signature: Callable[..., Any]) -> Any:
+    """Make `signature` a formula dispatched on the type of its first argument; see `Question`."""
+    table = Question(signature)
+
+    @functools.wraps(signature)
+    def ask(model: Any, *arguments: Any) -> Any:
+        return table.table[type(model)](model, *arguments)
+
+    @overload(ask, strict=False, jit_options={"error_model": "numpy"})
+    def choose(model: Any, *arguments: Any) -> Any:
+        return table.of_numba_type(model)
+
+    ask.answer = table.answer  # type: ignore[attr-defined]
+    return ask

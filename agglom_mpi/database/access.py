@@ -1,0 +1,120 @@
+"""Opening campaign files: no locks, no sieve buffer, and clear words when it is not one."""
+
+import os
+import re
+from pathlib import Path
+
+import h5py
+from h5py import h5f, h5p
+
+from agglom_mpi.database.schema import FORMAT, FORMAT_VERSION, layouts
+
+
+class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
+    """The file is no campaign file that this program can read; one line says why."""
+
+
+def create_file(path: Path) -> h5py.File:
+    """Make an empty HDF5 file in the oldest format, replacing what is there.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; names the path.
+    """
+    try:
+        return h5py.File(h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=_access_list()))
+    except OSError as error:
+        raise located(error, path) from error
+
+
+def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py.File:
+    """Open a campaign file and make sure that it is one.
+
+    Not `thorough`, it only believes what the file says of itself: the columns of all tables
+    take longer to check than a few rows to read.
+
+    Raises
+    ------
+    NotACampaign
+        If it is something else, truncated, damaged or of another format version.
+    OSError
+        If it is missing or cannot be read; names the path.
+    """
+    flags = h5f.ACC_RDWR if write else h5f.ACC_RDONLY
+    # Opened for writing, an empty file would silently become an HDF5 file.
+    if path.is_file() and path.stat().st_size == 0:
+        raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")
+    try:
+        file = h5py.File(h5f.open(os.fsencode(path), flags, fapl=_access_list()))
+    except OSError as error:
+        if error.errno:
+            raise located(error, path) from error
+        raise NotACampaign(f"{path}: {_explain(str(error))}") from error
+    try:
+        _check_format(file, path)
+        if thorough:
+            _check_tables(file, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def located(error: OSError | RuntimeError, path: Path) -> OSError:
+    """Replace HDF5's long account of a failed system call by its reason and the path.
+
+    What fails in closing a file h5py reports as a RuntimeError, the number in its text.
+    """
+    found = re.search(r"errno = (\d+)", str(error))
+    number = getattr(error, "errno", None) or (int(found[1]) if found else None)
+    if number:
+        return OSError(number, os.strerror(number), str(path))
+    return OSError(f"{path}: {error}")
+
+
+def _access_list() -> h5p.PropFAID:
+    access = h5p.create(h5p.FILE_ACCESS)
+    # A sieve buffer would hold rows back and let their done bytes reach the file first.
+    access.set_sieve_buf_size(0)
+    access.set_file_locking(False, True)
+    # Newer formats mark a file that is open for writing and refuse it after a kill.
+    access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+    return access
+
+
+def _explain(message: str) -> str:
+    if "signature not found" in message:
+        return "not an HDF5 file"
+    if "truncated file" in message:
+        return "a truncated HDF5 file"
+    return f"a damaged HDF5 file ({message})"
+
+
+def _check_tables(file: h5py.File, path: Path) -> None:
+    try:
+        for layout in layouts(int(file.attrs["population"])):
+            names = (layout.name, layout.done) if layout.final else (layout.name,)
+            dtypes = [file[name].dtype for name in names]
+            if dtypes[0] != layout.dtype:
+                raise NotACampaign(
+                    f"{path}: table /{layout.name} has other columns than this version of "
+                    f"agglom_mpi expects (written by version {file.attrs['code_version']})"
+                )
+    except (KeyError, OSError, RuntimeError) as error:
+        raise NotACampaign(f"{path}: a damaged campaign file ({error})") from error
+
+
+def _check_format(file: h5py.File, path: Path) -> None:
+    try:
+        kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        raise NotACampaign(f"{path}: a damaged HDF5 file ({error})") from error
+    if kind != FORMAT:
+        raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
+    if version != FORMAT_VERSION:
+        age = "a newer" if version > FORMAT_VERSION else "an older"
+        raise NotACampaign(
+            f"{path}: written by {age} version of agglom_mpi "
+            f"(format {version}; this program reads format {FORMAT_VERSION})"
+        )

@@ -1,0 +1,57 @@
+"""Samples on their way to the file, so that neighbours can be written together."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.database.schema import sample_dtype
+
+FLUSH_ROWS: Final = 256
+"""Rows that wait at most."""
+FLUSH_AGE: Final = 1.0
+"""Seconds that a row waits at most."""
+
+
+class SampleBuffer:
+    """Sample rows that wait to be written; knows their places, not the file."""
+
+    def __init__(self, strings: int, max_samples: int) -> None:
+        self._strings, self._max_samples = strings, max_samples
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all rows: they are written."""
+        self._waiting: list[np.ndarray] = []
+        self._count = 0
+        self._since = 0.0
+
+    @property
+    def full(self) -> bool:
+        """Whether enough rows wait to be worth writing."""
+        return self._count >= FLUSH_ROWS
+
+    def due(self, now: float) -> bool:
+        """Whether the oldest row has waited for too long at monotonic time `now`."""
+        return self._count > 0 and now - self._since >= FLUSH_AGE
+
+    def add(self, records: np.ndarray, now: float) -> None:
+        """Keep a copy of rows, (n,) of `sample_dtype`; raises IndexError if they have no place."""
+        for name, room in (("string", self._strings), ("sample", self._max_samples)):
+            wrong = records[name][(records[name] < 0) | (records[name] >= room)]
+            if len(wrong):
+                raise IndexError(f"{name} {wrong[0]}: there is room for 0 to {room - 1}")
+        if not self._count:
+            self._since = now
+        self._waiting.append(records.astype(sample_dtype))
+        self._count += len(records)
+
+    def runs(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Row numbers and rows of each consecutive run; of rows for one sample the first added."""
+        if not self._count:
+            return
+        rows = np.concatenate(self._waiting)
+        places = rows["string"] * self._max_samples + rows["sample"]
+        places, first = np.unique(places, return_index=True)
+        for run in np.split(np.arange(len(places)), np.flatnonzero(np.diff(places) != 1) + 1):
+            yield int(places[run[0]]), rows[first[run]]

@@ -1,0 +1,164 @@
+"""Reading a campaign file, finished or not, also while it is being written."""
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from agglom_mpi.database import frames
+from agglom_mpi.database.access import NotACampaign, open_file
+from agglom_mpi.database.table import Believed, Rows, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["CampaignFile", "NotACampaign", "Status", "open_campaign"]
+
+
+class Status(NamedTuple):
+    """What a campaign is doing, since when (Unix time, s), and why."""
+
+    state: str
+    updated: float
+    reason: str
+
+
+class CampaignFile:
+    """What is in a campaign file now.
+
+    Every call opens the file, reads what it needs and closes it. A row counts only if it is
+    final and its checksum is right. Methods give numpy rows as they are stored (columns in
+    `schema`); properties give pandas tables with units in `.attrs["units"]`.
+    """
+
+    def __init__(self, path: Path, attributes: dict[str, Any]) -> None:
+        self.path = path
+        self.attributes = attributes
+
+    def __repr__(self) -> str:
+        return f"<CampaignFile {str(self.path)!r}: {self.attributes['title']}>"
+
+    @property
+    def campaign_text(self) -> str:
+        """The campaign, as YAML."""
+        return str(self.attributes["campaign"])
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes the campaign what it is."""
+        return dict(json.loads(self.attributes["identity"]))
+
+    @property
+    def seed(self) -> int:
+        """The seed of all random streams."""
+        return int(self.attributes["seed"])
+
+    @property
+    def max_samples(self) -> int:
+        """Samples that one string may have at most."""
+        return int(self.attributes["max_samples"])
+
+    def variable_rows(self) -> np.ndarray:
+        """Read the ten search variables and their box; nan bounds where one is unused."""
+        with open_file(self.path, thorough=False) as file:
+            return Rows(file["variables"], self.path).read_all()
+
+    def string_rows(self) -> np.ndarray:
+        """Read the strings stored so far, by number."""
+        return self._rows("strings")
+
+    def result_rows(self) -> np.ndarray:
+        """Read the judgements of strings so far, by string number."""
+        return self._rows("results")
+
+    def generation_rows(self) -> np.ndarray:
+        """Read the generations so far, in order."""
+        return self._rows("generations")
+
+    def sample_rows(self, string: int) -> np.ndarray:
+        """Read the samples of one string so far, by number, and nothing else."""
+        return self._rows("samples", string * self.max_samples, self.max_samples)
+
+    def all_sample_rows(self) -> np.ndarray:
+        """Read all samples so far, by string and number; holes are skipped."""
+        with open_file(self.path, thorough=False) as file:
+            return self._samples(file).rows
+
+    def legs(self) -> np.ndarray:
+        """Read the starts of the program, in order."""
+        return self._rows("legs")
+
+    def failures(self) -> np.ndarray:
+        """Read the exceptions of failed samples, in order of arrival."""
+        return self._rows("failures")
+
+    def status(self) -> Status:
+        """Read what the campaign is doing."""
+        with open_file(self.path, thorough=False) as file:
+            row = Rows(file["status"], self.path).read_all()[0]
+        return Status(row["state"].decode(), float(row["updated"]), row["reason"].decode())
+
+    @property
+    def damaged(self) -> int:
+        """Rows that are marked final but have a wrong checksum; they count as absent."""
+        small = ("strings", "results", "generations", "legs", "failures")
+        with open_file(self.path, thorough=False) as file:
+            damaged = sum(Table(file, name, self.path).read().damaged for name in small)
+            return damaged + self._samples(file).damaged
+
+    @property
+    def strings(self) -> "pd.DataFrame":
+        """One row for each string: origin, parameters and judgement."""
+        return frames.strings(self.string_rows(), self.result_rows(), self.variable_rows())
+
+    @property
+    def samples(self) -> "pd.DataFrame":
+        """One row for each sample; `used` says whether it was judged."""
+        return frames.samples(self.all_sample_rows(), self.result_rows())
+
+    @property
+    def generations(self) -> "pd.DataFrame":
+        """One row for each generation."""
+        return frames.generations(self.generation_rows())
+
+    @property
+    def variables(self) -> "pd.DataFrame":
+        """One row for each variable that the campaign uses: its unit and box."""
+        return frames.variables(self.variable_rows())
+
+    def best(self, k: int = 1) -> "pd.DataFrame":
+        """Judged strings with the k lowest objectives, ascending; ties by number."""
+        table = self.strings
+        judged = table[table["string"].isin(self.result_rows()["string"])]
+        return judged.sort_values(["objective", "string"]).head(k).reset_index(drop=True)
+
+    def _rows(self, table: str, first: int = 0, count: int | None = None) -> np.ndarray:
+        with open_file(self.path, thorough=False) as file:
+            return Table(file, table, self.path).read(first, count).rows
+
+    def _samples(self, file: h5py.File) -> Believed:
+        """Read all samples; their done bytes only as far as there are strings."""
+        strings = Table(file, "strings", self.path).end()
+        return Table(file, "samples", self.path).read(0, strings * self.max_samples)
+
+
+def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
+    """Open a campaign file for reading.
+
+    Raises
+    ------
+    NotACampaign
+        If it is something else, truncated, damaged or of another format version.
+    OSError
+        If it is missing or cannot be read.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        attributes = {
+            name: value.item() if isinstance(value, np.generic) else value
+            for name, value in file.attrs.items()
+        }
+    return CampaignFile(path, attributes)

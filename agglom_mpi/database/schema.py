@@ -1,0 +1,215 @@
+"""The tables of a campaign file: one place for every column, its unit and its meaning."""
+
+from typing import Final, NamedTuple
+
+import h5py
+import numpy as np
+
+from agglom_mpi.simulation.outcome import COLUMNS
+from agglom_mpi.variables import VARIABLES
+
+FORMAT: Final = "agglom_mpi campaign"
+FORMAT_VERSION: Final = 1
+
+ORIGINS: Final = ("random", "offspring")
+"""Where a string comes from, by its `origin`."""
+STATES: Final = ("", "completed", "failed")
+"""How a sample ended, by its `state`."""
+CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
+
+FAILURE_CAPACITY: Final = 1000
+LEG_CAPACITY: Final = 1000
+
+
+class Field(NamedTuple):
+    """One column of a table: storage type, unit, meaning and, for vectors, its shape."""
+
+    name: str
+    dtype: str
+    unit: str
+    meaning: str
+    shape: tuple[int, ...] = ()
+
+
+class Layout(NamedTuple):
+    """One table: what a row is, where it lies, and its columns."""
+
+    name: str
+    meaning: str
+    row: str
+    fields: tuple[Field, ...]
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The packed row type, texts as fixed-size UTF-8."""
+        return np.dtype([(field.name, _scalar(field.dtype), field.shape) for field in self.fields])
+
+    @property
+    def done(self) -> str:
+        """Name of the dataset that says which rows are final."""
+        return f"{self.name}_done"
+
+    @property
+    def final(self) -> bool:
+        """Whether rows carry a checksum and a done byte."""
+        return self.fields[-1] is CRC
+
+
+def _scalar(code: str) -> np.dtype:
+    return h5py.string_dtype("utf-8", int(code[1:])) if code[0] == "S" else np.dtype(code)
+
+
+CRC: Final = Field("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
+
+VARIABLE_TABLE: Final = Layout(
+    "variables",
+    "the search variables and their box",
+    "row = position in a parameter string",
+    (
+        Field("name", "S32", "", "name of the variable"),
+        Field("unit", "S16", "", "its SI unit"),
+        Field("lower", "f8", "the variable's", "lower bound; nan if the campaign does not use it"),
+        Field("upper", "f8", "the variable's", "upper bound; equal to lower if it is fixed"),
+        Field("searched", "u1", "", "1 searched, 0 fixed or unused"),
+    ),
+)
+
+STRINGS: Final = Layout(
+    "strings",
+    "the parameter strings, stored before their samples are simulated",
+    "row = string",
+    (
+        Field("string", "i8", "", "number of the string, its row"),
+        Field("generation", "i4", "", "generation that it was proposed for, from 0"),
+        Field("slot", "i4", "", "its place among the strings of that generation"),
+        Field("origin", "u1", "", "0 random, 1 offspring"),
+        Field("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
+        *(Field(v.name, "f8", v.unit, v.meaning) for v in VARIABLES),
+        CRC,
+    ),
+)
+
+RESULTS: Final = Layout(
+    "results",
+    "the judgement of each string over its ensemble of samples",
+    "row = string",
+    (
+        Field("string", "i8", "", "number of the string, its row"),
+        Field("objective", "f8", "1", "objective of the ensemble, smaller is better"),
+        Field("standard_error", "f8", "1", "standard error of the objective"),
+        Field("mean_radius_ratio", "f8", "1", "ensemble mean of b/b0"),
+        Field("mean_grains", "f8", "1", "grains per particle left, ensemble mean"),
+        Field("growth_number", "f8", "1", "n^f, the cube of the ensemble mean of b/b0"),
+        Field("samples_used", "i8", "1", "samples judged, failed ones included"),
+        Field("failed", "i8", "1", "samples that failed among those judged"),
+        Field(
+            "hit_maximum", "u1", "", "1 if max_samples ended the ensemble, not its stopping rule"
+        ),
+        CRC,
+    ),
+)
+
+SAMPLES: Final = Layout(
+    "samples",
+    "one simulated configuration of one string; those with sample < samples_used are used",
+    "row = string * max_samples + sample",
+    (
+        Field("string", "i8", "", "number of the string"),
+        Field("sample", "i8", "", "number of the sample in its string, from 0"),
+        *(Field(*column) for column in COLUMNS),
+        Field("objective", "f8", "1", "objective of this sample alone"),
+        Field("seconds", "f8", "s", "time that the simulation took"),
+        Field("rank", "i4", "", "MPI rank that simulated it"),
+        CRC,
+    ),
+)
+sample_dtype: Final = SAMPLES.dtype
+"""One row of `/samples`; what the farm hands to the writer, `crc` not filled in."""
+
+FAILURES: Final = Layout(
+    "failures",
+    "exceptions of failed samples; when the table is full the last row is overwritten",
+    "row = order of arrival",
+    (
+        Field("string", "i8", "", "number of the string"),
+        Field("sample", "i8", "", "number of the sample in its string, from 0"),
+        Field("rank", "i4", "", "MPI rank that simulated it"),
+        Field("host", "S64", "", "machine of that rank"),
+        Field("text", "S1000", "", "the exception; of a long text the end"),
+        CRC,
+    ),
+)
+
+LEGS: Final = Layout(
+    "legs",
+    "starts of the program; when the table is full the last row is overwritten",
+    "row = leg",
+    (
+        Field("started", "f8", "s", "Unix time of the start"),
+        Field("stopped", "f8", "s", "Unix time of the end, nan while running or when killed"),
+        Field("ranks", "i4", "1", "MPI ranks"),
+        Field("exit_code", "i4", "", "exit code, -1 while running or when killed"),
+        Field("host", "S64", "", "machine of rank 0"),
+        Field("code_version", "S32", "", "version of agglom_mpi"),
+        Field("python", "S64", "", "version of Python"),
+        Field("numpy", "S64", "", "version of NumPy"),
+        Field("numba", "S64", "", "version of Numba"),
+        Field("h5py", "S64", "", "version of h5py"),
+        Field("hdf5", "S64", "", "version of HDF5"),
+        Field("mpi", "S64", "", "MPI library"),
+        Field("sources_sha256", "S64", "", "SHA-256 of the simulation sources"),
+        Field("samples", "i8", "1", "samples simulated in this leg"),
+        Field("busy_seconds", "f8", "s", "sum of the time that they took"),
+        CRC,
+    ),
+)
+VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi")
+"""The columns of `/legs` that record library versions."""
+
+STATUS: Final = Layout(
+    "status",
+    "what the campaign is doing; rewritten in place",
+    "one row",
+    (
+        Field("state", "S16", "", ", ".join(CAMPAIGN_STATES)),
+        Field("updated", "f8", "s", "Unix time of the last change"),
+        Field("reason", "S128", "", "why it is in this state"),
+    ),
+)
+
+
+def generations_layout(population: int) -> Layout:
+    """Layout of `/generations` for a population of so many strings."""
+    return Layout(
+        "generations",
+        "the search after each generation",
+        "row = generation",
+        (
+            Field("generation", "i8", "", "number of the generation, its row"),
+            Field("best_string", "i8", "", "string with the lowest objective so far"),
+            Field("best_objective", "f8", "1", "its objective"),
+            Field("best_standard_error", "f8", "1", "standard error of that"),
+            Field("mean_of_top", "f8", "1", "mean objective of the best `top` strings"),
+            Field("top", "i4", "1", "strings in that mean"),
+            Field("evaluations", "i8", "1", "strings judged so far"),
+            Field("samples_used", "i8", "1", "samples that they used, so far"),
+            Field("samples_simulated", "i8", "1", "samples simulated so far, used or not"),
+            Field("seconds", "f8", "s", "wall-clock time so far, summed over legs"),
+            Field("population", "i8", "", "strings in rank order, the best first", (population,)),
+            CRC,
+        ),
+    )
+
+
+def layouts(population: int) -> tuple[Layout, ...]:
+    """All tables of a campaign file."""
+    return (
+        VARIABLE_TABLE,
+        STATUS,
+        LEGS,
+        STRINGS,
+        RESULTS,
+        generations_layout(population),
+        FAILURES,
+        SAMPLES,
+    )

@@ -1,0 +1,126 @@
+"""Rows that are either absent or final: checksums, done bytes and the order of writing."""
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+from h5py import h5s
+
+from agglom_mpi.database.access import located
+
+
+class Rows:
+    """Plain reading and writing of ranges of one dataset.
+
+    The low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
+    """
+
+    def __init__(self, dataset: h5py.Dataset, path: Path) -> None:
+        self.name: str = dataset.name
+        self.dtype: np.dtype = dataset.dtype
+        self.capacity: int = dataset.shape[0]
+        self._path = path
+        self._id = dataset.id
+        self._type = dataset.id.get_type()
+        self._space = dataset.id.get_space()
+
+    def read(self, first: int, count: int) -> np.ndarray:
+        """`count` elements from `first` on; raises IndexError outside, OSError with the path."""
+        self._select(first, count)
+        rows = np.empty(count, self.dtype)
+        try:
+            self._id.read(h5s.create_simple((count,)), self._space, rows, self._type)
+        except OSError as error:
+            raise located(error, self._path) from error
+        return rows
+
+    def read_all(self) -> np.ndarray:
+        """All elements."""
+        return self.read(0, self.capacity)
+
+    def write(self, first: int, rows: np.ndarray) -> None:
+        """Write elements from `first` on; raises IndexError outside, OSError with the path."""
+        self._select(first, len(rows))
+        try:
+            self._id.write(h5s.create_simple((len(rows),)), self._space, rows, self._type)
+        except OSError as error:
+            raise located(error, self._path) from error
+
+    def _select(self, first: int, count: int) -> None:
+        if not 0 <= first <= first + count <= self.capacity:
+            raise IndexError(
+                f"{self._path}: rows {first} to {first + count - 1} of {self.name} "
+                f"do not exist; it has room for {self.capacity}"
+            )
+        self._space.select_hyperslab((first,), (count,))
+
+
+class Believed(NamedTuple):
+    """The rows of a range that are final and whole, and how many final ones are not whole."""
+
+    rows: np.ndarray
+    damaged: int
+
+
+class Table:
+    """A dataset of checksummed rows and the one of their done bytes."""
+
+    def __init__(self, file: h5py.File, name: str, path: Path) -> None:
+        self.rows = Rows(file[name], path)
+        self.done = Rows(file[f"{name}_done"], path)
+
+    @property
+    def capacity(self) -> int:
+        """Rows that there is room for."""
+        return self.rows.capacity
+
+    def write(self, first: int, rows: np.ndarray) -> None:
+        """Make rows final: checksum, then the rows, then their done bytes.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first row.
+        rows : (n,) structured array
+            Consecutive rows; their `crc` is filled in here.
+        """
+        rows["crc"] = checksums(rows)
+        self.rows.write(first, rows)
+        self.done.write(first, np.ones(len(rows), np.uint8))
+
+    def read(self, first: int = 0, count: int | None = None) -> Believed:
+        """Rows of a range (by default all) that are final and whole, in order."""
+        parts = [self.rows.read(*run) for run in self.runs(first, count)]
+        rows = np.concatenate(parts) if parts else np.empty(0, self.rows.dtype)
+        whole = checksums(rows) == rows["crc"]
+        return Believed(rows[whole], int(len(rows) - whole.sum()))
+
+    def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
+        """Start and length of each unbroken run of final rows in a range."""
+        done = self.done.read(first, self.capacity - first if count is None else count)
+        edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False)) + first
+        for start, stop in edges.reshape(-1, 2).tolist():
+            yield start, stop - start
+
+    def end(self) -> int:
+        """Find the number after that of the last final row."""
+        final = np.flatnonzero(self.done.read_all())
+        return int(final[-1]) + 1 if len(final) else 0
+
+    def following(self) -> int:
+        """Find the row to append: the next one, or the last if there is no more room."""
+        return min(self.end(), self.capacity - 1)
+
+
+def checksums(rows: np.ndarray) -> np.ndarray:
+    """CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
+    blank = rows.copy()
+    blank["crc"] = 0
+    raw = memoryview(blank.tobytes())
+    size = rows.dtype.itemsize
+    return np.array(
+        [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
+    )

@@ -1,0 +1,266 @@
+"""Writing a campaign file with serial HDF5: raw data in rows laid out beforehand, no metadata."""
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglom_mpi.database.access import open_file
+from agglom_mpi.database.buffer import SampleBuffer
+from agglom_mpi.database.schema import CAMPAIGN_STATES, VERSIONS
+from agglom_mpi.database.table import Rows, Table
+from agglom_mpi.variables import NAMES
+
+
+class CampaignWriter:
+    """The only writer of a campaign file; whoever opens it holds the `CampaignLock`.
+
+    Everything but samples is in the file, visible to readers and safe from a kill of the
+    process, when its `put_` returns; samples are after `flush`. Only `sync` guards against a
+    crash of the machine. Failed writes raise OSError with the path, and can be repeated;
+    numbers beyond the room in the file raise IndexError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(os.path.realpath(path))
+        self._file = open_file(self.path, write=True)
+        attributes = self._file.attrs
+        self._buffer = SampleBuffer(int(attributes["strings"]), int(attributes["max_samples"]))
+        self._tables = {
+            name: Table(self._file, name, self.path)
+            for name in ("strings", "results", "samples", "failures", "generations", "legs")
+        }
+        self._status = Rows(self._file["status"], self.path)
+        self._descriptor = os.open(self.path, os.O_RDONLY)
+
+    def put_strings(
+        self,
+        first_id: int,
+        generation: ArrayLike,
+        slots: ArrayLike,
+        origins: ArrayLike,
+        parents: ArrayLike,
+        parameters: ArrayLike,
+    ) -> None:
+        """Store n consecutive strings from `first_id` on, before their samples are dispatched.
+
+        Parameters
+        ----------
+        generation : int or (n,)
+            Generation that they are proposed for.
+        slots, origins : (n,) int
+            Place in the generation; 0 random, 1 offspring.
+        parents : (n, 2) int
+            Numbers of the parents, -1 for none.
+        parameters : (n, 10) float64
+            The strings, SI units, in the order of `variables.VARIABLES`.
+        """
+        values = np.asarray(parameters, dtype=float)
+        rows = np.zeros(len(values), self._tables["strings"].rows.dtype)
+        rows["string"] = first_id + np.arange(len(values))
+        rows["generation"], rows["slot"] = generation, slots
+        rows["origin"], rows["parents"] = origins, parents
+        for column, name in enumerate(NAMES):
+            rows[name] = values[:, column]
+        self._tables["strings"].write(first_id, rows)
+
+    def put_samples(self, records: np.ndarray) -> None:
+        """Take sample rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
+
+        Of rows for the same sample that wait together, the first is kept. Flushes by itself
+        when many wait.
+        """
+        self._buffer.add(records, time.monotonic())
+        if self._buffer.full:
+            self.flush()
+
+    def flush_due(self, now: float | None = None) -> bool:
+        """Flush if a sample has waited for long at `time.monotonic()` = now; say if so."""
+        due = self._buffer.due(time.monotonic() if now is None else now)
+        if due:
+            self.flush()
+        return due
+
+    def flush(self) -> None:
+        """Write the samples that wait; consecutive ones in one go."""
+        for first, rows in self._buffer.runs():
+            self._tables["samples"].write(first, rows)
+        self._buffer.clear()
+
+    def put_result(
+        self,
+        string: int,
+        *,
+        objective: float,
+        standard_error: float,
+        mean_radius_ratio: float,
+        mean_grains: float,
+        growth_number: float,
+        samples_used: int,
+        failed: int,
+        hit_maximum: bool,
+    ) -> None:
+        """Store the judgement of a string, after the samples that wait."""
+        self.flush()
+        self._put(
+            "results",
+            string,
+            string=string,
+            objective=objective,
+            standard_error=standard_error,
+            mean_radius_ratio=mean_radius_ratio,
+            mean_grains=mean_grains,
+            growth_number=growth_number,
+            samples_used=samples_used,
+            failed=failed,
+            hit_maximum=hit_maximum,
+        )
+
+    def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> None:
+        """Store the exception of a failed sample; of a long text the end, which names the error."""
+        table = self._tables["failures"]
+        end = text.encode()[-table.rows.dtype["text"].itemsize :].decode(errors="ignore")
+        self._put(
+            "failures",
+            table.following(),
+            string=string,
+            sample=sample,
+            rank=rank,
+            host=host,
+            text=end,
+        )
+
+    def put_generation(
+        self,
+        generation: int,
+        *,
+        best_string: int,
+        best_objective: float,
+        best_standard_error: float,
+        mean_of_top: float,
+        top: int,
+        evaluations: int,
+        samples_used: int,
+        samples_simulated: int,
+        seconds: float,
+        population: ArrayLike,
+    ) -> None:
+        """Store the state of the search after a generation, after the samples that wait.
+
+        `population` is (S,) string numbers, the best first; `seconds` are summed over legs.
+        """
+        self.flush()
+        self._put(
+            "generations",
+            generation,
+            generation=generation,
+            best_string=best_string,
+            best_objective=best_objective,
+            best_standard_error=best_standard_error,
+            mean_of_top=mean_of_top,
+            top=top,
+            evaluations=evaluations,
+            samples_used=samples_used,
+            samples_simulated=samples_simulated,
+            seconds=seconds,
+            population=population,
+        )
+
+    def begin_leg(
+        self,
+        *,
+        started: float,
+        ranks: int,
+        host: str,
+        code_version: str,
+        sources_sha256: str,
+        versions: Mapping[str, str],
+    ) -> int:
+        """Record a start of the program; return the number of this leg.
+
+        Parameters
+        ----------
+        started : float
+            Unix time, s.
+        versions : mapping
+            Library versions by the names of `schema.VERSIONS`; those left out stay empty.
+        """
+        index = self._tables["legs"].following()
+        self._put(
+            "legs",
+            index,
+            started=started,
+            stopped=np.nan,
+            ranks=ranks,
+            exit_code=-1,
+            host=host,
+            code_version=code_version,
+            sources_sha256=sources_sha256,
+            **{name: versions.get(name, "") for name in VERSIONS},
+        )
+        return index
+
+    def end_leg(
+        self, index: int, *, stopped: float, exit_code: int, samples: int, busy_seconds: float
+    ) -> None:
+        """Record the end of a leg; `stopped` in Unix time, `busy_seconds` summed over samples."""
+        row = self._tables["legs"].rows.read(index, 1)
+        row["stopped"], row["exit_code"] = stopped, exit_code
+        row["samples"], row["busy_seconds"] = samples, busy_seconds
+        self._tables["legs"].write(index, row)
+
+    def set_status(self, state: str, reason: str = "") -> None:
+        """Say what the campaign is doing: running, stopped, finished or failed."""
+        if state not in CAMPAIGN_STATES:
+            raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
+        fields = {"state": state, "updated": time.time(), "reason": reason}
+        self._status.write(0, _row(self._status.dtype, fields))
+
+    def sync(self) -> None:
+        """Flush, and wait until everything is on the disc."""
+        self.flush()
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
+
+    def close(self) -> None:
+        """Flush and close; closing twice does nothing."""
+        if not self._file:
+            return
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            os.close(self._descriptor)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _put(self, table: str, number: int, **fields: Any) -> None:
+        rows = self._tables[table]
+        rows.write(number, _row(rows.rows.dtype, fields))
+
+
+def _row(dtype: np.dtype, fields: Mapping[str, Any]) -> np.ndarray:
+    """One row, (1,); texts cut to fit between characters, fields left out zero."""
+    row = np.zeros(1, dtype)
+    for name, value in fields.items():
+        if isinstance(value, str):
+            fitting = value.encode()[: dtype[name].itemsize]
+            value = fitting.decode(errors="ignore").encode()
+        row[name] = value
+    return row

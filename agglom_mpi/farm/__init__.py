@@ -1,0 +1,1 @@
+"""Who simulates what, when: scheduler, messages, master and workers."""

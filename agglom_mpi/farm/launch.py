@@ -1,0 +1,86 @@
+"""Were we launched by MPI?  Plain runs need no MPI library, so this is asked before importing one."""
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+_SIZES: Final = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
+_RANKS: Final = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK")
+_LOCAL_RANKS: Final = (
+    "OMPI_COMM_WORLD_LOCAL_RANK",
+    "MPI_LOCALRANKID",
+    "MV2_COMM_WORLD_LOCAL_RANK",
+    "SLURM_LOCALID",
+)
+
+
+class LaunchError(RuntimeError):
+    """The launcher and the MPI library do not belong together, or there is no MPI library."""
+
+
+def _first(names: tuple[str, ...], environment: Mapping[str, str]) -> int | None:
+    for name in names:
+        if environment.get(name, "").isdigit():
+            return int(environment[name])
+    return None
+
+
+def _under_srun(environment: Mapping[str, str]) -> bool:
+    return "SLURM_STEP_ID" in environment and environment.get("SLURM_NTASKS", "1") != "1"
+
+
+def promised_size(environment: Mapping[str, str] = os.environ) -> int | None:
+    """Number of ranks the launcher promised; None for a plain run."""
+    size = _first(_SIZES, environment)
+    if size is None and _under_srun(environment):
+        return int(environment["SLURM_NTASKS"])
+    return size
+
+
+def is_first_rank(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether this process is the one that talks to the user, as far as the launcher says."""
+    rank = _first(_RANKS, environment)
+    if rank is None and _under_srun(environment):
+        rank = int(environment.get("SLURM_PROCID", "0"))
+    return rank in (None, 0)
+
+
+def warms_first(rank: int, environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether this rank compiles for its node while the others wait."""
+    local = _first(_LOCAL_RANKS, environment)
+    return (rank if local is None else local) == 0
+
+
+def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
+    """Start MPI if the launcher asks for it, and return the world; None for a plain run.
+
+    Raises
+    ------
+    LaunchError
+        If no MPI library loads, or the world is not as large as the launcher promised: it then
+        belongs to another MPI, and every process would run the campaign for itself.
+    """
+    promised = promised_size(environment)
+    if promised is None:
+        return None
+    import mpi4py
+
+    mpi4py.rc.thread_level = "funneled"
+    try:
+        from mpi4py import MPI
+    except (ImportError, RuntimeError) as error:
+        raise LaunchError(
+            f"launched as {promised} MPI rank(s), but no MPI library can be loaded ({error}); "
+            "install one, for example: pip install 'agglom_mpi[mpi]'"
+        ) from None
+    world = MPI.COMM_WORLD
+    if promised != world.size:
+        raise LaunchError(
+            f"the launcher started {promised} processes, but {MPI.Get_library_version().split()[0]}"
+            f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
+            "of this library, or srun with the --mpi type it supports"
+        )
+    return world

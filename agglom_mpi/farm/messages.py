@@ -1,0 +1,38 @@
+"""What travels between ranks: fixed-size typed records, never pickles."""
+
+import socket
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.variables import COUNT
+
+TASKS: Final = 1
+RESULTS: Final = 2
+FAILURE: Final = 3
+STOP: Final = 4
+"""Message tags."""
+
+TASK: Final = np.dtype([("string", "i8"), ("sample", "i8"), ("parameters", "f8", COUNT)])
+"""One sample to simulate."""
+
+RESULT: Final = sample_dtype
+"""One simulated sample, as it stands in the campaign file."""
+
+FAILED_SAMPLE: Final = np.dtype(
+    [("string", "i8"), ("sample", "i8"), ("rank", "i4"), ("host", "S64"), ("text", "S1000")]
+)
+"""The traceback of a sample that raised."""
+
+MOST_TASKS: Final = 64
+"""Tasks in one message at most."""
+
+
+def failed_sample(string: int, sample: int, rank: int, text: str) -> np.ndarray:
+    """Make the record, shape (1,), that tells of an exception; of a long text the end is kept."""
+    record = np.zeros(1, FAILED_SAMPLE)
+    record["string"], record["sample"], record["rank"] = string, sample, rank
+    record["host"] = socket.gethostname().encode()[:64]
+    record["text"] = text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
+    return record

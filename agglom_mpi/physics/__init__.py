@@ -1,0 +1,1 @@
+"""One file per physical question; pure scalar formulas, no loops over particles."""

@@ -1,0 +1,9 @@
+"""Universal constants (CODATA 2018, SI)."""
+
+from typing import Final
+
+GAS_CONSTANT: Final = 8.314462618
+"""R, J/(mol K)."""
+
+STEFAN_BOLTZMANN: Final = 5.670374419e-8
+"""B, W/(m² K⁴)."""

@@ -1,0 +1,189 @@
+"""How does a grain cool between impacts?  Motion does not enter, so it can be integrated exactly."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import Submodel, question, stage
+from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+NODES: Final = tuple(0.5 + 0.5 * float(node) for node in _NODES)
+WEIGHTS: Final = tuple(0.5 * float(weight) for weight in _WEIGHTS)
+PANEL: Final = 0.5
+"""Width in ln of the distance to equilibrium over which the 8-point rule is exact to rounding."""
+
+
+class RadiativeCooling(NamedTuple):
+    """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19–6.20].
+
+    `equilibrium` in K is where the right side vanishes; `equilibrium_temperature` computes it.
+    """
+
+    emissivity: float
+    surroundings: float
+    convection: float
+    ambient: float
+    equilibrium: float
+
+
+class QuarticCooling(NamedTuple):
+    """θ' = −(B/(ρC))(θ − θ₀)⁴ above the starting temperature θ₀, nothing below  [A 18].
+
+    As published, with its fault: a length is missing, so the numbers mean nothing outside SI.
+    """
+
+    density: float
+    heat_capacity: float
+    start: float
+
+
+class ForwardEuler(NamedTuple):
+    """One explicit step per time step, as published  [A 19] [B 6.21].
+
+    It may oscillate about the surroundings and go below zero. The quartic law is held at θ₀, which
+    the exact solution never crosses and beyond which an Euler step runs away.
+    """
+
+    law: Submodel
+
+
+class Exact(NamedTuple):
+    """The exact solution, applied to a particle when it is touched."""
+
+    law: Submodel
+
+
+@question
+def cooling_rate(law: Submodel, temperature: float, surface: float, capacity: float) -> float:
+    """−θ' in K/s at `temperature`; surface 4πb² in m², capacity mC in J/K."""
+
+
+@question
+def cooled(
+    law: Submodel, temperature: float, surface: float, capacity: float, time: float
+) -> float:
+    """Exact temperature in K after `time` in s."""
+
+
+@question
+def euler_step(
+    law: Submodel, temperature: float, surface: float, capacity: float, step: float
+) -> float:
+    """Temperature in K after one explicit Euler step in s  [A 19] [B 6.21]."""
+
+
+@question
+def caught_up(
+    model: Submodel | None, temperature: float, surface: float, capacity: float, time: float
+) -> float:
+    """Temperature in K after `time` untouched, for models that integrate only when asked."""
+
+
+def equilibrium_temperature(
+    emissivity: float, surroundings: float, convection: float, ambient: float
+) -> float:
+    """Temperature in K at which radiation and convection balance, by bisection to rounding."""
+    low, high = sorted((surroundings, ambient))
+    if emissivity == 0.0 or convection == 0.0 or low == high:
+        return surroundings if convection == 0.0 else (ambient if emissivity == 0.0 else low)
+
+    def gain(temperature: float) -> float:
+        radiated = STEFAN_BOLTZMANN * emissivity * (temperature**4 - surroundings**4)
+        return convection * (temperature - ambient) + radiated
+
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if gain(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+@cooling_rate.answer(RadiativeCooling)
+def _radiative_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+    radiated = STEFAN_BOLTZMANN * law.emissivity * (temperature**4 - law.surroundings**4)
+    return surface / capacity * (radiated + law.convection * (temperature - law.ambient))
+
+
+@cooling_rate.answer(QuarticCooling)
+def _quartic_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+    excess = max(0.0, temperature - law.start)
+    return quartic_coefficient(law) * excess**4
+
+
+@stage
+def quartic_coefficient(law: QuarticCooling) -> float:
+    """B/(ρC)  [A 18]."""
+    return STEFAN_BOLTZMANN / (law.density * law.heat_capacity)
+
+
+@stage
+def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
+    """−d ln|θ − θ_e|/dt over a_s/(mC), at θ = θ_e + `distance`, in W/(m² K)."""
+    rest = law.equilibrium
+    temperature = rest + distance
+    radiative = (temperature + rest) * (temperature * temperature + rest * rest)
+    return STEFAN_BOLTZMANN * law.emissivity * radiative + law.convection
+
+
+@stage
+def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
+    """Time, times a_s/(mC), in which ln|θ − θ_e| falls by `width` from `distance`."""
+    total = 0.0
+    for node, weight in zip(NODES, WEIGHTS):  # noqa: B905
+        total += weight / relaxation_rate(law, distance * math.exp(-node * width))
+    return total * width
+
+
+@cooled.answer(RadiativeCooling)
+def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+    left = time * surface / capacity
+    distance = temperature - law.equilibrium
+    if left <= 0.0 or distance == 0.0:
+        return temperature
+    smallest = 1e-17 * law.equilibrium
+    taken = panel_time(law, distance, PANEL)
+    while taken < left:
+        left -= taken
+        distance *= math.exp(-PANEL)
+        if abs(distance) <= smallest:
+            return law.equilibrium
+        taken = panel_time(law, distance, PANEL)
+    width = PANEL * left / taken
+    for _ in range(50):
+        error = panel_time(law, distance, width) - left
+        change = error * relaxation_rate(law, distance * math.exp(-width))
+        width = min(PANEL, max(0.0, width - change))
+        if abs(change) <= 1e-16 + 1e-15 * width:
+            break
+    return law.equilibrium + distance * math.exp(-width)
+
+
+@cooled.answer(QuarticCooling)
+def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+    excess = temperature - law.start
+    if excess <= 0.0:
+        return temperature
+    growth = 3.0 * quartic_coefficient(law) * time * excess**3
+    return law.start + excess * (1.0 + growth) ** (-1.0 / 3.0)
+
+
+@euler_step.answer(RadiativeCooling)
+def _radiative_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+    return temperature - step * cooling_rate(law, temperature, surface, capacity)
+
+
+@euler_step.answer(QuarticCooling)
+def _quartic_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+    following = temperature - step * cooling_rate(law, temperature, surface, capacity)
+    return max(following, min(temperature, law.start))
+
+
+@caught_up.answer(None, ForwardEuler)
+def _nothing_due(model, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+    return temperature
+
+
+@caught_up.answer(Exact)
+def _exact(model, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+    return cooled(model.law, temperature, surface, capacity, time)

@@ -1,0 +1,67 @@
+"""When does an aggregate break, and into how many pieces?"""
+
+import math
+from typing import NamedTuple
+
+from agglom_mpi.compilation import Submodel, question, stage
+
+
+class PairEnergyFragmentation(NamedTuple):
+    """Each aggregate absorbs half of the kinetic energy that the pair dissipates; γ in J/m²."""
+
+    surface_energy: float
+
+
+class OwnEnergyFragmentation(NamedTuple):
+    """Each aggregate absorbs |change of its own kinetic energy|, as published; frame dependent.
+
+    [B 5.1]; γ in J/m².
+    """
+
+    surface_energy: float
+
+
+class Breakage(NamedTuple):
+    """Number of equal pieces (1: it does not break) and the surface energy they take, J."""
+
+    pieces: int
+    energy: float
+
+
+@question
+def breakage(
+    model: Submodel | None, pair_loss: float, own_change: float, radius: float, grains: int
+) -> Breakage:
+    """Breakage of one sphere of `grains` grains and `radius` in m by an impact's energies in J."""
+
+
+@stage
+def equal_pieces(surface_energy: float, absorbed: float, radius: float, grains: int) -> Breakage:
+    """n = floor((1 + δK/(4πγb₀²))³) pieces, at most the grains it has, taking 4πγb₀²(n^⅓ − 1).
+
+    [B 5.1–5.3]; after the floor the pieces have radius b₀ n^(−1/3).
+    """
+    if grains < 2:
+        return Breakage(1, 0.0)
+    surface = 4.0 * math.pi * surface_energy * radius * radius
+    most = float(grains)
+    shrinkage = 1.0 + absorbed / surface
+    count = most if shrinkage >= most else min(most, math.floor(shrinkage**3))
+    if count < 2.0:
+        return Breakage(1, 0.0)
+    return Breakage(int(count), surface * (count ** (1.0 / 3.0) - 1.0))
+
+
+@breakage.answer(None)
+def _unbreakable(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+    return Breakage(1, 0.0)
+
+
+@breakage.answer(PairEnergyFragmentation)
+def _pair_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+    return equal_pieces(model.surface_energy, 0.5 * pair_loss, radius, grains)
+
+
+@breakage.answer(OwnEnergyFragmentation)
+def _own_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+    return equal_pieces(model.surface_energy, abs(own_change), radius, grains)

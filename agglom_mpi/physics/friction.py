@@ -1,0 +1,58 @@
+"""What impulse does friction carry at an impact?"""
+
+from typing import NamedTuple
+
+from agglom_mpi.compilation import Submodel, question, stage
+from agglom_mpi.physics.encounter import Encounter
+
+
+class RestitutionScaledFriction(NamedTuple):
+    """μ = μ₀(1 − e)  [A 7]."""
+
+    base: float
+
+
+class ConstantFriction(NamedTuple):
+    """μ = μ₀  [B 4.17]."""
+
+    base: float
+
+
+@question
+def tangential_impulse(model: Submodel | None, pair: Encounter, deficit: float) -> float:
+    """Friction impulse min(μJ, m*|u_t|) in N s, against the slip; never more than stops it."""
+
+
+@stage
+def capped_impulse(coefficient: float, pair: Encounter, deficit: float) -> float:
+    """Coulomb impulse μJ with J = m*(1+e)w, capped at the impulse m*|u_t| that stops the slip."""
+    sliding = coefficient * pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
+    return min(sliding, pair.reduced_mass * pair.slip_speed)
+
+
+@tangential_impulse.answer(None)
+def _frictionless(model, pair, deficit):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@tangential_impulse.answer(RestitutionScaledFriction)
+def _restitution_scaled(model, pair, deficit):  # type: ignore[no-untyped-def]
+    return capped_impulse(model.base * deficit, pair, deficit)
+
+
+@tangential_impulse.answer(ConstantFriction)
+def _constant(model, pair, deficit):  # type: ignore[no-untyped-def]
+    return capped_impulse(model.base, pair, deficit)
+
+
+@stage
+def normal_loss(pair: Encounter, deficit: float) -> float:
+    """Kinetic energy ½m*w²(1−e²) that the normal impulse dissipates, J."""
+    speed = pair.approach_speed
+    return 0.5 * pair.reduced_mass * speed * speed * deficit * (2.0 - deficit)
+
+
+@stage
+def friction_loss(pair: Encounter, impulse: float) -> float:
+    """Kinetic energy P|u_t| − P²/(2m*) that a tangential impulse P dissipates, J."""
+    return impulse * (pair.slip_speed - 0.5 * impulse / pair.reduced_mass)

@@ -1,0 +1,39 @@
+"""How hard is a grain at its temperature?"""
+
+import math
+from typing import NamedTuple
+
+from agglom_mpi.compilation import Submodel, question
+from agglom_mpi.physics.constants import GAS_CONSTANT
+
+
+class ConstantHardness(NamedTuple):
+    """H = H₀, Pa."""
+
+    base: float
+
+
+class ArrheniusHardness(NamedTuple):
+    """H = H₀ exp(U/(Rθ)), Pa; H₀ is the hot limit  [A 4] [B 6]."""
+
+    base: float
+    activation_energy: float
+
+
+@question
+def log_hardening(model: Submodel, temperature: float) -> float:
+    """ln(H/H₀) at `temperature` in K, dimensionless; +inf at and below 0 K if U > 0."""
+
+
+@log_hardening.answer(ConstantHardness)
+def _not_hardened(model, temperature):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@log_hardening.answer(ArrheniusHardness)
+def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
+    if model.activation_energy == 0.0:
+        return 0.0
+    if temperature <= 0.0:
+        return math.inf
+    return model.activation_energy / (GAS_CONSTANT * temperature)

@@ -1,0 +1,70 @@
+"""What does one impact do to its two spheres?"""
+
+from typing import NamedTuple
+
+from agglom_mpi.compilation import kernel
+from agglom_mpi.physics.contact_area import contact_area
+from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
+from agglom_mpi.physics.heating import impact_heats
+from agglom_mpi.physics.reaction import reaction_heat
+from agglom_mpi.physics.restitution import ImpactLaws, solve_restitution
+
+
+class Impact(NamedTuple):
+    """The outcome of an impact; impulses act on i against n and t, on j along them.
+
+    Attributes
+    ----------
+    bonds
+        Whether the two become one sphere; everything else is then left to the merge.
+    deficit
+        1 − e.
+    normal_impulse, friction_impulse
+        In N s.
+    heat_i, heat_j
+        Mechanical and reaction heat, before fragments take their surface energy, J.
+    reaction
+        Reaction heat in both together, J.
+    loss
+        Kinetic energy dissipated, J.
+    residual, capped
+        |e − G(e)| that the solver left, and whether it ended at its cap.
+    """
+
+    bonds: bool
+    deficit: float
+    normal_impulse: float
+    friction_impulse: float
+    heat_i: float
+    heat_j: float
+    reaction: float
+    loss: float
+    residual: float
+    capped: bool
+
+
+@kernel
+def solve_impact(laws: ImpactLaws, pair: Encounter) -> Impact:
+    """Resolve the impact of a pair: restitution or bonding, impulses, heats  [A 4–17] [B 2–6]."""
+    solution = solve_restitution(laws.restitution, laws, pair)
+    deficit = solution.deficit
+    if solution.bonds:
+        return Impact(True, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
+    normal = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
+    rubbing = tangential_impulse(laws.friction, pair, deficit)
+    heats = impact_heats(laws.heating, laws.friction, pair, deficit)
+    loss = normal_loss(pair, deficit) + friction_loss(pair, rubbing)
+    return Impact(
+        False,
+        deficit,
+        normal,
+        rubbing,
+        heats[0] + reaction,
+        heats[1] + reaction,
+        2.0 * reaction,
+        loss,
+        solution.residual,
+        solution.capped,
+    )

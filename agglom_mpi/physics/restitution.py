@@ -1,0 +1,120 @@
+"""How much of the approach speed comes back?  One impact is one scalar equation e = G(e).
+
+Everything here works with the deficit d = 1 − e and with logarithms: the equation of the pressure
+law is ln d = ln r(d), where r = I/(2 a^c H) is the pressure over twice the hardness. It keeps its
+relative accuracy from a nearly elastic impact to bonding, and no Arrhenius factor overflows.
+"""
+
+import math
+from typing import NamedTuple
+
+from agglom_mpi.compilation import Submodel, question, stage
+from agglom_mpi.physics.contact_area import ContactArea, area_fraction, contact_area
+from agglom_mpi.physics.duration import force_scale, force_shape
+from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.physics.hardness import log_hardening
+from agglom_mpi.physics.heating import impact_heats, largest_heats
+from agglom_mpi.physics.reaction import reaction_heat
+
+
+class ImpactLaws(NamedTuple):
+    """The submodels of a scene that decide an impact; `None` for what the scene leaves out.
+
+    `heat_capacity` in J/(kg K) is inf where nothing heats.
+    """
+
+    restitution: Submodel
+    duration: Submodel | None
+    contact_area: ContactArea
+    hardness: Submodel | None
+    friction: Submodel | None
+    heating: Submodel | None
+    reaction: Submodel | None
+    fragmentation: Submodel | None
+    solver: Submodel | None
+    heat_capacity: float
+
+
+class PressureRestitution(NamedTuple):
+    """e = max(0, 1 − I/(2 a^c H)), bonding where the pressure reaches 2H  [A 6] [B 3.1, 4.13]."""
+
+
+class ConstantRestitution(NamedTuple):
+    """A given coefficient of restitution; 0 bonds. For verification and comparison."""
+
+    value: float
+
+
+class Solution(NamedTuple):
+    """A solved impact equation: deficit 1 − e, whether it bonds, residual |e − G(e)|, capped."""
+
+    deficit: float
+    bonds: bool
+    residual: float
+    capped: bool
+
+
+@question
+def solve_restitution(model: Submodel, laws: ImpactLaws, pair: Encounter) -> Solution:
+    """Restitution of a pair under the scene's laws."""
+
+
+@question
+def solve_pressure_law(solver: Submodel, laws: ImpactLaws, pair: Encounter) -> Solution:
+    """Solve e = G(e) by the scene's solver."""
+
+
+@solve_restitution.answer(ConstantRestitution)
+def _constant(model, laws, pair):  # type: ignore[no-untyped-def]
+    return Solution(1.0 - model.value, model.value == 0.0, 0.0, False)
+
+
+@solve_restitution.answer(PressureRestitution)
+def _pressure(model, laws, pair):  # type: ignore[no-untyped-def]
+    return solve_pressure_law(laws.solver, laws, pair)
+
+
+@stage
+def hottest(laws: ImpactLaws, pair: Encounter, heats: tuple[float, float], deficit: float) -> float:
+    """Higher of the two temperatures in K after `heats` and the reaction; the softer decides."""
+    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
+    return max(
+        pair.temperature_i + (heats[0] + reaction) / (pair.mass_i * laws.heat_capacity),
+        pair.temperature_j + (heats[1] + reaction) / (pair.mass_j * laws.heat_capacity),
+    )
+
+
+@stage
+def log_pressure_scale(laws: ImpactLaws, pair: Encounter) -> float:
+    """ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
+    strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.base
+    force = force_scale(laws.duration, pair)
+    if force <= 0.0:
+        return -math.inf
+    return math.log(force) - math.log(strength)
+
+
+@stage
+def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: float) -> float:
+    """ln r from ln X, the temperature after the impact in K, and the deficit; +inf at area 0."""
+    area = area_fraction(laws.contact_area, deficit)
+    if area <= 0.0:
+        return math.inf
+    shape = math.log(force_shape(laws.duration, 1.0 - deficit) / area)
+    return scale + shape - log_hardening(laws.hardness, temperature)
+
+
+@stage
+def log_pressure_ratio(laws: ImpactLaws, pair: Encounter, scale: float, deficit: float) -> float:
+    """ln r(d): pressure of an impact with this deficit over twice its hardness; r(1) ≥ 1 bonds."""
+    heats = impact_heats(laws.heating, laws.friction, pair, deficit)
+    return log_bracketed(laws, scale, hottest(laws, pair, heats, deficit), deficit)
+
+
+@stage
+def log_pressure_bound(
+    laws: ImpactLaws, pair: Encounter, scale: float, lower: float, upper: float
+) -> float:
+    """Upper bound of ln r over all deficits in [lower, upper]."""
+    heats = largest_heats(laws.heating, laws.friction, pair, lower, upper)
+    return log_bracketed(laws, scale, hottest(laws, pair, heats, upper), lower)

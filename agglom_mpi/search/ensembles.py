@@ -1,0 +1,125 @@
+"""The samples of one string, taken in order until they suffice."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.running import PooledMoments, RunningMean
+from agglom_mpi.search.stopping import Rule, Snapshot
+from agglom_mpi.simulation.outcome import COMPLETED
+
+FAILURES_JUDGED_FROM: Final = 10
+"""Samples before the share of failed ones may end an ensemble."""
+
+
+class EnsembleResult(NamedTuple):
+    """What a string turned out to be."""
+
+    objective: float
+    """Inf where no sample completed or more than 10 % failed."""
+    standard_error: float
+    """Of the objective, by the delta method; nan below two completed samples."""
+    mean_radius_ratio: float
+    """Mean of b^f/b⁰ over the completed samples; nan if there are none."""
+    samples_used: int
+    """Samples that were judged, failed ones included: numbers 0 … samples_used - 1."""
+    failed: int
+    hit_maximum: bool
+    """Ended by the largest number of samples, the stopping rule not being satisfied."""
+    growth_number: float
+    """n^f = (mean b^f/b⁰)³ [B 7.2]."""
+    mean_grains: float
+    """Mean over samples of grains per particle left, which is not `growth_number`."""
+
+
+class Ensemble:
+    """Judge the samples of one string one by one and say when they are enough.
+
+    Failed samples are left out of every mean and trigger no rule. When they are more than 10 %
+    the string ranks last, and from ten samples on it is given up at once.
+
+    Parameters
+    ----------
+    rule
+        When to stop; asked after each completed sample from `min_samples` on.
+    objective
+        What the string is worth.
+    particles
+        N, particles a sample starts with.
+    min_samples
+        Fewest completed samples.
+    max_samples
+        Most samples, failed ones included.
+    """
+
+    def __init__(
+        self, rule: Rule, objective: Objective, particles: int, min_samples: int, max_samples: int
+    ) -> None:
+        if not 1 <= min_samples <= max_samples:
+            raise ValueError("max_samples must be at least min_samples, and that at least 1")
+        self.max_samples = max_samples
+        self.samples_used = 0
+        self.failed = 0
+        self.finished = False
+        self._rule = rule
+        self._objective = objective
+        self._particles = particles
+        self._min_samples = min_samples
+        self._converged = False
+        self._ratio = RunningMean()
+        self._deviation = RunningMean()
+        self._grains = RunningMean()
+        self._radii = PooledMoments()
+        self._last: Snapshot | None = None
+
+    def add(self, outcome: np.void) -> None:
+        """Judge sample number `samples_used`, an OUTCOME scalar."""
+        if self.finished:
+            raise ValueError("this ensemble needs no more samples")
+        self.samples_used += 1
+        if outcome["state"] == COMPLETED:
+            self._measure(outcome)
+        else:
+            self.failed += 1
+        given_up = self.samples_used >= FAILURES_JUDGED_FROM and self._unreliable
+        self.finished = self._converged or given_up or self.samples_used >= self.max_samples
+
+    def result(self) -> EnsembleResult:
+        """Return what the samples so far amount to."""
+        unusable = self._unreliable or self._ratio.count == 0
+        return EnsembleResult(
+            objective=math.inf if unusable else abs(self._deviation.mean),
+            standard_error=self._deviation.standard_error,
+            mean_radius_ratio=self._ratio.mean,
+            samples_used=self.samples_used,
+            failed=self.failed,
+            hit_maximum=self.samples_used >= self.max_samples and not self._converged,
+            growth_number=self._ratio.mean**3,
+            mean_grains=self._grains.mean,
+        )
+
+    @property
+    def _unreliable(self) -> bool:
+        return 10 * self.failed > self.samples_used
+
+    def _measure(self, outcome: np.void) -> None:
+        ratio, left = float(outcome["mean_radius_ratio"]), int(outcome["particles"])
+        self._ratio.add(ratio)
+        self._deviation.add(self._objective.deviation(ratio))
+        self._grains.add(self._particles / left)
+        second, third, fourth = (float(outcome[f"radius_moment_{r}"]) for r in (2, 3, 4))
+        self._radii.add(left, ratio, (second, third, fourth))
+        before, self._last = self._last, self._snapshot()
+        if before is not None and self._last.samples >= self._min_samples:
+            self._converged = self._rule.satisfied(before, self._last)
+
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(
+            samples=self._ratio.count,
+            mean_radius_ratio=self._ratio.mean,
+            objective=abs(self._deviation.mean),
+            standard_error=self._deviation.standard_error,
+            central_moments=self._radii.central,
+        )

@@ -1,0 +1,198 @@
+"""The decisions of a campaign, which depend on outcomes alone, never on when they arrive."""
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
+from agglom_mpi.search.proposals import Batch, Search
+
+TARGET_REACHED: Final = "target"
+GENERATIONS_DONE: Final = "generations"
+
+
+class Target(NamedTuple):
+    """Stop when the mean objective of the best strings is small enough [A 26]."""
+
+    top: int
+    objective: float
+
+
+class Progress(NamedTuple):
+    """How far the ensemble of a string is."""
+
+    next_sample: int
+    """Samples judged so far, hence the number of the one that is needed next."""
+    max_samples: int
+
+
+class GenerationSummary(NamedTuple):
+    """A generation whose strings have all been judged."""
+
+    generation: int
+    best: int
+    """Number of the best string of the population."""
+    objective: float
+    standard_error: float
+    """Of the best string."""
+    mean_of_top: float
+    """Mean objective of the best `Target.top` strings, or of the parents without a target."""
+    population: NDArray[np.int64]
+    """Numbers of the strings in slot order, shape (S,)."""
+    evaluations: int
+    """Strings judged so far."""
+    samples_used: int
+    """Samples judged so far."""
+
+
+class Observer(Protocol):
+    """Whoever keeps the books; it must not call the inversion back."""
+
+    def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Store new strings; called before any of them appears in `Inversion.live`."""
+
+    def judged(self, string: int, result: EnsembleResult) -> None:
+        """Take the result of a string."""
+
+    def generation_done(self, summary: GenerationSummary) -> None:
+        """Take the summary of a generation."""
+
+
+class Inversion:
+    """Drive a search with samples that arrive in any order.
+
+    Strings are numbered 0, 1, 2, … in the order of proposal. Samples of a string are judged in
+    order 0, 1, 2, …; early ones wait, and those after the ensemble's end are ignored, as is any
+    but the first copy. Outcomes of strings yet to be proposed wait too, so that a resume may
+    hand over all it has at once, before `start`.
+
+    Parameters
+    ----------
+    search
+        The method, with nothing told yet.
+    make_ensemble
+        Makes an empty ensemble.
+    generations
+        Most generations.
+    target
+        When to stop before; None never does.
+    restore
+        Replaces a batch, given the number of its first string, by what an earlier leg of the
+        campaign has stored of it.
+    observer
+        Told of everything that is decided.
+    """
+
+    def __init__(
+        self,
+        search: Search,
+        make_ensemble: Callable[[], Ensemble],
+        generations: int,
+        target: Target | None,
+        restore: Callable[[Batch, int], Batch] | None,
+        observer: Observer,
+    ) -> None:
+        self.results: dict[int, EnsembleResult] = {}
+        self.stop_reason: str | None = None
+        self._search = search
+        self._make_ensemble = make_ensemble
+        self._generations = generations
+        self._target = target
+        self._restore = restore
+        self._observer = observer
+        self._top = search.parents if target is None else target.top
+        self._strings: list[NDArray[np.float64]] = []
+        self._generation = 0
+        self._ids = np.empty(0, np.int64)
+        self._open: dict[int, Ensemble] = {}
+        self._waiting: dict[int, dict[int, np.void]] = {}
+        self._samples_used = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to decide."""
+        return self.stop_reason is not None
+
+    @property
+    def live(self) -> Mapping[int, Progress]:
+        """The strings of this generation that are not judged yet, in order of number."""
+        return {
+            string: Progress(ensemble.samples_used, ensemble.max_samples)
+            for string, ensemble in self._open.items()
+        }
+
+    def parameters(self, string: int) -> NDArray[np.float64]:
+        """Return a proposed string, shape (10,)."""
+        return self._strings[string]
+
+    def start(self) -> None:
+        """Propose the first generation."""
+        self._propose()
+        self._settle()
+
+    def accept(self, string: int, sample: int, outcome: np.void) -> None:
+        """Take the outcome of one sample, an OUTCOME scalar."""
+        ensemble = self._open.get(string)
+        if self.finished or (ensemble is None and string < len(self._strings)):
+            return
+        self._waiting.setdefault(string, {}).setdefault(sample, outcome)
+        if ensemble is not None:
+            self._judge(string, ensemble)
+            self._settle()
+
+    def _propose(self) -> None:
+        batch = self._search.ask()
+        first = len(self._strings)
+        if self._restore is not None:
+            batch = self._restore(batch, first)
+        self._generation = batch.generation
+        self._ids = np.arange(first, first + len(batch.parameters))
+        self._observer.proposed(batch, self._ids)
+        self._strings.extend(batch.parameters)
+        self._open = {int(string): self._make_ensemble() for string in self._ids}
+        for string, ensemble in list(self._open.items()):
+            self._judge(string, ensemble)
+
+    def _judge(self, string: int, ensemble: Ensemble) -> None:
+        waiting = self._waiting.get(string, {})
+        while not ensemble.finished and ensemble.samples_used in waiting:
+            ensemble.add(waiting.pop(ensemble.samples_used))
+        if ensemble.finished:
+            del self._open[string]
+            self._waiting.pop(string, None)
+            self.results[string] = ensemble.result()
+            self._samples_used += ensemble.samples_used
+            self._observer.judged(string, self.results[string])
+
+    def _settle(self) -> None:
+        while not self._open:
+            self._close_generation()
+            if self.finished:
+                self._waiting.clear()
+                return
+            self._propose()
+
+    def _close_generation(self) -> None:
+        parameters = np.array([self._strings[string] for string in self._ids])
+        objectives = np.array([self.results[int(string)].objective for string in self._ids])
+        self._search.tell(self._ids, parameters, objectives)
+        best, objective = self._search.best(1)[0]
+        mean_of_top = self._search.mean_of_top(self._top)
+        self._observer.generation_done(
+            GenerationSummary(
+                generation=self._generation,
+                best=best,
+                objective=objective,
+                standard_error=self.results[best].standard_error,
+                mean_of_top=mean_of_top,
+                population=self._search.population_ids,
+                evaluations=len(self.results),
+                samples_used=self._samples_used,
+            )
+        )
+        if self._target is not None and mean_of_top <= self._target.objective:
+            self.stop_reason = TARGET_REACHED
+        elif self._generation + 1 >= self._generations:
+            self.stop_reason = GENERATIONS_DONE

@@ -1,0 +1,1 @@
+"""One sample: placement, motion, contacts and what is measured of them."""

@@ -1,0 +1,141 @@
+"""The stepper of [B]: steps of the smallest gap over approach speed, merges after all pairs."""
+
+import math
+
+import numpy as np
+
+from agglom_mpi.compilation import stage
+from agglom_mpi.simulation.box import separation
+from agglom_mpi.simulation.contact import (
+    BONDED,
+    BOUNCED,
+    collide,
+    merge,
+)
+from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.neighbours import (
+    MOVED,
+    find_partners,
+    mend_partner,
+    new_neighbours,
+    note_moved,
+    squared_distance,
+    update_neighbours,
+)
+from agglom_mpi.simulation.particles import compact
+from agglom_mpi.simulation.scene import AdaptiveSteps
+from agglom_mpi.simulation.stepping import (
+    aborted,
+    cool,
+    count_step,
+    is_contact,
+    move,
+    note_new,
+    shift_apart,
+)
+
+
+@advance.answer(AdaptiveSteps)
+def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
+    capacity = particles.mass.size
+    partner = np.empty(capacity, np.int64)
+    squared = np.empty(capacity)
+    neighbours = new_neighbours(capacity)
+    merged = True
+    time = 0.0
+    while time < scene.end_time and not aborted(abort):
+        count_step(particles, ledger)
+        update_neighbours(scene, particles, neighbours, time, merged)
+        find_partners(scene, particles, neighbours, partner, squared, np.inf)
+        merged = resolve_together(scene, particles, ledger, neighbours, partner, squared, time)
+        mend_partners(scene, particles, neighbours, partner, squared)
+        step = smallest_flight(scene, particles, partner, squared, engine.ceiling)
+        step = min(max(engine.floor, step), scene.end_time - time)
+        if merged:
+            compact(particles)
+        move(scene, particles, step)
+        cool(scene.cooling, scene, particles, ledger, step)
+        time = scene.end_time if time + step >= scene.end_time else time + step
+    return time
+
+
+@stage
+def resolve_together(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
+    """Let nearest neighbours in contact collide, then merge all that bonded; whether any did."""
+    bonded_i = [0 for _ in range(0)]
+    bonded_j = [0 for _ in range(0)]
+    for i in range(particles.size[0]):
+        j = partner[i]
+        if (
+            j < 0
+            or (partner[j] == i and j < i)
+            or not is_contact(particles.radius, i, j, squared[i])
+        ):
+            continue
+        current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+        if not is_contact(particles.radius, i, j, current):
+            continue
+        size = particles.size[0]
+        kind = collide(scene, particles, ledger, i, j, time)
+        if kind == BONDED:
+            bonded_i.append(i)
+            bonded_j.append(j)
+        elif kind == BOUNCED:
+            note_new(particles, neighbours, size)
+            shift_apart(scene, particles, i, j, math.sqrt(current))
+    merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time)
+    return len(bonded_i) > 0
+
+
+@stage
+def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):  # type: ignore[no-untyped-def]
+    """Merge every chain of bonded pairs into its lowest particle."""
+    if len(bonded_i) == 0:
+        return
+    owner = np.arange(particles.size[0])
+    for k in range(len(bonded_i)):
+        i, j = bonded_i[k], bonded_j[k]
+        while owner[i] != i:
+            i = owner[i]
+        while owner[j] != j:
+            j = owner[j]
+        if i != j:
+            low, high = min(i, j), max(i, j)
+            merge(scene, particles, ledger, low, high, time)
+            owner[high] = low
+            note_moved(neighbours, low)
+
+
+@stage
+def mend_partners(scene, particles, neighbours, partner, squared):  # type: ignore[no-untyped-def]
+    """Bring everybody's nearest neighbour up to date after the contacts of this step."""
+    if neighbours.count[MOVED] == 0:
+        return
+    for i in range(particles.size[0]):
+        if particles.mass[i] == 0.0:
+            partner[i] = -1
+        else:
+            mend_partner(scene, particles, neighbours, partner, squared, i)
+
+
+@stage
+def smallest_flight(scene, particles, partner, squared, ceiling):  # type: ignore[no-untyped-def]
+    """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
+    smallest = ceiling
+    escape, half, radius = scene.escape, scene.half_width, particles.radius
+    x, y, z = particles.position[0], particles.position[1], particles.position[2]
+    u, v, w = particles.velocity[0], particles.velocity[1], particles.velocity[2]
+    for i in range(particles.size[0]):
+        j = partner[i]
+        if j < 0:
+            continue
+        closing = (
+            (u[i] - u[j]) * separation(escape, x[j] - x[i], half)
+            + (v[i] - v[j]) * separation(escape, y[j] - y[i], half)
+            + (w[i] - w[j]) * separation(escape, z[j] - z[i], half)
+        )
+        if closing > 0.0:
+            distance = math.sqrt(squared[i])
+            gap = max(0.0, distance - radius[i] - radius[j])
+            smallest = min(smallest, gap * distance / closing)
+    return smallest

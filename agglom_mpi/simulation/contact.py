@@ -1,0 +1,300 @@
+"""What a contact does to the particles: bounce, bond or break, with everything booked."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.compilation import question, stage
+from agglom_mpi.physics.contact_area import contact_area
+from agglom_mpi.physics.cooling import caught_up
+from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.physics.fragmentation import (
+    OwnEnergyFragmentation,
+    PairEnergyFragmentation,
+    breakage,
+)
+from agglom_mpi.physics.heating import merge_heat, merge_loss, own_loss
+from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.physics.reaction import reaction_heat
+from agglom_mpi.simulation.box import inside, separation
+from agglom_mpi.simulation.particles import (
+    BREAKUPS,
+    CAPPED,
+    COLLISIONS,
+    DISSIPATED,
+    FLOORED,
+    MERGES,
+    RADIATED,
+    REACTION,
+    SURFACE,
+    copy_slot,
+    empty_slot,
+)
+
+RECEDING: Final = 0
+BOUNCED: Final = 1
+BONDED: Final = 2
+
+
+@stage
+def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-untyped-def]
+    """Vector in m from particle i to particle j."""
+    r = particles.position
+    return (
+        separation(escape, r[0, j] - r[0, i], half_width),
+        separation(escape, r[1, j] - r[1, i], half_width),
+        separation(escape, r[2, j] - r[2, i], half_width),
+    )
+
+
+@stage
+def relative_velocity(particles, i, j):  # type: ignore[no-untyped-def]
+    """Velocity in m/s of particle i seen from particle j."""
+    v = particles.velocity
+    return v[0, i] - v[0, j], v[1, i] - v[1, j], v[2, i] - v[2, j]
+
+
+@stage
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@stage
+def scaled(a, factor):  # type: ignore[no-untyped-def]
+    """Vector times a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@stage
+def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
+    """Unit vector from i to j; along the relative velocity where the centres coincide."""
+    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+    length = math.sqrt(dot(line, line))
+    if length == 0.0:
+        line = relative_velocity(particles, i, j)
+        length = math.sqrt(dot(line, line))
+    return scaled(line, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
+
+
+@stage
+def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
+    """Slip speed in m/s and its unit vector; the vector is zero without slip."""
+    slip = (
+        velocity[0] - approach * normal[0],
+        velocity[1] - approach * normal[1],
+        velocity[2] - approach * normal[2],
+    )
+    speed = math.sqrt(dot(slip, slip))
+    return speed, scaled(slip, 1.0 / speed) if speed > 0.0 else (0.0, 0.0, 0.0)
+
+
+@stage
+def catch_up(scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+    """Cool particle i exactly up to `time` in s, where the scene cools on demand."""
+    surface = 4.0 * math.pi * particles.radius[i] ** 2
+    capacity = particles.mass[i] * scene.laws.heat_capacity
+    before = particles.temperature[i]
+    elapsed = time - particles.touched[i]
+    after = caught_up(scene.cooling, before, surface, capacity, elapsed)
+    if after != before:
+        ledger.energy[RADIATED] += capacity * (before - after)
+    particles.temperature[i] = after
+    particles.touched[i] = time
+
+
+@stage
+def warm(scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+    """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
+    temperature = particles.temperature[i] + heat / (particles.mass[i] * scene.laws.heat_capacity)
+    if temperature < 0.0:
+        ledger.count[FLOORED] += 1
+        temperature = 0.0
+    particles.temperature[i] = temperature
+
+
+@stage
+def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+    """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
+    catch_up(scene, particles, ledger, i, time)
+    catch_up(scene, particles, ledger, j, time)
+    normal = line_of_centres(scene, particles, i, j)
+    velocity = relative_velocity(particles, i, j)
+    approach = dot(velocity, normal)
+    slip, tangent = slip_direction(normal, velocity, approach)
+    v = particles.velocity
+    velocity_i = (v[0, i], v[1, i], v[2, i])
+    velocity_j = (v[0, j], v[1, j], v[2, j])
+    mass_i, mass_j = particles.mass[i], particles.mass[j]
+    pair = Encounter(
+        approach,
+        slip,
+        mass_i,
+        mass_j,
+        mass_i * mass_j / (mass_i + mass_j),
+        min(particles.radius[i], particles.radius[j]),
+        particles.temperature[i],
+        particles.temperature[j],
+        dot(velocity_i, normal),
+        dot(velocity_j, normal),
+        dot(velocity_i, tangent),
+        dot(velocity_j, tangent),
+    )
+    return pair, normal, tangent
+
+
+@stage
+def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+    """Resolve a contact at `time` in s; bounces are carried out, merges are left to the caller.
+
+    Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. New pieces are appended.
+    """
+    normal = line_of_centres(scene, particles, i, j)
+    if not dot(relative_velocity(particles, i, j), normal) > 0.0:
+        return RECEDING
+    pair, normal, tangent = meet(scene, particles, ledger, i, j, time)
+    impact = solve_impact(scene.laws, pair)
+    if impact.bonds:
+        return BONDED
+    book(ledger, impact)
+    kick(particles, i, -1.0 / pair.mass_i, normal, tangent, impact)
+    kick(particles, j, 1.0 / pair.mass_j, normal, tangent, impact)
+    settle(scene, particles, ledger, i, pair.normal_i, pair.tangent_i, impact, impact.heat_i)
+    settle(scene, particles, ledger, j, -pair.normal_j, -pair.tangent_j, impact, impact.heat_j)
+    return BOUNCED
+
+
+@stage
+def book(ledger, impact):  # type: ignore[no-untyped-def]
+    """Enter an impact in the ledger."""
+    ledger.count[COLLISIONS] += 1
+    ledger.energy[REACTION] += impact.reaction
+    ledger.energy[DISSIPATED] += impact.loss
+    ledger.residual[0] = max(ledger.residual[0], impact.residual)
+    if impact.capped:
+        ledger.count[CAPPED] += 1
+
+
+@stage
+def kick(particles, i, factor, normal, tangent, impact):  # type: ignore[no-untyped-def]
+    """Change the velocity of particle i by both impulses times `factor` in 1/kg."""
+    for axis in range(3):
+        impulse = impact.normal_impulse * normal[axis] + impact.friction_impulse * tangent[axis]
+        particles.velocity[axis, i] += factor * impulse
+
+
+@stage
+def settle(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):  # type: ignore[no-untyped-def]
+    """Heat particle i after a bounce, and break it if the energy it absorbed suffices."""
+    change = own_loss(
+        particles.mass[i],
+        normal_speed,
+        tangent_speed,
+        impact.normal_impulse,
+        impact.friction_impulse,
+    )
+    pieces, energy = breakage(
+        scene.laws.fragmentation, impact.loss, change, particles.radius[i], particles.grains[i]
+    )
+    warm(scene, particles, ledger, i, heat - energy)
+    fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy)
+
+
+@question
+def fragment(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    """Break particle i into `pieces`, at a surface energy in J, where the scene has breakage."""
+
+
+@fragment.answer(None)
+def _unbreakable(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    return None
+
+
+@fragment.answer(PairEnergyFragmentation, OwnEnergyFragmentation)
+def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    if pieces > 1:
+        ledger.count[BREAKUPS] += 1
+        ledger.energy[SURFACE] += energy
+        split(scene, particles, i, pieces)
+
+
+@stage
+def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
+    """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
+
+    The first piece keeps the slot, the others are appended. Grains are dealt out as evenly as whole
+    numbers allow.
+    """
+    grains = particles.grains[i]
+    particles.mass[i] /= pieces
+    particles.radius[i] /= pieces ** (1.0 / 3.0)
+    sites = packed_sites(pieces, particles.radius[i])
+    centre = (particles.position[0, i], particles.position[1, i], particles.position[2, i])
+    for piece in range(pieces):
+        slot = i
+        if piece > 0:
+            slot = particles.size[0]
+            particles.size[0] += 1
+            copy_slot(particles, i, slot)
+        for axis in range(3):
+            coordinate = centre[axis] + sites[axis, piece]
+            particles.position[axis, slot] = inside(scene.escape, coordinate, scene.half_width)
+        particles.grains[slot] = grains // pieces + (1 if piece < grains % pieces else 0)
+
+
+@stage
+def packed_sites(count, radius):  # type: ignore[no-untyped-def]
+    """Sites in m of touching equal spheres around their centre of mass, shape (3, count).
+
+    The `count` sites of a face-centred cubic lattice that are nearest to one of its sites.
+    """
+    sites = np.empty((3, count))
+    unit = math.sqrt(2.0) * radius
+    found = 0
+    shell = 0
+    while found < count:
+        reach = int(math.sqrt(shell)) + 1
+        for a in range(-reach, reach + 1):
+            for b in range(-reach, reach + 1):
+                for c in range(-reach, reach + 1):
+                    if a * a + b * b + c * c == shell and found < count:
+                        sites[0, found] = unit * a
+                        sites[1, found] = unit * b
+                        sites[2, found] = unit * c
+                        found += 1
+        shell += 2
+    for axis in range(3):
+        total = 0.0
+        for piece in range(count):
+            total += sites[axis, piece]
+        for piece in range(count):
+            sites[axis, piece] -= total / count
+    return sites
+
+
+@stage
+def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+    """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
+    pair, _, _ = meet(scene, particles, ledger, i, j, time)
+    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+    mass = pair.mass_i + pair.mass_j
+    share = pair.mass_j / mass
+    laws = scene.laws
+    area = contact_area(laws.contact_area, 1.0, pair.radius)
+    reaction = 2.0 * reaction_heat(laws.reaction, area)
+    ledger.count[COLLISIONS] += 1
+    ledger.count[MERGES] += 1
+    ledger.energy[REACTION] += reaction
+    ledger.energy[DISSIPATED] += merge_loss(pair)
+    v = particles.velocity
+    for axis in range(3):
+        coordinate = particles.position[axis, i] + share * line[axis]
+        particles.position[axis, i] = inside(scene.escape, coordinate, scene.half_width)
+        v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
+    particles.temperature[i] += share * (pair.temperature_j - pair.temperature_i)
+    particles.radius[i] = (particles.radius[i] ** 3 + particles.radius[j] ** 3) ** (1.0 / 3.0)
+    particles.mass[i] = mass
+    particles.grains[i] += particles.grains[j]
+    empty_slot(particles, j)
+    warm(scene, particles, ledger, i, merge_heat(laws.heating, pair) + reaction)

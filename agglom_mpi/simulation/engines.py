@@ -1,0 +1,15 @@
+"""The question every engine answers."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import Submodel, question
+from agglom_mpi.simulation.particles import Ledger, Particles
+
+
+@question
+def advance(
+    engine: Submodel, scene: Submodel, particles: Particles, ledger: Ledger, abort: np.ndarray
+) -> float:
+    """Run a placed scene to its end time, or until `abort[0]` is set; the time reached in s."""

@@ -1,0 +1,172 @@
+"""What is measured of a sample: radii, temperature, and how well its ledger closes."""
+
+import math
+
+import numpy as np
+
+from agglom_mpi.compilation import stage
+from agglom_mpi.simulation.cells import cell_of, sort_into_cells
+from agglom_mpi.simulation.neighbours import squared_distance
+from agglom_mpi.simulation.particles import (
+    BREAKUPS,
+    CAPPED,
+    COLLISIONS,
+    DISSIPATED,
+    FLOORED,
+    MERGES,
+    PARTICLE_STEPS,
+    RADIATED,
+    REACTION,
+    STEPS,
+    SURFACE,
+)
+from agglom_mpi.simulation.stepping import largest_radius
+
+
+@stage
+def total_momentum(particles):  # type: ignore[no-untyped-def]
+    """Momentum in kg m/s, shape (3,), and mass in kg."""
+    momentum = np.zeros(3)
+    mass = 0.0
+    for i in range(particles.size[0]):
+        mass += particles.mass[i]
+        for axis in range(3):
+            momentum[axis] += particles.mass[i] * particles.velocity[axis, i]
+    return momentum, mass
+
+
+@stage
+def fluctuation(particles):  # type: ignore[no-untyped-def]
+    """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
+    momentum, mass = total_momentum(particles)
+    energy, impetus = 0.0, 0.0
+    for i in range(particles.size[0]):
+        square = 0.0
+        for axis in range(3):
+            square += (particles.velocity[axis, i] - momentum[axis] / mass) ** 2
+        energy += 0.5 * particles.mass[i] * square
+        impetus += particles.mass[i] * math.sqrt(square)
+    return energy, impetus
+
+
+@stage
+def thermal_energy(particles, heat_capacity, reference):  # type: ignore[no-untyped-def]
+    """Thermal energy in J above the temperature `reference` in K."""
+    energy = 0.0
+    for i in range(particles.size[0]):
+        energy += particles.mass[i] * heat_capacity * (particles.temperature[i] - reference)
+    return energy
+
+
+@stage
+def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
+    """Pairs that overlap by more than rounding."""
+    half = scene.half_width
+    x, y, z = particles.position[0], particles.position[1], particles.position[2]
+    count = particles.size[0]
+    most = int((2.0 * count) ** (1.0 / 3.0)) + 1
+    diameter = 2.0 * largest_radius(particles)
+    cells = max(1, min(most, int(min(1e6, 2.0 * half / diameter))))
+    order, start = sort_into_cells(particles, cells, half)
+    span = 1 if cells > 2 else 0
+    if cells <= 2:
+        cells = 1
+        start[1] = count
+    found = 0
+    for i in range(count):
+        a, b, c = cell_of(x[i], cells, half), cell_of(y[i], cells, half), cell_of(z[i], cells, half)
+        for p in range(a - span, a + span + 1):
+            for q in range(b - span, b + span + 1):
+                layer = (p % cells * cells + q % cells) * cells
+                for r in range(c - span, c + span + 1):
+                    cell = layer + r % cells
+                    for k in range(start[cell], start[cell + 1]):
+                        if order[k] > i:
+                            found += overlap(scene, particles, i, order[k])
+    return found
+
+
+@stage
+def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
+    """1 if two spheres overlap by more than rounding, else 0."""
+    limit = (particles.radius[i] + particles.radius[j]) * (1.0 - 1e-12)
+    squared = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+    return 1 if squared < limit * limit else 0
+
+
+@stage
+def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
+    """Mean of b/b⁰ and its central moments 2, 3, 4, dimensionless."""
+    count = particles.size[0]
+    mean = 0.0
+    for i in range(count):
+        mean += particles.radius[i] / reference
+    mean /= count
+    second, third, fourth = 0.0, 0.0, 0.0
+    for i in range(count):
+        deviation = particles.radius[i] / reference - mean
+        second += deviation**2
+        third += deviation**3
+        fourth += deviation**4
+    return mean, second / count, third / count, fourth / count
+
+
+@stage
+def measure(scene, particles, out):  # type: ignore[no-untyped-def]
+    """Write radii and temperature of the final state into the outcome record."""
+    mean, second, third, fourth = radius_moments(particles, scene.radius)
+    out["mean_radius_ratio"] = mean
+    out["radius_moment_2"] = second
+    out["radius_moment_3"] = third
+    out["radius_moment_4"] = fourth
+    _, mass = total_momentum(particles)
+    out["mean_temperature"] = (
+        scene.temperature + thermal_energy(particles, 1.0, scene.temperature) / mass
+    )
+    out["particles"] = particles.size[0]
+    out["overlaps"] = count_overlaps(scene, particles)
+
+
+@stage
+def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-untyped-def]
+    """Write counts and closure errors into the outcome record.
+
+    `start` holds momentum, mass, kinetic energy and sum of m|v| of the start, the latter two in the
+    centre-of-mass frame. With heat the first law is closed; without, only what impacts dissipate.
+    """
+    count, energy = ledger.count, ledger.energy
+    out["steps"] = count[STEPS]
+    out["particle_steps"] = count[PARTICLE_STEPS]
+    out["collisions"] = count[COLLISIONS]
+    out["merges"] = count[MERGES]
+    out["breakups"] = count[BREAKUPS]
+    out["capped_iterations"] = count[CAPPED]
+    out["floored_temperatures"] = count[FLOORED]
+    out["largest_residual"] = ledger.residual[0]
+    momentum, _ = total_momentum(particles)
+    initial_momentum, _, initial_energy, impetus = start
+    square = 0.0
+    for axis in range(3):
+        square += (momentum[axis] - initial_momentum[axis]) ** 2
+    change = math.sqrt(square)
+    out["momentum_error"] = change / impetus if impetus > 0.0 else change
+    kinetic, _ = fluctuation(particles)
+    balance = kinetic - initial_energy
+    if scene.laws.heating is None:
+        balance += energy[DISSIPATED]
+    else:
+        balance += thermal_energy(particles, scene.laws.heat_capacity, scene.temperature)
+        balance += energy[RADIATED] + energy[SURFACE] - energy[REACTION]
+    flowed = initial_energy + energy[REACTION] + abs(energy[RADIATED]) + energy[SURFACE]
+    out["energy_error"] = balance / flowed if flowed > 0.0 else balance
+
+
+@stage
+def is_finite(particles):  # type: ignore[no-untyped-def]
+    """Whether every coordinate, velocity, radius, mass and temperature is a number."""
+    total = 0.0
+    for i in range(particles.size[0]):
+        total += particles.radius[i] + particles.mass[i] + particles.temperature[i]
+        for axis in range(3):
+            total += particles.position[axis, i] + particles.velocity[axis, i]
+    return math.isfinite(total)

@@ -1,0 +1,58 @@
+"""What one sample leaves behind: the record that travels from a rank to the campaign file."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+COMPLETED: Final = 1
+FAILED: Final = 2
+
+REASONS: Final = (
+    "",
+    "placement: no free place was found for every sphere",
+    "non-finite state",
+    "event budget exceeded",
+    "exception",
+)
+"""Why a sample failed, by the `reason` of its record."""
+PLACEMENT_JAMMED: Final = 1
+NON_FINITE: Final = 2
+BUDGET_EXCEEDED: Final = 3
+EXCEPTION: Final = 4
+
+
+class Column(NamedTuple):
+    """One measured quantity of a sample: its storage type, unit and meaning."""
+
+    name: str
+    dtype: str
+    unit: str
+    meaning: str
+
+
+COLUMNS: Final = (
+    Column("state", "u1", "", "1 completed, 2 failed"),
+    Column("reason", "u1", "", "why it failed, 0 if it did not"),
+    Column("mean_radius_ratio", "f8", "1", "mean of b/b0 over the particles left"),
+    Column("radius_moment_2", "f8", "1", "second central moment of b/b0 over the particles left"),
+    Column("radius_moment_3", "f8", "1", "third central moment of b/b0"),
+    Column("radius_moment_4", "f8", "1", "fourth central moment of b/b0"),
+    Column("mean_temperature", "f8", "K", "mass-weighted mean temperature at the end"),
+    Column("end_time", "f8", "s", "simulated time"),
+    Column("particles", "i8", "1", "particles left"),
+    Column("steps", "i8", "1", "time steps taken"),
+    Column("particle_steps", "i8", "1", "sum over the steps of the particles present"),
+    Column("collisions", "i8", "1", "impacts resolved, merges included"),
+    Column("merges", "i8", "1", "impacts that bonded"),
+    Column("breakups", "i8", "1", "aggregates that fragmented"),
+    Column("momentum_error", "f8", "1", "momentum change over sum of m|v|, centre-of-mass frame"),
+    Column("energy_error", "f8", "1", "energy imbalance over the energy that flowed"),
+    Column("capped_iterations", "i8", "1", "impacts whose solver ended at its iteration cap"),
+    Column("largest_residual", "f8", "1", "largest |e - G(e)| an impact was left with"),
+    Column("floored_temperatures", "i8", "1", "temperatures that a heating law sent below zero"),
+    Column("overlaps", "i8", "1", "pairs that overlap at the end"),
+)
+"""The columns of a sample that physics determines; bit-for-bit reproducible."""
+
+OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
+"""One sample as a structured scalar; ledger columns end it."""

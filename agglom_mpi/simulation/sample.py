@@ -1,0 +1,190 @@
+"""One sample: a pure function of (campaign, parameters, sample number)."""
+
+import hashlib
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+import agglom_mpi.simulation.adaptive
+import agglom_mpi.simulation.fixed  # noqa: F401  (both register their engines)
+from agglom_mpi.compilation import kernel
+from agglom_mpi.simulation import outcome as result
+from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.measures import (
+    fluctuation,
+    is_finite,
+    measure,
+    measure_ledger,
+    total_momentum,
+)
+from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.scene import Scene, build_scene
+from agglom_mpi.simulation.velocities import draw_velocities
+
+if TYPE_CHECKING:
+    from agglom_mpi.campaign import Campaign
+
+_PURPOSE = 1
+"""Separates the random streams of samples from those of the search."""
+
+
+class Outcome(NamedTuple):
+    """What `campaign.simulate` returns; the final radii are relative to the starting radius.
+
+    Attributes
+    ----------
+    mean_radius_ratio, objective : float
+        Mean of b/b⁰ over the particles left, and the campaign's objective of this sample.
+    particles : int
+        Particles left.
+    radii : array, shape (particles,)
+        Final b/b⁰.
+    temperatures : array, shape (particles,), K
+    moments : array, shape (4,)
+        Mean and central moments 2, 3, 4 of b/b⁰.
+    ledger : dict
+        Closure errors and counts of everything that was capped or refused.
+    collisions, merges, breakups, steps : int
+    seconds : float
+        Run time of this sample.
+    record : numpy.void
+        The row that a campaign file stores.
+    """
+
+    mean_radius_ratio: float
+    objective: float
+    particles: int
+    radii: npt.NDArray[np.float64]
+    temperatures: npt.NDArray[np.float64]
+    moments: npt.NDArray[np.float64]
+    ledger: dict[str, float | int]
+    collisions: int
+    merges: int
+    breakups: int
+    steps: int
+    seconds: float
+    record: Any
+
+
+LEDGER = (
+    "momentum_error",
+    "energy_error",
+    "capped_iterations",
+    "largest_residual",
+    "floored_temperatures",
+    "overlaps",
+)
+
+
+@kernel
+def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
+    """Place, run and measure one sample; one crossing into compiled code.
+
+    Parameters
+    ----------
+    scene : Scene
+    random : numpy.random.Generator
+    abort : uint8 array, shape (1,); anything but 0 ends the run early
+    out : array of `OUTCOME`, shape (1,), filled
+
+    Returns
+    -------
+    Particles
+        The final state.
+    """
+    capacity = scene.particles
+    if scene.laws.fragmentation is not None:
+        capacity = 2 * scene.particles
+    particles = new_particles(
+        scene.particles, capacity, scene.radius, scene.mass, scene.temperature
+    )
+    ledger = new_ledger()
+    record = out[0]
+    record["state"] = 2
+    occupied = particles.position[:, : scene.particles]
+    if not place(random, scene.escape, occupied, 2.0 * scene.radius, scene.half_width):
+        record["reason"] = 1
+        return particles
+    draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
+    start = total_momentum(particles) + fluctuation(particles)
+    record["end_time"] = advance(scene.engine, scene, particles, ledger, abort)
+    if not is_finite(particles):
+        record["reason"] = 2
+        return particles
+    measure(scene, particles, record)
+    measure_ledger(scene, particles, ledger, start, record)
+    record["state"] = 1
+    return particles
+
+
+def random_stream(
+    seed: int, parameters: npt.NDArray[np.float64], sample: int
+) -> np.random.Generator:
+    """Return the random stream of one sample, keyed by what it is and by nothing else.
+
+    Parameters
+    ----------
+    seed
+        The campaign's seed.
+    parameters
+        The ten variables in SI units, shape (10,).
+    sample
+        Sample number from 0.
+    """
+    digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
+    words = np.frombuffer(digest, "<u4").tolist()
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence([seed, _PURPOSE, *words, sample]))
+    )
+
+
+def simulate_scene(
+    scene: Scene,
+    random: np.random.Generator,
+    abort: npt.NDArray[np.uint8] | None = None,
+) -> tuple[Any, Any]:
+    """Run one sample of a typed scene; its `OUTCOME` record and its final `Particles`."""
+    out = np.zeros(1, result.OUTCOME)
+    particles = run(scene, random, np.zeros(1, np.uint8) if abort is None else abort, out)
+    return out[0], particles
+
+
+def simulate(
+    campaign: "Campaign", parameters: npt.ArrayLike, sample: int = 0, engine: Any = None
+) -> Outcome:
+    """Simulate one sample exactly as a rank of the campaign does; see `Outcome`.
+
+    Raises
+    ------
+    RuntimeError
+        If the sample fails, with the reason.
+    """
+    from agglom_mpi.search.objectives import make_objective
+
+    vector = np.asarray(parameters, dtype=np.float64)
+    scene = build_scene(campaign.scene, vector, engine)
+    begin = time.perf_counter()
+    record, particles = simulate_scene(scene, random_stream(campaign.seed, vector, sample))
+    seconds = time.perf_counter() - begin
+    if record["state"] != result.COMPLETED:
+        raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
+    ratio = float(record["mean_radius_ratio"])
+    left = int(record["particles"])
+    return Outcome(
+        mean_radius_ratio=ratio,
+        objective=float(make_objective(campaign.objective, scene.particles).of_sample(ratio)),
+        particles=left,
+        radii=particles.radius[:left] / scene.radius,
+        temperatures=particles.temperature[:left].copy(),
+        moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
+        ledger={name: record[name].item() for name in LEDGER},
+        collisions=int(record["collisions"]),
+        merges=int(record["merges"]),
+        breakups=int(record["breakups"]),
+        steps=int(record["steps"]),
+        seconds=seconds,
+        record=record,
+    )

@@ -1,0 +1,184 @@
+"""A scene as compiled kernels see it: a NamedTuple of submodels, `None` for what is left out."""
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.compilation import Submodel
+from agglom_mpi.physics import cooling as cool
+from agglom_mpi.physics.constants import GAS_CONSTANT
+from agglom_mpi.physics.contact_area import ContactArea
+from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
+from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
+from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
+from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
+from agglom_mpi.simulation.box import Periodic, Reentry
+from agglom_mpi.simulation.velocities import SpreadVelocities, UniformX
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    from agglom_mpi.campaign.scene import SceneModel
+
+
+class FixedSteps(NamedTuple):
+    """`steps` equal time steps over the run  [A]."""
+
+    steps: int
+
+
+class AdaptiveSteps(NamedTuple):
+    """Steps of the smallest gap over approach speed within [floor, ceiling], s  [B 6.14]."""
+
+    floor: float
+    ceiling: float
+
+
+class Scene(NamedTuple):
+    """Everything that one sample is a function of, random numbers aside.
+
+    `particles` equal grains of `radius` in m and `mass` in kg in a cube of half-width
+    `half_width` in m, for `end_time` in s from `temperature` in K.
+    """
+
+    escape: Submodel
+    velocities: Submodel
+    laws: ImpactLaws
+    cooling: Submodel | None
+    engine: Submodel
+    particles: int
+    half_width: float
+    radius: float
+    mass: float
+    temperature: float
+    end_time: float
+
+
+def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = None) -> Scene:
+    """Make the typed scene of one parameter string.
+
+    Parameters
+    ----------
+    model
+        The `scene` section of a campaign.
+    parameters
+        The ten variables in SI units, shape (10,), in the order of `agglom_mpi.variables`.
+    engine
+        An engine section to use instead of the scene's own.
+    """
+    value = dict(zip(NAMES, np.asarray(parameters, dtype=float).tolist(), strict=True))
+    radius = 0.5 * value["size_ratio"] * 2.0 * model.half_width / model.particles ** (1.0 / 3.0)
+    heats = model.heating.law != "none"
+    return Scene(
+        escape=Periodic() if model.escape == "periodic" else Reentry(),
+        velocities=_velocities(model.velocities, value),
+        laws=_impact_laws(model, value),
+        cooling=_cooling(model.cooling, value),
+        engine=_engine(engine or model.engine),
+        particles=model.particles,
+        half_width=model.half_width,
+        radius=radius,
+        mass=value["density"] * 4.0 / 3.0 * math.pi * radius**3,
+        temperature=value["temperature"] if heats or not _missing(value["temperature"]) else 0.0,
+        end_time=_end_time(model, value, radius),
+    )
+
+
+def _missing(value: float) -> bool:
+    return math.isnan(value)
+
+
+def _velocities(model: Any, value: dict[str, float]) -> NamedTuple:
+    speed = value["relative_speed"]
+    if model.law == "uniform_x":
+        return UniformX(speed)
+    return SpreadVelocities(speed, tuple(float(mean) for mean in model.mean), model.transverse)
+
+
+def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
+    pressure = model.restitution.law == "pressure"
+    durations = {
+        "mean_speed": MeanSpeedDuration,
+        "compression_recovery": CompressionRecoveryDuration,
+    }
+    frictions = {"restitution_scaled": RestitutionScaledFriction, "constant": ConstantFriction}
+    heatings = {"pair_split": PairSplit, "own_energy": OwnEnergy}
+    breakages = {"pair_energy": PairEnergyFragmentation, "own_energy": OwnEnergyFragmentation}
+    friction = frictions.get(model.friction.law)
+    heating = heatings.get(model.heating.law)
+    breaking = breakages.get(model.fragmentation.law)
+    reacts = model.reaction.law != "none"
+    return ImpactLaws(
+        restitution=(
+            PressureRestitution() if pressure else ConstantRestitution(model.restitution.value)
+        ),
+        duration=durations[model.duration.law](model.duration.length_ratio) if pressure else None,
+        contact_area=ContactArea(model.contact_area.initial, model.contact_area.final),
+        hardness=_hardness(model, value) if pressure else None,
+        friction=friction(value["friction"]) if friction else None,
+        heating=heating() if heating else None,
+        reaction=ContactAreaReaction(value["reaction_heat"]) if reacts else None,
+        fragmentation=breaking(value["surface_energy"]) if breaking else None,
+        solver=_solver(model.solver) if pressure else None,
+        heat_capacity=value["heat_capacity"] if heating else math.inf,
+    )
+
+
+def _hardness(model: "SceneModel", value: dict[str, float]) -> ConstantHardness | ArrheniusHardness:
+    if model.hardness.law == "arrhenius":
+        return ArrheniusHardness(value["hardness"], value["activation_energy"])
+    return ConstantHardness(value["hardness"])
+
+
+def _solver(model: Any) -> RootFinder | PublishedIteration:
+    if model.law == "root":
+        return RootFinder()
+    return PublishedIteration(model.tolerance, model.cap)
+
+
+def _cooling(model: Any, value: dict[str, float]) -> cool.Exact | cool.ForwardEuler | None:
+    if model.law == "none":
+        return None
+    law: Submodel
+    if model.law == "radiation":
+        law = cool.RadiativeCooling(
+            model.emissivity,
+            model.surroundings,
+            model.convection,
+            model.ambient,
+            cool.equilibrium_temperature(
+                model.emissivity, model.surroundings, model.convection, model.ambient
+            ),
+        )
+    else:
+        law = cool.QuarticCooling(value["density"], value["heat_capacity"], value["temperature"])
+    return cool.Exact(law) if model.integration == "exact" else cool.ForwardEuler(law)
+
+
+def _engine(model: Any) -> FixedSteps | AdaptiveSteps:
+    if model.law == "fixed":
+        return FixedSteps(model.steps)
+    return AdaptiveSteps(model.floor, model.ceiling)
+
+
+def _end_time(model: "SceneModel", value: dict[str, float], radius: float) -> float:
+    """End time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) where the scene asks for it  [A 13].
+
+    S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
+    √(6 a_f H β/ρ) with the hardness at the starting temperature.
+    """
+    if not isinstance(model.end_time, str):
+        return float(model.end_time)
+    spacing = 2.0 * model.half_width / model.particles ** (1.0 / 3.0)
+    hardness = value["hardness"]
+    if model.hardness.law == "arrhenius":
+        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
+        hardness *= math.exp(min(exponent, 700.0))
+    square = 6.0 * model.contact_area.final * hardness * model.duration.length_ratio
+    critical_speed = math.sqrt(square / value["density"])
+    return (spacing - 2.0 * radius) / critical_speed * math.log(0.01) / math.log(0.9)

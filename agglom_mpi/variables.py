@@ -1,0 +1,30 @@
+"""The ten search variables of the papers: their names, units and order."""
+
+from typing import Final, NamedTuple
+
+
+class Variable(NamedTuple):
+    """One component of a parameter string."""
+
+    name: str
+    unit: str
+    symbol: str
+    meaning: str
+
+
+VARIABLES: Final = (
+    Variable("relative_speed", "m/s", "v0", "scale of the starting velocities [A 28] [B 7.3]"),
+    Variable("size_ratio", "1", "l", "grain diameter over grain spacing (s in [A], L in [B])"),
+    Variable("density", "kg/m^3", "rho", "density of the grains"),
+    Variable("hardness", "Pa", "H0", "base hardness, its limit at high temperature"),
+    Variable("heat_capacity", "J/kg/K", "C", "heat capacity per unit mass"),
+    Variable("friction", "1", "mu0", "base coefficient of friction"),
+    Variable("temperature", "K", "theta0", "starting temperature"),
+    Variable("activation_energy", "J/mol", "U", "activation energy of softening (U, Omega)"),
+    Variable("reaction_heat", "J/m^2", "kappa", "reaction heat per contact area (kappa, alpha)"),
+    Variable("surface_energy", "J/m^2", "gamma", "energy per area of new surface"),
+)
+"""All search variables; a parameter string is a float64 vector in this order."""
+
+NAMES: Final = tuple(variable.name for variable in VARIABLES)
+COUNT: Final = len(VARIABLES)

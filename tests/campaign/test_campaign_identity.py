@@ -1,0 +1,125 @@
+"""The identity holds what decides results, the description says what would run."""
+
+import json
+
+import pytest
+from campaign_text import campaign
+
+from agglom_mpi.campaign import Campaign
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("  hardness: [", "  hardness: [10 MPa, 0.2 GPa]"),
+        ("  half_width", "  half_width: 1 cm"),
+        ("  reaction_heat", "  reaction_heat: 1000000"),
+        ("  temperature", "  temperature: 26.85 degC"),
+        ("  restitution", "  # the default"),
+        ("  cooling", "  cooling: {law: none}"),
+        ("title", "title: Another name"),
+        ("title", "output: {file: elsewhere.h5}"),
+        ("  generations", "  generations: 50"),
+        ("  target", "  max_failures: 3"),
+        ("  reaction_heat", "  reaction_heat: 1e6\n  surface_energy: 3"),
+    ],
+)
+def test_the_same_campaign_has_the_same_identity(edit: tuple[str, str]) -> None:
+    assert campaign(edit).identity() == campaign().identity()
+    assert campaign(edit).sha256() == campaign().sha256()
+
+
+@pytest.mark.parametrize(
+    ("edit", "key"),
+    [
+        (("seed", "seed: 8"), "seed"),
+        (("  particles", "  particles: 101"), "scene.particles"),
+        (("  engine", "  engine: {law: fixed, steps: 51}"), "scene.engine.steps"),
+        (("  density", "  density: 6000.0000000001"), "variables.density.0"),
+        (("objective", "objective: {law: growth_target, ratio: 2.5}"), "objective.ratio"),
+        (("search", "search: {population: 14, parents: 4}"), "search.population"),
+        (("  tolerance", "  tolerance: 2e-3"), "ensemble.tolerance"),
+        (("  max_samples", "  max_samples: 21"), "ensemble.max_samples"),
+        (("  target", "  target: {top: 2, objective: 1e-3}"), "stopping.target.top"),
+    ],
+)
+def test_what_decides_results_is_in_the_identity(edit: tuple[str, str], key: str) -> None:
+    ours, theirs = campaign().identity(), campaign(edit).identity()
+    assert theirs[key] != ours.get(key)
+    assert campaign(edit).sha256() != campaign().sha256()
+
+
+def test_an_identity_survives_json() -> None:
+    identity = campaign().identity()
+    assert json.loads(json.dumps(identity)) == identity
+    assert identity["scene.particles"] == 100
+    assert identity["variables.hardness.1"] == 2e8
+
+
+def test_a_stored_text_gives_back_the_campaign() -> None:
+    first = campaign()
+    assert Campaign.from_text(first.text, "stored").identity() == first.identity()
+
+
+def section(text: str, heading: str) -> str:
+    lines = text.splitlines()
+    begin = lines.index(heading) + 1
+    end = next((i for i in range(begin, len(lines)) if lines[i][0] != " "), len(lines))
+    return "\n".join(lines[begin:end])
+
+
+def test_the_description_separates_used_from_left_out_submodels() -> None:
+    text = campaign().describe()
+    used, left_out = section(text, "Submodels"), section(text, "Left out")
+    assert "restitution: pressure" in used
+    assert "[A 6] [B 3.1, 4.13]" in used
+    assert "hardness: arrhenius" in used
+    assert left_out.split() == ["fragmentation", "cooling"]
+
+
+def test_constant_restitution_leaves_out_what_it_does_not_ask() -> None:
+    text = campaign(
+        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
+        ("  hardness: a", ""),
+        ("  hardness: [", ""),
+        ("  end_time", "  end_time: 1"),
+    ).describe()
+    left_out = section(text, "Left out").split()
+    assert left_out == ["duration", "hardness", "fragmentation", "cooling", "solver"]
+
+
+def test_the_description_counts_strings_and_samples() -> None:
+    text = campaign().describe()
+    assert "strings: 44\n" in text
+    assert "samples: 88 to 880, 2 to 20 per string" in text
+    assert "125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)" in text
+    assert "volume fraction 0.0335 to 0.268" in text
+    early = campaign(("  target", "  target: {top: 2, objective: 1e-3}")).describe()
+    assert "strings: 12 to 44\n" in early
+
+
+def test_the_description_lists_variables_with_units() -> None:
+    edit = ("  reaction_heat", "  reaction_heat: 1e6\n  surface_energy: 3")
+    rows = [line.split() for line in section(campaign(edit).describe(), "Variables").splitlines()]
+    assert ["hardness", "Pa", "1e+07", "..", "2e+08"] in rows
+    assert ["friction", "0.3", "(fixed)"] in rows
+    assert ["surface_energy", "J/m^2", "ignored:", "nothing", "depends", "on", "it"] in rows
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (("objective", "objective: maximum_growth"), "|1 - mean radius ratio / N^(1/3)| [B 7.1]"),
+        (("  rule", "  rule: moments"), "no moment up to 4 by more than 0.001"),
+        (("  rule", "  rule: standard_error"), "half the 95 % interval of the objective is at mos"),
+        (
+            ("  rule", "  rule: successive_difference\n  quantity: mean_radius"),
+            "radius by less",
+        ),
+        (("  engine", "  engine: adaptive"), "adaptive steps, 1e-06 to 0.001 s [B 6.14]"),
+        (("  end_time", "  end_time: 10 ms"), "end time: 0.01 s"),
+        (("search", "search: {rescale: {every: 4, factor: 0.5}}"), "every 4 generations shrunk by"),
+    ],
+)
+def test_the_description_says_how_it_would_run(edit: tuple[str, str], expected: str) -> None:
+    assert expected in campaign(edit).describe()

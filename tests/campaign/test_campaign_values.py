@@ -1,0 +1,214 @@
+"""Values are SI float64s, whatever units and short forms they are written in."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign_text import campaign, edited
+
+from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
+from agglom_mpi.variables import NAMES
+
+JOBS = Path(__file__).parents[2] / "jobs"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1 cm", 0.01),
+        ("0.01", 0.01),
+        ("7 um", 7e-6),
+        ("7 µm", 7e-6),
+        ("1e-2 m", 0.01),
+        ("2km", 2000.0),
+    ],
+)
+def test_lengths_are_converted_to_the_nearest_float(text: str, value: float) -> None:
+    assert campaign(("  half_width", f"  half_width: {text}")).scene.half_width == value
+
+
+@pytest.mark.parametrize(
+    ("begin", "text", "value"),
+    [
+        ("  temperature", "60 degC", 333.15),
+        ("  temperature", "60 °C", 333.15),
+        ("  activation_energy", "0.35 kJ/mol", 350.0),
+        ("  hardness: [", "67.188 MPa", 67.188e6),
+        ("  hardness: [", "67 N/mm^2", 67e6),
+        ("  friction: 0", "35 %", 0.35),
+        ("  density", "2.5 g/cm^3", 2500.0),
+        ("  heat_capacity", "1 kJ/kg/K", 1000.0),
+        ("  heat_capacity", "1 kJ/kg/degC", 1000.0),
+        ("  heat_capacity", "1e3", 1000.0),
+    ],
+)
+def test_variables_take_units(begin: str, text: str, value: float) -> None:
+    name = begin.split(":")[0].strip()
+    assert campaign((begin, f"  {name}: {text}")).variables.fixed[name] == value
+
+
+def test_short_and_long_forms_are_the_same() -> None:
+    short = campaign(("  friction: c", "  friction: constant"), ("  cooling", "  cooling:"))
+    long = campaign(("  friction: c", "  friction: {law: constant}"), ("  cooling", "  # none"))
+    assert short.scene == long.scene
+    assert long.scene.cooling.law == "none"
+
+
+def test_defaults_fill_what_is_left_out() -> None:
+    scene = campaign().scene
+    assert scene.escape == "periodic"
+    assert scene.fragmentation.law == "none"
+    assert scene.solver.law == "root"
+    assert campaign().search.blend == (0.0, 1.0)
+    assert campaign().output.file is None
+    assert campaign(("  rule", "  rule: standard_error")).ensemble.min_samples == 5
+
+
+def test_constant_restitution_has_a_constant_hardness_by_default() -> None:
+    scene = campaign(
+        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
+        ("  hardness: a", ""),
+        ("  hardness: [", ""),
+        ("  end_time", "  end_time: 1 ms"),
+    ).scene
+    assert scene.hardness.law == "constant"
+    assert scene.end_time == 1e-3
+
+
+def test_variables_are_arrays_in_the_canonical_order() -> None:
+    variables = campaign().variables
+    assert variables.searched == ("relative_speed", "size_ratio", "hardness")
+    assert variables.used == NAMES[:-1]
+    assert variables.lower[:4].tolist() == [0.1, 0.4, 6000.0, 1e7]
+    assert variables.upper[:4].tolist() == [30.0, 0.8, 6000.0, 2e8]
+    assert np.isnan(variables.lower[9])
+    assert np.isnan(variables.upper[9])
+    assert not variables.lower.flags.writeable
+
+
+def test_a_fixed_value_that_nothing_uses_is_ignored() -> None:
+    variables = campaign(("  reaction_heat", "  reaction_heat: 1\n  surface_energy: 5")).variables
+    assert variables.ignored == ("surface_energy",)
+    assert "surface_energy" not in variables.fixed
+
+
+def test_without_heating_only_a_softening_hardness_needs_a_temperature() -> None:
+    cold = (("  heating", "  heating: none"), ("  reaction: ", ""), ("  reaction_heat", ""))
+    assert campaign(*cold).variables.ignored == ("heat_capacity",)
+    hard = (("  hardness: a", "  hardness: constant"), *cold)
+    ignored = ("heat_capacity", "temperature", "activation_energy")
+    assert campaign(*hard).variables.ignored == ignored
+
+
+def test_parameters_fill_ranges_and_keep_fixed_values() -> None:
+    string = campaign().parameters({"hardness": "67 MPa", "density": 7000})
+    assert string.dtype == np.float64
+    assert string[:5].tolist() == [15.05, pytest.approx(0.6), 7000.0, 67e6, 1000.0]
+    assert np.isnan(string[9])
+    assert campaign().parameters(fill="upper")[0] == 30.0
+
+
+def test_parameters_may_lie_outside_the_search_box() -> None:
+    assert campaign().parameters({"relative_speed": np.float64(99)})[0] == 99.0
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"hardnes": 1.0}, "campaign.yaml: hardnes: unknown variable; did you mean 'hardness'?"),
+        ({"hardness": "1 K"}, "campaign.yaml: hardness: wrong unit: 'K' is temperature"),
+        ({"size_ratio": 0.9}, "campaign.yaml: size_ratio: is 0.9, a volume fraction of 0.382"),
+        ({"temperature": 0}, "campaign.yaml: temperature: is 0; must be above absolute zero"),
+        ({"density": float("nan")}, "campaign.yaml: density: is nan; must be a finite number"),
+    ],
+)
+def test_impossible_parameters_are_refused(values: dict[str, float | str], expected: str) -> None:
+    with pytest.raises(CampaignError) as caught:
+        campaign().parameters(values)
+    assert expected in str(caught.value)
+
+
+def test_a_parameter_vector_must_have_ten_numbers() -> None:
+    with pytest.raises(CampaignError, match=r"parameters: have the shape \(3,\)"):
+        campaign().simulate([1.0, 2.0, 3.0])
+
+
+def test_engines_have_short_names() -> None:
+    own = campaign()
+    assert own.engine(None) is own.scene.engine
+    assert own.engine("fixed") is own.scene.engine
+    assert own.engine("fixed:2000").model_dump() == {"law": "fixed", "steps": 2000}
+    adaptive = own.engine("adaptive")
+    assert adaptive.model_dump() == {"law": "adaptive", "floor": 1e-6, "ceiling": 1e-3}
+    assert own.engine(adaptive) is adaptive
+    other = campaign(("  engine", "  engine: {law: adaptive, floor: 2 us}"))
+    assert other.engine("fixed").model_dump() == {"law": "fixed", "steps": 200}
+    assert other.engine("adaptive") is other.scene.engine
+
+
+@pytest.mark.parametrize(
+    "text", ["", "fast", "fixed:", "fixed:0", "fixed:-3", "fixed:²", "adaptive:"]
+)
+def test_nonsense_engines_are_refused(text: str) -> None:
+    with pytest.raises(
+        CampaignError, match=r"engine: is .*; allowed: fixed, fixed:STEPS, adaptive"
+    ):
+        campaign().engine(text)
+
+
+def test_a_campaign_without_a_range_cannot_be_searched() -> None:
+    campaign().check_searchable()
+    fixed = campaign(
+        ("  relative_speed", "  relative_speed: 1"),
+        ("  size_ratio", "  size_ratio: 0.5"),
+        ("  hardness: [", "  hardness: 1e7"),
+    )
+    with pytest.raises(CampaignError, match=r"campaign\.yaml:16: variables: has no range"):
+        fixed.check_searchable()
+
+
+def test_more_generations_make_a_longer_campaign() -> None:
+    assert campaign().most_strings == 12 + 4 * 8
+    longer = campaign().with_generations(9)
+    assert longer.stopping.generations == 9
+    assert longer.most_strings == 12 + 8 * 8
+    with pytest.raises(CampaignError, match=r"stopping\.generations: is 0; must be at least 1"):
+        campaign().with_generations(0)
+
+
+@pytest.mark.parametrize("job", sorted(JOBS.glob("*.yaml")), ids=lambda job: job.stem)
+def test_every_job_loads_and_can_be_searched(job: Path) -> None:
+    loaded = load_campaign(job)
+    loaded.check_searchable()
+    assert Campaign.from_text(loaded.text).sha256() == loaded.sha256()
+
+
+def test_the_published_boxes_are_those_of_the_papers() -> None:
+    a = load_campaign(JOBS / "accretion_2003.yaml").variables
+    assert a.lower[:9].tolist() == [0.1, 0.4, 1e3, 1e7, 10, 0.01, 273.13, 10, 0]
+    assert a.upper[:9].tolist() == [30, 0.8, 1e4, 2e8, 1500, 0.5, 373.13, 1000, 1e7]
+    b = load_campaign(JOBS / "agglomeration_2004.yaml").variables
+    assert b.lower.tolist() == [20, 0.4, 1e3, 1e5, 200, 1e-3, 100, 100, 1e6, 1e15]
+    assert b.upper.tolist() == [200, 0.8, 1e4, 1e6, 2000, 1e-2, 1000, 1000, 1e7, 1e16]
+
+
+def modules_after(code: str) -> set[str]:
+    script = f"{code}\nimport sys; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(run.stdout.split())
+
+
+def test_plain_numbers_do_not_import_pint(tmp_path: Path) -> None:
+    file = tmp_path / "plain.yaml"
+    file.write_text(edited())
+    load = f"from agglom_mpi import load_campaign; c = load_campaign({str(file)!r}); c.describe()"
+    assert "pint" not in modules_after(load)
+    assert "pint" in modules_after(f"{load}; c.parameters({{'hardness': '1 MPa'}})")
+
+
+def test_loading_imports_nothing_heavy() -> None:
+    job = str(JOBS / "accretion_2003.yaml")
+    loaded = modules_after(f"from agglom_mpi import load_campaign; load_campaign({job!r})")
+    assert not loaded & {"numba", "h5py", "mpi4py", "pandas", "matplotlib"}

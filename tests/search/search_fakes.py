@@ -1,0 +1,47 @@
+"""Stand-ins for what surrounds a search: outcomes of samples and a box to search."""
+
+import numpy as np
+
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME
+from agglom_mpi.variables import COUNT
+
+PARTICLES = 100
+
+
+def completed(ratio, particles=PARTICLES, moments=(0.0, 0.0, 0.0)):
+    """Return the outcome of a sample that ended with so many particles of such radii."""
+    record = np.zeros((), OUTCOME)
+    record["state"] = COMPLETED
+    record["mean_radius_ratio"] = ratio
+    record["particles"] = particles
+    for order, moment in zip((2, 3, 4), moments, strict=True):
+        record[f"radius_moment_{order}"] = moment
+    return record[()]
+
+
+def of_radii(radii):
+    """Return the outcome of a sample that ended with these radii b/b⁰."""
+    away = radii - np.mean(radii)
+    moments = tuple(np.mean(away**order) for order in (2, 3, 4))
+    return completed(np.mean(radii), len(radii), moments)
+
+
+def failed():
+    """Return the outcome of a sample that failed."""
+    record = np.zeros((), OUTCOME)
+    record["state"] = FAILED
+    record["reason"] = 3
+    record["mean_radius_ratio"] = np.nan
+    return record[()]
+
+
+def papers_box():
+    """Return the box of paper A, with the surface energy unused."""
+    lower = np.array([0.1, 0.4, 1e3, 1e7, 10, 0.01, 273.13, 10, 0, np.nan])
+    upper = np.array([30, 0.8, 1e4, 2e8, 1500, 0.5, 373.13, 1000, 1e7, np.nan])
+    return SearchSpace(lower, upper)
+
+
+def unit_box():
+    return SearchSpace(np.zeros(COUNT), np.ones(COUNT))

@@ -1,0 +1,255 @@
+import hashlib
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from search_fakes import PARTICLES, completed, failed, unit_box
+
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.inversion import GENERATIONS_DONE, TARGET_REACHED, Inversion, Target
+from agglom_mpi.search.objectives import GrowthTarget
+from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
+
+SEED = 11
+
+
+def simulate(parameters, sample):
+    """Return what a rank would: a pure function of string and sample, noisy, failing at times."""
+    digest = hashlib.sha256(parameters.tobytes()).digest()[:8]
+    rng = np.random.default_rng([int.from_bytes(digest, "little"), sample])
+    if rng.random() < 0.03:
+        return failed()
+    return completed(1.0 + np.sum(parameters[:3]) * rng.normal(1.0, 0.1), rng.integers(1, 101))
+
+
+class Book:
+    """Write down all that is decided, the order within a generation left out."""
+
+    def __init__(self):
+        self.batches, self.results, self.summaries = [], {}, []
+
+    def proposed(self, batch, ids):
+        assert ids[0] == sum(len(earlier.parameters) for earlier, _ in self.batches)
+        self.batches.append((batch, ids))
+
+    def judged(self, string, result):
+        assert string not in self.results
+        self.results[string] = result
+
+    def generation_done(self, summary):
+        self.summaries.append(summary)
+
+    def text(self):
+        """Return every decision, with every bit of every number."""
+        with np.printoptions(threshold=10**9, floatmode="unique"):
+            return repr((self.batches, sorted(self.results.items()), self.summaries))
+
+
+def inversion(generations=4, target=None, restore=None, rule=None):
+    search = GeneticSearch(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
+    rule = rule or SuccessiveDifference(0.02)
+    book = Book()
+
+    def ensemble():
+        return Ensemble(rule, GrowthTarget(), PARTICLES, 2, 12)
+
+    return Inversion(search, ensemble, generations, target, restore, book), book
+
+
+def serve_in_order(process):
+    """Compute what is needed next, nothing else: a single rank."""
+    process.start()
+    while not process.finished:
+        string, progress = next(iter(process.live.items()))
+        outcome = simulate(process.parameters(string), progress.next_sample)
+        process.accept(string, progress.next_sample, outcome)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    process, book = inversion()
+    serve_in_order(process)
+    return book.text()
+
+
+def serve_at_random(process, chance, ahead, repeats):
+    """Start tasks in any order, run ahead, deliver late, in any order and more than once."""
+    process.start()
+    flying, started = [], set()
+    while not process.finished:
+        open_tasks = [
+            (string, sample)
+            for string, progress in process.live.items()
+            for sample in range(progress.next_sample, progress.next_sample + 1 + ahead)
+            if (string, sample) not in started
+        ]
+        if open_tasks and (not flying or chance.random() < 0.6):
+            task = chance.choice(open_tasks)
+            started.add(task)
+            flying.extend([task] * chance.randint(1, 1 + repeats))
+        else:
+            string, sample = flying.pop(chance.randrange(len(flying)))
+            process.accept(string, sample, simulate(process.parameters(string), sample))
+    for string, sample in flying:
+        process.accept(string, sample, simulate(process.parameters(string), sample))
+
+
+@given(st.integers(0, 2**32), st.integers(0, 30), st.integers(0, 2))
+@settings(max_examples=60, deadline=None)
+def test_decisions_do_not_depend_on_the_order_of_arrival(reference, seed, ahead, repeats):
+    process, book = inversion()
+    serve_at_random(process, random.Random(seed), ahead, repeats)
+    assert book.text() == reference
+
+
+def test_a_resume_may_hand_over_everything_before_the_start(reference):
+    process, book = inversion()
+    serve_in_order(process)
+    rows = [(string, sample) for string in book.results for sample in range(12)]
+    random.Random(3).shuffle(rows)
+    outcomes = {row: simulate(process.parameters(row[0]), row[1]) for row in rows}
+    resumed, replayed = inversion()
+    for row in rows:
+        resumed.accept(*row, outcomes[row])
+    assert not replayed.batches
+    resumed.start()
+    assert resumed.finished
+    assert replayed.text() == reference
+
+
+def test_a_partial_resume_goes_on_to_the_same_end(reference):
+    whole, _ = inversion()
+    serve_in_order(whole)
+    resumed, replayed = inversion()
+    for string in range(10):
+        for sample in range(0, 12, 2):
+            resumed.accept(string, sample, simulate(whole.parameters(string), sample))
+    serve_in_order(resumed)
+    assert replayed.text() == reference
+
+
+def test_evaluations_and_samples_are_counted():
+    process, book = inversion()
+    serve_in_order(process)
+    assert process.stop_reason == GENERATIONS_DONE
+    assert [summary.generation for summary in book.summaries] == [0, 1, 2, 3]
+    assert [summary.evaluations for summary in book.summaries] == [8, 14, 20, 26]
+    used = [sum(book.results[i].samples_used for i in range(n)) for n in (8, 14, 20, 26)]
+    assert [summary.samples_used for summary in book.summaries] == used
+    assert process.results == book.results
+
+
+def test_a_summary_shows_the_best_string_with_its_error_and_the_mean_of_the_parents():
+    process, book = inversion()
+    serve_in_order(process)
+    for summary in book.summaries:
+        ranked = sorted((book.results[i].objective, i) for i in summary.population.tolist())
+        assert (summary.objective, summary.best) == ranked[0]
+        assert summary.standard_error == book.results[summary.best].standard_error
+        assert summary.mean_of_top == (ranked[0][0] + ranked[1][0]) / 2
+
+
+def test_a_generation_is_stored_before_it_can_be_dispatched():
+    process, book = inversion()
+    seen = []
+    book.proposed = lambda batch, ids: seen.append((len(ids), list(process.live)))
+    assert not process.live
+    process.start()
+    assert seen == [(8, [])]
+    assert list(process.live) == list(range(8))
+
+
+def test_live_strings_show_what_is_judged_and_the_most_there_can_be():
+    process, _ = inversion(rule=StandardError(1e-9))
+    process.start()
+    assert set(process.live.values()) == {(0, 12)}
+    process.accept(3, 1, completed(2.0))
+    assert process.live[3] == (0, 12)
+    process.accept(3, 0, completed(2.0))
+    assert process.live[3] == (2, 12)
+
+
+def test_the_first_copy_of_a_sample_wins():
+    process, _ = inversion(rule=StandardError(1e-9))
+    process.start()
+    for sample, ratio in ((1, 2.0), (1, 9.0), (0, 2.0), (0, 9.0), (1, 9.0)):
+        process.accept(0, sample, completed(ratio))
+    for sample in range(2, 5):
+        process.accept(0, sample, completed(2.0))
+    assert process.results[0].mean_radius_ratio == 2.0
+
+
+def test_samples_after_the_end_of_an_ensemble_are_not_used():
+    process, book = inversion()
+    process.start()
+    for sample in (5, 4, 3, 2, 1, 0):
+        process.accept(0, sample, completed(2.5 if sample < 2 else 9.0))
+    assert book.results[0].samples_used == 2
+    assert book.results[0].objective == 0.25
+    process.accept(0, 6, completed(9.0))
+    assert book.results[0].samples_used == 2
+
+
+def test_the_mean_of_the_best_strings_stops_a_campaign_at_its_target():
+    whole, book = inversion(generations=30)
+    serve_in_order(whole)
+    means = [summary.mean_of_top for summary in book.summaries]
+    wanted = means[9]
+    process, short = inversion(generations=30, target=Target(2, wanted))
+    serve_in_order(process)
+    reached = next(i for i, mean in enumerate(means) if mean <= wanted)
+    assert process.stop_reason == TARGET_REACHED
+    assert len(short.summaries) == reached + 1
+    assert not process.live
+
+
+def test_more_generations_begin_with_the_same_ones():
+    short, long = inversion(generations=3), inversion(generations=5)
+    for process, _ in (short, long):
+        serve_in_order(process)
+    assert repr(long[1].summaries[:3]) == repr(short[1].summaries)
+
+
+def test_a_resume_goes_by_the_stored_strings_not_by_the_proposed_ones():
+    moved = 1e-9
+    calls = []
+
+    def restore(batch, first):
+        calls.append((batch.generation, first))
+        return batch._replace(parameters=np.clip(batch.parameters + moved, 0, 1))
+
+    process, book = inversion(restore=restore)
+    serve_in_order(process)
+    assert calls == [(0, 0), (1, 8), (2, 14), (3, 20)]
+    original, _ = inversion()
+    original.start()
+    stored = np.clip(original.parameters(0) + moved, 0, 1)
+    assert np.array_equal(process.parameters(0), stored)
+    told = {
+        int(string): parameters
+        for batch, ids in book.batches
+        for string, parameters in zip(ids, batch.parameters, strict=True)
+    }
+    # Offspring must descend from the stored strings: between both, moved once more themselves.
+    batch, _ = book.batches[1]
+    for child, (one, other) in zip(batch.parameters[:2], batch.parents[:2], strict=True):
+        a, b = told[int(one)], told[int(other)]
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        slack = 4 * np.finfo(float).eps
+        assert np.all(child >= np.minimum(low + moved, 1) - slack)
+        assert np.all(child <= np.minimum(high + moved, 1) + slack)
+
+
+def test_a_campaign_in_which_everything_fails_still_ends():
+    process, book = inversion(generations=2)
+    process.start()
+    while not process.finished:
+        string, progress = next(iter(process.live.items()))
+        process.accept(string, progress.next_sample, failed())
+    assert process.stop_reason == GENERATIONS_DONE
+    assert all(result.objective == np.inf for result in book.results.values())
+    assert book.summaries[-1].objective == np.inf
+    assert book.summaries[-1].best == 0

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agglom_mpi.search.running import PooledMoments, RunningMean
+
+numbers = st.floats(-100, 100)
+groups = st.lists(st.lists(numbers, min_size=1, max_size=12), min_size=1, max_size=12)
+
+
+@given(st.lists(numbers, min_size=2, max_size=60))
+def test_running_mean_and_error_are_those_of_all_values(values):
+    running = RunningMean()
+    for value in values:
+        running.add(value)
+    # Each step rounds a few times at the size of the values, 100; their squared deviations are
+    # at most 200 times as large as the deviations.
+    slack = 4 * len(values) * np.finfo(float).eps * 100
+    assert running.count == len(values)
+    assert running.mean == pytest.approx(np.mean(values), rel=0, abs=slack)
+    variance = running.standard_error**2 * len(values)
+    assert variance == pytest.approx(np.var(values, ddof=1), rel=0, abs=200 * slack)
+
+
+def test_a_running_mean_of_equal_values_is_exact_and_without_error():
+    running = RunningMean()
+    for _ in range(50):
+        running.add(0.1)
+    assert running.mean == 0.1
+    assert running.standard_error == 0.0
+
+
+def test_running_errors_survive_a_large_offset():
+    running = RunningMean()
+    for value in (1e9 + 4, 1e9 + 7, 1e9 + 13, 1e9 + 16):
+        running.add(value)
+    assert running.standard_error**2 * 4 == pytest.approx(30.0, rel=1e-12)
+
+
+def test_nothing_and_one_value_have_no_standard_error():
+    running = RunningMean()
+    assert np.isnan(running.mean)
+    running.add(3.0)
+    assert running.mean == 3.0
+    assert np.isnan(running.standard_error)
+
+
+@given(groups)
+def test_pooled_moments_are_those_of_all_members_together(members):
+    pooled = PooledMoments()
+    for group in members:
+        away = np.array(group) - np.mean(group)
+        moments = tuple(float(np.mean(away**order)) for order in (2, 3, 4))
+        pooled.add(len(group), float(np.mean(group)), moments)
+    everyone = np.concatenate(members)
+    away = everyone - np.mean(everyone)
+    assert pooled.count == everyone.size
+    # Deviations are at most 200; each of at most 144 members and 12 groups rounds a few times.
+    slack = 1000 * np.finfo(float).eps
+    assert pooled.mean == pytest.approx(np.mean(everyone), rel=0, abs=slack * 100)
+    for order, moment in zip((2, 3, 4), pooled.central, strict=True):
+        assert moment == pytest.approx(np.mean(away**order), rel=0, abs=slack * 200.0**order)
+
+
+def test_groups_of_equal_members_have_moments_of_exactly_zero():
+    pooled = PooledMoments()
+    for count in (100, 37, 1):
+        pooled.add(count, 1.0, (0.0, 0.0, 0.0))
+    assert pooled.central == (0.0, 0.0, 0.0)

@@ -1,0 +1,165 @@
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from search_fakes import PARTICLES, completed, of_radii
+
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference, make_rule
+
+
+def samples_until_end(rule, outcomes, objective, min_samples=2):
+    """Feed an ensemble and return after how many samples it ends, None if it does not."""
+    ensemble = Ensemble(rule, objective, PARTICLES, min_samples, max_samples=10**6)
+    for count, outcome in enumerate(outcomes, 1):
+        ensemble.add(outcome)
+        if ensemble.finished:
+            return count
+    return None
+
+
+def first_settled(means, tolerance):
+    """Return the first E + 1 with |m(E+1) - m(E)| <= TOL |m(E+1)|, straight from [A 27]."""
+    for count, (before, after) in enumerate(itertools.pairwise(means), 2):
+        if abs(after - before) <= tolerance * abs(after):
+            return count
+    return None
+
+
+def running_means(values):
+    return [float(np.mean(values[:count])) for count in range(1, len(values) + 1)]
+
+
+def test_a_harmonic_series_stops_where_its_steps_fall_below_the_tolerance():
+    # Samples 1, 2, 3, … have means (E+1)/2: successive difference 1/2, relative 1/(E+2), so
+    # that it first is below 1/10.5 at E + 2 = 11.
+    outcomes = [completed(float(ratio)) for ratio in range(1, 40)]
+    rule = SuccessiveDifference(1 / 10.5, "mean_radius")
+    assert samples_until_end(rule, outcomes, GrowthTarget()) == 10
+
+
+def test_a_sample_that_hits_the_mean_stops_by_luck():
+    outcomes = [completed(ratio) for ratio in (1.0, 3.0, 2.0, 5.0)]
+    rule = SuccessiveDifference(1e-9, "mean_radius")
+    assert samples_until_end(rule, outcomes, GrowthTarget()) == 3
+
+
+def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
+    outcomes = [completed(ratio) for ratio in (2.5, 2.4, 2.4, 2.4, 2.4, 2.4)]
+    radius = SuccessiveDifference(0.03, "mean_radius")
+    objective = SuccessiveDifference(0.03, "objective")
+    # Means 2.5, 2.45, 2.433, 2.425, …; misses of 2 (doubled) 0.5, 0.45, 0.433, 0.425, …
+    assert samples_until_end(radius, outcomes, GrowthTarget(2.0)) == 2
+    assert samples_until_end(objective, outcomes, GrowthTarget(2.0)) == 4
+
+
+@given(
+    st.lists(st.floats(1.0, 4.0), min_size=1, max_size=40),
+    st.sampled_from([0.1, 0.01, 0.001]),
+    st.sampled_from(["mean_radius", "objective"]),
+)
+def test_successive_differences_stop_where_the_printed_formula_does(ratios, tolerance, quantity):
+    objective = MaximumGrowth(PARTICLES)
+    values = ratios if quantity == "mean_radius" else [objective.of_sample(r) for r in ratios]
+    means = running_means(values)
+    margins = [abs(b - a) - tolerance * abs(b) for a, b in itertools.pairwise(means)]
+    # Two roundings of the means may disagree only where the formula is undecided to their size.
+    if any(0 < abs(margin) < 1e-12 for margin in margins):
+        return
+    rule = SuccessiveDifference(tolerance, quantity)
+    outcomes = [completed(ratio) for ratio in ratios]
+    assert samples_until_end(rule, outcomes, objective) == first_settled(means, tolerance)
+
+
+def test_an_objective_that_stays_at_zero_has_settled():
+    outcomes = [completed(2.0)] * 3
+    assert samples_until_end(SuccessiveDifference(1e-5), outcomes, GrowthTarget(2.0)) == 2
+
+
+def test_the_least_number_of_samples_holds_the_rule_back():
+    outcomes = [completed(1.5)] * 9
+    rule = SuccessiveDifference(1e-5)
+    assert samples_until_end(rule, outcomes, GrowthTarget(), min_samples=7) == 7
+
+
+def random_radii(seed, count):
+    rng = np.random.default_rng(seed)
+    return [1.0 + rng.exponential(0.5, rng.integers(5, 40)) for _ in range(count)]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("tolerance", [0.05, 0.01])
+def test_moments_stop_where_those_of_all_particles_settle(order, tolerance):
+    samples = random_radii(order, 400)
+    moments = []
+    for count in range(1, len(samples) + 1):
+        everyone = np.concatenate(samples[:count])
+        away = everyone - np.mean(everyone)
+        mean = np.mean([np.mean(radii) for radii in samples[:count]])
+        moments.append([mean, *(np.mean(away**r) for r in (2, 3, 4))][:order])
+    direct = next(
+        count
+        for count, (a, b) in enumerate(itertools.pairwise(np.array(moments)), 2)
+        if np.all(abs(b - a) <= tolerance * abs(b))
+    )
+    outcomes = [of_radii(radii) for radii in samples]
+    assert samples_until_end(Moments(tolerance, order), outcomes, GrowthTarget()) == direct
+
+
+def test_higher_orders_never_stop_earlier():
+    outcomes = [of_radii(radii) for radii in random_radii(7, 400)]
+    ends = [samples_until_end(Moments(0.01, r), outcomes, GrowthTarget()) for r in (1, 2, 3, 4)]
+    assert ends == sorted(ends)
+    assert ends[0] < ends[3]
+
+
+def test_moments_that_are_zero_both_times_have_settled():
+    outcomes = [of_radii(np.ones(100))] * 3
+    assert samples_until_end(Moments(1e-5, 4), outcomes, GrowthTarget()) == 2
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.05, 0.02])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_standard_error_rule_stops_at_the_first_narrow_interval(seed, tolerance):
+    ratios = np.random.default_rng(seed).normal(2.5, 0.2, 500)
+    for objective, values in (
+        (GrowthTarget(2.0), ratios / 2.0),
+        (MaximumGrowth(PARTICLES), 1 - ratios / np.cbrt(PARTICLES)),
+    ):
+        half_widths = {
+            count: stats.t.ppf(0.975, count - 1) * stats.sem(values[:count])
+            for count in range(5, 501)
+        }
+        direct = next(count for count, half in half_widths.items() if half <= tolerance)
+        outcomes = [completed(ratio) for ratio in ratios]
+        assert samples_until_end(StandardError(tolerance), outcomes, objective) == direct
+
+
+def test_the_standard_error_rule_waits_for_its_least_number():
+    outcomes = [completed(2.5)] * 9
+    assert samples_until_end(StandardError(0.1), outcomes, GrowthTarget()) == 5
+    assert samples_until_end(StandardError(0.1, 3), outcomes, GrowthTarget()) == 3
+    with pytest.raises(ValueError, match="at least 3"):
+        StandardError(0.1, 2)
+
+
+def test_rules_that_mean_nothing_are_refused():
+    with pytest.raises(ValueError, match="order"):
+        Moments(0.1, 5)
+    with pytest.raises(ValueError, match="quantity"):
+        SuccessiveDifference(0.1, "median")
+
+
+def test_a_campaign_names_its_rule():
+    published = SimpleNamespace(rule="successive_difference", tolerance=1e-5, quantity="objective")
+    assert make_rule(published) == SuccessiveDifference(1e-5, "objective")
+    assert make_rule(SimpleNamespace(rule="moments", tolerance=1e-3, order=3)) == Moments(1e-3, 3)
+    error = SimpleNamespace(rule="standard_error", tolerance=0.01, min_samples=6)
+    assert make_rule(error) == StandardError(0.01, 6)
+    with pytest.raises(ValueError, match="unknown stopping rule"):
+        make_rule(SimpleNamespace(rule="racing"))
