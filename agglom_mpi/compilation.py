@@ -74,7 +74,9 @@ def kernel(function: F) -> F:
 
 def stage(function: F) -> F:
     """Compile a function that only kernels call, which saves the code to call it from Python."""
-    compiled: F = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS)(function)
+    compiled: F = numba.njit(
+        no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, **_OPTIONS
+    )(function)
     return compiled
 
 

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.farm.messages import FAILED_SAMPLE, FAILURE, MOST_TASKS, RESULT, RESULTS, STOP, TASKS
+from agglom_mpi.farm.messages import (
+    FAILED_SAMPLE,
+    FAILURE,
+    MOST_TASKS,
+    RESULT,
+    RESULTS,
+    STOP,
+    TASKS,
+)
 from agglom_mpi.farm.simulator import Simulator, SimulatorThread
 
 if TYPE_CHECKING:

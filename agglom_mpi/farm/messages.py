@@ -34,5 +34,7 @@ def failed_sample(string: int, sample: int, rank: int, text: str) -> np.ndarray:
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["host"] = socket.gethostname().encode()[:64]
-    record["text"] = text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
+    record["text"] = (
+        text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
+    )
     return record

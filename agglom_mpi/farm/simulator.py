@@ -108,5 +108,5 @@ class SimulatorThread:
                 else:
                     failures = [failure for _, failure in pairs if failure is not None]
                     self._results.put((np.concatenate([result for result, _ in pairs]), failures))
-        except BaseException as error:  # noqa: BLE001 - it is raised again in the main thread
+        except BaseException as error:
             self._results.put(error)

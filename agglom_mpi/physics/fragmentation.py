@@ -37,7 +37,7 @@ def breakage(
 
 @stage
 def equal_pieces(surface_energy: float, absorbed: float, radius: float, grains: int) -> Breakage:
-    """n = floor((1 + δK/(4πγb₀²))³) pieces, at most the grains it has, taking 4πγb₀²(n^⅓ − 1).
+    """N = floor((1 + δK/(4πγb₀²))³) pieces, at most the grains it has, taking 4πγb₀²(n^⅓ − 1).
 
     [B 5.1–5.3]; after the floor the pieces have radius b₀ n^(−1/3).
     """

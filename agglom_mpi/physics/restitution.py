@@ -86,7 +86,7 @@ def hottest(laws: ImpactLaws, pair: Encounter, heats: tuple[float, float], defic
 
 @stage
 def log_pressure_scale(laws: ImpactLaws, pair: Encounter) -> float:
-    """ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
+    """Ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
     strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.base
     force = force_scale(laws.duration, pair)
     if force <= 0.0:
@@ -96,7 +96,7 @@ def log_pressure_scale(laws: ImpactLaws, pair: Encounter) -> float:
 
 @stage
 def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: float) -> float:
-    """ln r from ln X, the temperature after the impact in K, and the deficit; +inf at area 0."""
+    """Ln r from ln X, the temperature after the impact in K, and the deficit; +inf at area 0."""
     area = area_fraction(laws.contact_area, deficit)
     if area <= 0.0:
         return math.inf
@@ -106,7 +106,7 @@ def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: f
 
 @stage
 def log_pressure_ratio(laws: ImpactLaws, pair: Encounter, scale: float, deficit: float) -> float:
-    """ln r(d): pressure of an impact with this deficit over twice its hardness; r(1) ≥ 1 bonds."""
+    """Ln r(d): pressure of an impact with this deficit over twice its hardness; r(1) ≥ 1 bonds."""
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
     return log_bracketed(laws, scale, hottest(laws, pair, heats, deficit), deficit)
 

@@ -76,7 +76,7 @@ def lower_bracket(laws: ImpactLaws, pair: Encounter, scale: float, start: float)
 
 @stage
 def unique_root(laws: ImpactLaws, pair: Encounter, scale: float, plastic: float) -> float:
-    """ln d of the only root, by Chandrupatla's bracketing method.
+    """Ln d of the only root, by Chandrupatla's bracketing method.
 
     T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145–149: inverse quadratic interpolation where
     it is safe, bisection elsewhere. `plastic` = ln r(1) < 0.
@@ -118,7 +118,7 @@ def interpolation_fraction(a: float, b: float, c: float, fa: float, fb: float, f
 
 @stage
 def walk_to_root(laws: ImpactLaws, pair: Encounter, scale: float) -> tuple[float, bool]:
-    """ln d of the largest root in d, and whether the step cap ended the walk.
+    """Ln d of the largest root in d, and whether the step cap ended the walk.
 
     Steps down in ln d from 0; a step is taken only if a bound of r over it proves that it holds no
     root, so none is jumped over however many there are or however nearly they touch.

@@ -1,7 +1,5 @@
 """The question every engine answers."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from agglom_mpi.compilation import Submodel, question

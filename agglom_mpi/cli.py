@@ -1,0 +1,206 @@
+"""The commands `agglom-invert` and `agglom`; each imports only what it needs."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from agglom_mpi import __version__
+
+BAD_INPUT = 2
+STOPPED = 75
+
+
+def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    """Read `90`, `90s`, `30m`, `2h`, `1:30:00` or Slurm's `1-12:00:00`."""
+    if text is None:
+        return None
+    try:
+        days, _, clock = text.rpartition("-")
+        if ":" in clock:
+            parts = [float(part) for part in clock.split(":")]
+            seconds = sum(part * 60.0**power for power, part in enumerate(reversed(parts)))
+        else:
+            scale = {"s": 1.0, "m": 60.0, "h": 3600.0}.get(clock[-1:], 0.0)
+            seconds = float(clock[:-1]) * scale if scale else float(clock)
+        seconds += 86400.0 * float(days or 0)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 < seconds < float("inf"):
+        raise click.BadParameter(
+            f"{text!r} is no duration; allowed: 90, 90s, 30m, 2h, 1:30:00, 1-12:00:00"
+        )
+    return seconds
+
+
+def _finish(run: Callable[[], int]) -> int:
+    """Turn mistakes of the user's into one message on standard error and exit code 2."""
+    from agglom_mpi.campaign import CampaignError
+    from agglom_mpi.database.access import NotACampaign
+
+    try:
+        return run()
+    except (CampaignError, NotACampaign, FileNotFoundError) as error:
+        click.echo(str(error), err=True)
+        return BAD_INPUT
+
+
+@click.command(
+    "agglom-invert",
+    epilog="Example:  mpirun -n 2 agglom-invert jobs/accretion_2003.yaml",
+    context_settings={"max_content_width": 100},
+)
+@click.argument("campaign")
+@click.option(
+    "--output", "-o", metavar="FILE.h5", help="Campaign file [default: CAMPAIGN's stem.h5]."
+)
+@click.option("--generations", type=click.IntRange(1), help="Instead of the campaign's own number.")
+@click.option(
+    "--max-walltime",
+    callback=_seconds,
+    metavar="TIME",
+    help="Stop cleanly after this long (90, 30m, 2h, 1:30:00); run again to go on.",
+)
+@click.option("--quiet", "-q", is_flag=True, help="Show nothing but errors.")
+@click.option(
+    "--accept-code-change",
+    is_flag=True,
+    help="Continue a file that other simulation sources computed.",
+)
+@click.version_option(__version__)
+def invert_command(**options: Any) -> int:
+    """Run the inversion that CAMPAIGN (a YAML file) describes, or continue it.
+
+    Started by mpirun it uses all ranks; without, this process. Exit codes: 0 finished, 2 bad input,
+    75 stopped early (signal or --max-walltime; run the same command again), 1 anything else.
+    """
+    from agglom_mpi.farm.launch import LaunchError, connect, is_first_rank
+
+    try:
+        world = connect()
+    except LaunchError as error:
+        if is_first_rank():
+            click.echo(str(error), err=True)
+        return BAD_INPUT
+    from agglom_mpi.farm.run import Options, invert
+
+    return invert(Options(**options), world)
+
+
+def invert() -> None:
+    """Run `agglom-invert`; under MPI only the first rank shows usage errors."""
+    from agglom_mpi.farm.launch import is_first_rank
+
+    try:
+        code = invert_command(standalone_mode=False)
+    except click.ClickException as error:
+        if is_first_rank():
+            error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted; run the same command again to go on", err=True)
+        code = STOPPED
+    except OSError as error:
+        click.echo(f"agglom-invert: {error}", err=True)
+        code = 1
+    sys.exit(code)
+
+
+@click.group(context_settings={"max_content_width": 100})
+@click.version_option(__version__)
+def main() -> None:
+    """Look at campaigns and campaign files, and simulate single strings."""
+
+
+@main.command(epilog="Example:  agglom check jobs/quickstart.yaml")
+@click.argument("campaign")
+def check(campaign: str) -> None:
+    """Validate CAMPAIGN.yaml and print what would run."""
+
+    def run() -> int:
+        from agglom_mpi.campaign import load_campaign
+
+        loaded = load_campaign(campaign)
+        loaded.check_searchable()
+        click.echo(loaded.describe())
+        return 0
+
+    sys.exit(_finish(run))
+
+
+@main.command(epilog="Example:  agglom report accretion_2003.h5")
+@click.argument("file")
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+def report(file: str, as_json: bool) -> None:
+    """Print the best strings of a campaign FILE.h5, also while it is being written."""
+
+    def run() -> int:
+        from agglom_mpi.database.reader import open_campaign
+        from agglom_mpi.report.summary import as_text, collect_summary, summarise
+
+        opened = open_campaign(file)
+        if as_json:
+            click.echo(as_text(collect_summary(opened)))
+        else:
+            from agglom_mpi.report.display import print_wide
+
+            print_wide(summarise(opened))
+        return 0
+
+    sys.exit(_finish(run))
+
+
+@main.command(
+    epilog="Examples:  agglom simulate jobs/accretion_2003.yaml --set density=6000 --samples 100   "
+    "agglom simulate accretion_2003.h5 --string 42 --sample 17"
+)
+@click.argument("source")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A variable, with or without unit.",
+)
+@click.option(
+    "--samples", type=click.IntRange(1), default=10, show_default=True, help="Samples to average."
+)
+@click.option("--engine", help="fixed, fixed:STEPS or adaptive, instead of the scene's own.")
+@click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
+@click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
+@click.option("--json", "as_json", is_flag=True, help="For machines.")
+def simulate(
+    source: str,
+    settings: tuple[str, ...],
+    samples: int,
+    engine: str | None,
+    string: int | None,
+    sample: int | None,
+    as_json: bool,
+) -> None:
+    """Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in FILE.h5.
+
+    Variables that are ranges and not --set take the middle of their range.
+    """
+
+    def run() -> int:
+        from agglom_mpi.report.forward import Request, forward
+
+        request = Request(Path(source), _assignments(settings), samples, engine, string, sample)
+        text, code = forward(request, as_json)
+        click.echo(text)
+        return code
+
+    sys.exit(_finish(run))
+
+
+def _assignments(settings: tuple[str, ...]) -> dict[str, str]:
+    values = {}
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{setting!r} is not NAME=VALUE", param_hint="--set")
+        values[name.strip()] = value.strip()
+    return values

@@ -1,0 +1,138 @@
+"""The books of a run: everything decided goes to the campaign file, and to whoever watches."""
+
+import time
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary
+from agglom_mpi.variables import NAMES
+
+
+class Watcher(Protocol):
+    """Somebody who is shown how a run goes."""
+
+    def generation(self, summary: GenerationSummary, samples: int, rate: float) -> None:
+        """Show a finished generation: samples simulated so far and samples/s of this leg."""
+
+    def tick(self, samples: int, rate: float, busy: float, live: int) -> None:
+        """Show that time passes: rate in samples/s, busy share of the ranks, strings still open."""
+
+    def message(self, text: str) -> None:
+        """Show one line."""
+
+
+class Stored:
+    """What earlier legs left in a campaign file, read once at the start."""
+
+    def __init__(self, file: CampaignFile) -> None:
+        strings = file.string_rows()
+        self.parameters = {
+            int(row["string"]): np.array([row[name] for name in NAMES]) for row in strings
+        }
+        self.results = {int(row["string"]) for row in file.result_rows()}
+        self.generations = {int(row["generation"]) for row in file.generation_rows()}
+        self.samples = file.all_sample_rows()
+        self.seconds = _seconds_of_legs(file)
+
+    def restore(self, batch: Batch, first: int) -> Batch:
+        """Replace proposals by what is stored of them, bit for bit."""
+        parameters = batch.parameters.copy()
+        for row in range(len(parameters)):
+            if first + row in self.parameters:
+                parameters[row] = self.parameters[first + row]
+        return batch._replace(parameters=parameters)
+
+
+def _seconds_of_legs(file: CampaignFile) -> float:
+    """Wall-clock time of all earlier legs; of a killed one up to its last generation."""
+    legs = file.legs()
+    whole = float(np.nansum(legs["stopped"] - legs["started"]))
+    generations = file.generation_rows()
+    return max(whole, float(generations["seconds"].max()) if len(generations) else 0.0)
+
+
+class Books:
+    """Observer of the inversion: stores what it decides, once, and shows it.
+
+    Parameters
+    ----------
+    writer
+        Of the campaign file.
+    stored
+        What the file holds already, and is not written again.
+    watcher
+        Shown every generation.
+    top
+        Number of strings in the mean of the best.
+    """
+
+    def __init__(self, writer: CampaignWriter, stored: Stored, watcher: Watcher, top: int) -> None:
+        self.samples = 0
+        self.busy_seconds = 0.0
+        self.failures = 0
+        self.begun = time.monotonic()
+        self._writer = writer
+        self._stored = stored
+        self._watcher = watcher
+        self._top = top
+
+    @property
+    def rate(self) -> float:
+        """Samples per second of this leg."""
+        return self.samples / max(1e-9, time.monotonic() - self.begun)
+
+    @property
+    def seconds(self) -> float:
+        """Wall-clock seconds of all legs."""
+        return self._stored.seconds + time.monotonic() - self.begun
+
+    def simulated(self, results: NDArray[np.void]) -> None:
+        """Store the samples of one batch."""
+        self._writer.put_samples(results)
+        self.samples += len(results)
+        self.busy_seconds += float(results["seconds"].sum())
+
+    def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Store new strings before any of their samples is handed out."""
+        new = np.array([int(string) not in self._stored.parameters for string in ids])
+        if not new.all() and new.any():
+            new[:] = True
+        if new.any():
+            self._writer.put_strings(
+                int(ids[0]),
+                batch.generation,
+                batch.slot,
+                batch.origin,
+                batch.parents,
+                batch.parameters,
+            )
+
+    def judged(self, string: int, result: EnsembleResult) -> None:
+        """Store the result of a string."""
+        if string not in self._stored.results:
+            self._writer.put_result(string, **result._asdict())
+
+    def generation_done(self, summary: GenerationSummary) -> None:
+        """Store a generation, and wait until it is on the disc."""
+        if summary.generation in self._stored.generations:
+            return
+        simulated = len(self._stored.samples) + self.samples
+        self._writer.put_generation(
+            summary.generation,
+            best_string=summary.best,
+            best_objective=summary.objective,
+            best_standard_error=summary.standard_error,
+            mean_of_top=summary.mean_of_top,
+            top=self._top,
+            evaluations=summary.evaluations,
+            samples_used=summary.samples_used,
+            samples_simulated=simulated,
+            seconds=self.seconds,
+            population=summary.population,
+        )
+        self._writer.sync()
+        self._watcher.generation(summary, simulated, self.rate)

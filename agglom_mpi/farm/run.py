@@ -1,0 +1,172 @@
+"""A whole run, from the command line's options to the exit code, on every rank."""
+
+import sys
+import time
+import traceback
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
+from agglom_mpi.database.access import NotACampaign
+from agglom_mpi.database.lock import CampaignInUse, CampaignLock
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.clock import StopRequest, ignore_signals
+from agglom_mpi.farm.crew import Crew
+from agglom_mpi.farm.launch import warms_first
+from agglom_mpi.farm.master import BAD_INPUT, FINISHED, End, Master
+from agglom_mpi.farm.simulator import Simulator
+from agglom_mpi.farm.store import StoreError, leg_fields, output_path, prepare
+from agglom_mpi.farm.worker import work
+from agglom_mpi.report.display import Display
+from agglom_mpi.report.summary import summarise
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+MISTAKES = (CampaignError, StoreError, NotACampaign, CampaignInUse)
+"""Errors of the user's: one message and exit code 2."""
+
+
+class Options(NamedTuple):
+    """What `agglom-invert` was asked for."""
+
+    campaign: str
+    output: str | None = None
+    generations: int | None = None
+    max_walltime: float | None = None
+    quiet: bool = False
+    accept_code_change: bool = False
+
+
+def invert(options: Options, world: "Intracomm | None") -> int:
+    """Run a campaign on all ranks; the exit code. Any other error ends the whole job."""
+    try:
+        if world is not None and world.rank > 0:
+            return follow(world)
+        return lead(options, world)
+    except BaseException:
+        if world is None:
+            raise
+        print(f"rank {world.rank}:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        world.Abort(1)
+        raise
+
+
+def follow(world: "Intracomm") -> int:
+    """Be a worker."""
+    ignore_signals()
+    code, text, name = world.bcast(None, root=0)
+    if code is not None:
+        return int(code)
+    campaign = Campaign.from_text(text, name)
+    simulator = Simulator(campaign, world.rank)
+    warm_up(simulator, campaign, world)
+    return work(world, simulator)
+
+
+def tell(world: "Intracomm | None", code: int | None, campaign: Campaign | None = None) -> None:
+    """Let the workers begin, or go home with an exit code before anything began."""
+    if world is not None:
+        known = (campaign.text, campaign.name) if campaign is not None else ("", "")
+        world.bcast((code, *known), root=0)
+
+
+def lead(options: Options, world: "Intracomm | None") -> int:
+    """Be rank 0."""
+    display = Display(options.quiet)
+    stop = StopRequest(options.max_walltime)
+    stop.listen()
+    with ExitStack() as stack:
+        try:
+            campaign, path = read_campaign(options)
+            stack.enter_context(CampaignLock(path))
+            file = prepare(path, campaign, options.accept_code_change)
+            writer = stack.enter_context(CampaignWriter(path))
+        except MISTAKES as error:
+            display.error(str(error))
+            tell(world, BAD_INPUT)
+            return BAD_INPUT
+        master = Master(campaign, file, writer, display)
+        if master.replay():
+            tell(world, FINISHED)
+            display.message(f"{path} is finished already: nothing to do")
+        else:
+            tell(world, None, campaign)
+            end = run_leg(campaign, path, writer, master, display, stop, world)
+            if end.code != FINISHED:
+                display.message(f"stopped: {end.reason}; everything simulated so far is in {path}")
+                return end.code
+    if not options.quiet:
+        display.table(summarise(open_campaign(path)))
+    return FINISHED
+
+
+def read_campaign(options: Options) -> tuple[Campaign, Path]:
+    """Campaign and output file that the options name; raises the user's mistakes."""
+    campaign = load_campaign(options.campaign)
+    if options.generations is not None:
+        campaign = campaign.with_generations(options.generations)
+    campaign.check_searchable()
+    return campaign, output_path(campaign, options.output)
+
+
+def run_leg(
+    campaign: Campaign,
+    path: Path,
+    writer: CampaignWriter,
+    master: Master,
+    display: Display,
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> End:
+    """Simulate on all ranks, and record this start and stop of the program."""
+    ranks = 1 if world is None else world.size
+    display.begin(campaign, str(path), ranks, master.inversion)
+    simulator = Simulator(campaign, 0)
+    warm_up(simulator, campaign, world)
+    leg = writer.begin_leg(**leg_fields(ranks, mpi_version(world)))
+    writer.set_status("running")
+    crew = Crew(simulator, world)
+    with display:
+        end = master.run(crew, stop)
+    crew.dismiss(end.code)
+    writer.end_leg(
+        leg,
+        stopped=time.time(),
+        exit_code=end.code,
+        samples=master.books.samples,
+        busy_seconds=master.books.busy_seconds,
+    )
+    writer.set_status(end.state, end.reason)
+    writer.sync()
+    return end
+
+
+def warm_up(simulator: Simulator, campaign: Campaign, world: "Intracomm | None") -> None:
+    """Compile on one rank of each node, then let the others load what it compiled."""
+    parameters = campaign.parameters()
+    if world is None:
+        simulator.warm_up(parameters)
+        return
+    if warms_first(world.rank):
+        simulator.warm_up(parameters)
+    wait(world.Ibarrier())
+    if not warms_first(world.rank):
+        simulator.warm_up(parameters)
+
+
+def wait(request: Any) -> None:
+    """Wait for an MPI request without burning a core."""
+    while not request.Test():
+        time.sleep(0.002)
+
+
+def mpi_version(world: "Intracomm | None") -> str:
+    """Name and version of the MPI library; empty for a plain run."""
+    if world is None:
+        return ""
+    from mpi4py import MPI
+
+    return " ".join(MPI.Get_library_version().split()[:3])

@@ -1,0 +1,118 @@
+"""The campaign file of a run: made, found again and checked before anything is simulated."""
+
+import os
+import platform
+import socket
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from agglom_mpi import __version__
+from agglom_mpi.campaign import Campaign
+from agglom_mpi.compilation import sources_digest
+from agglom_mpi.database.create import create_campaign_file, grow_campaign_file
+from agglom_mpi.database.reader import CampaignFile, open_campaign
+
+
+class StoreError(ValueError):
+    """The output file cannot be used for this campaign; one message, exit code 2."""
+
+
+def output_path(campaign: Campaign, output: str | None) -> Path:
+    """File that a run of this campaign writes: the option, the campaign's own, or its stem.
+
+    Raises
+    ------
+    StoreError
+        If the file or its directory cannot be written.
+    """
+    path = Path(output or campaign.output.file or f"{Path(campaign.name).stem}.h5")
+    if path.is_dir():
+        raise StoreError(f"{path}: is a directory; give the name of a file")
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: the directory {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise StoreError(f"{path}: the directory {path.parent} cannot be written")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise StoreError(f"{path}: is read-only; --output names another file")
+    return path
+
+
+def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> CampaignFile:
+    """Open the campaign's file for a resume, or make it.
+
+    Raises
+    ------
+    NotACampaign
+        If something else lies there.
+    StoreError
+        If it belongs to another campaign or to other simulation sources.
+    """
+    if not path.exists():
+        create_campaign_file(
+            path,
+            campaign_text=campaign.text,
+            campaign_sha256=campaign.sha256(),
+            identity=campaign.identity(),
+            seed=campaign.seed,
+            title=campaign.title,
+            code_version=__version__,
+            sources_sha256=sources_digest(),
+            lower=campaign.variables.lower,
+            upper=campaign.variables.upper,
+            strings=campaign.most_strings,
+            max_samples=campaign.ensemble.max_samples,
+            generations=campaign.stopping.generations,
+            population=campaign.search.population,
+        )
+        return open_campaign(path)
+    stored = open_campaign(path)
+    check_same_campaign(path, stored.identity, campaign.identity())
+    if stored.attributes["sources_sha256"] != sources_digest() and not accept_code_change:
+        raise StoreError(
+            f"{path}: was computed by other simulation sources (version "
+            f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
+            "comparable. --accept-code-change continues all the same, --output starts afresh"
+        )
+    grow_campaign_file(path, campaign.most_strings, campaign.stopping.generations)
+    return stored
+
+
+def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
+    """Raise a StoreError that names every difference between two campaigns."""
+    different = [
+        f"  {key}: {stored.get(key, 'absent')} in the file, {wanted.get(key, 'absent')} now"
+        for key in sorted(stored.keys() | wanted.keys())
+        if stored.get(key) != wanted.get(key)
+    ]
+    if different:
+        raise StoreError(
+            f"{path}: belongs to another campaign; --output names another file. Different are:\n"
+            + "\n".join(different)
+        )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a leg ran with."""
+    found = {"python": platform.python_version(), "hdf5": h5py.version.hdf5_version}
+    for package in ("numpy", "numba", "h5py", "mpi4py"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = ""
+    return found
+
+
+def leg_fields(ranks: int, mpi: str) -> dict[str, Any]:
+    """What is recorded of a start of the program."""
+    return {
+        "started": time.time(),
+        "ranks": ranks,
+        "host": socket.gethostname(),
+        "code_version": __version__,
+        "sources_sha256": sources_digest(),
+        "versions": versions() | {"mpi": mpi},
+    }

@@ -1,0 +1,97 @@
+"""What a run shows: a live line on a terminal, log lines elsewhere, nothing but errors if quiet."""
+
+from types import TracebackType
+from typing import Final, Self
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from agglom_mpi.campaign import Campaign
+from agglom_mpi.report.numbers import with_error
+from agglom_mpi.search import GenerationSummary, Inversion
+
+WIDEST: Final = 88
+"""Columns that a table of six strings takes; files and pipes get them all."""
+
+
+def print_wide(content: RenderableType) -> None:
+    """Print a table to standard output, not squeezed where that is no terminal."""
+    console = Console(soft_wrap=True)
+    if not console.is_terminal:
+        console = Console(soft_wrap=True, width=max(WIDEST, console.width))
+    console.print(content)
+
+
+class Display:
+    """Shows a run on standard error and its result on standard output."""
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._quiet = quiet
+        self._log = Console(stderr=True, soft_wrap=True, highlight=False)
+        self._progress: Progress | None = None
+        self._task = TaskID(0)
+        self._generations = 0
+
+    def error(self, text: str) -> None:
+        """Show a mistake, also if quiet."""
+        self._log.print(text, style="bold red", markup=False)
+
+    def message(self, text: str) -> None:
+        """Show one line."""
+        if not self._quiet:
+            (self._progress.console if self._progress else self._log).print(text, markup=False)
+
+    def table(self, content: RenderableType) -> None:
+        """Show a result."""
+        print_wide(content)
+
+    def begin(self, campaign: Campaign, path: str, ranks: int, inversion: Inversion) -> None:
+        """Say what runs, and prepare the live line."""
+        self._generations = campaign.stopping.generations
+        done = len(inversion.results)
+        continued = f", {done} of them judged before" if done else ""
+        self.message(
+            f"{campaign.title or campaign.name}: at most {campaign.most_strings} strings"
+            f"{continued}, {ranks} rank{'s' if ranks > 1 else ''}, into {path}"
+        )
+        if self._log.is_terminal and not self._quiet:
+            self._progress = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=20),
+                TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[status]}"),
+                TimeElapsedColumn(),
+                console=self._log,
+            )
+            self._task = self._progress.add_task("generations", total=self._generations, status="")
+
+    def generation(self, summary: GenerationSummary, samples: int, rate: float) -> None:
+        """Show a finished generation."""
+        best = with_error(summary.objective, summary.standard_error)
+        self.message(
+            f"generation {summary.generation + 1}/{self._generations}: best {best} (string "
+            f"{summary.best}), mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings,"
+            f" {samples} samples, {rate:.0f}/s"
+        )
+        if self._progress:
+            self._progress.update(self._task, completed=summary.generation + 1)
+
+    def tick(self, samples: int, rate: float, busy: float, live: int) -> None:
+        """Refresh the live line."""
+        if self._progress:
+            status = f"{samples} samples, {rate:.0f}/s, {busy:.0%} busy, {live} strings open"
+            self._progress.update(self._task, status=status)
+
+    def __enter__(self) -> Self:
+        if self._progress:
+            self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._progress:
+            self._progress.stop()
+            self._progress = None

@@ -1,0 +1,146 @@
+"""One parameter string, simulated forward: what `agglom simulate` prints."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
+from agglom_mpi.campaign.source import Problem
+from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.report.numbers import with_error
+from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.simulation.outcome import COLUMNS
+from agglom_mpi.simulation.sample import LEDGER, Outcome
+from agglom_mpi.variables import NAMES, VARIABLES
+
+
+class Request(NamedTuple):
+    """What to simulate: a campaign with `settings`, or a recorded string or sample of a file."""
+
+    source: Path
+    settings: dict[str, str]
+    samples: int
+    engine: str | None
+    string: int | None
+    sample: int | None
+
+
+def forward(request: Request, as_json: bool) -> tuple[str, int]:
+    """Simulate, and return the text to print and the exit code (1 if a replay differs)."""
+    if request.source.suffix in (".yaml", ".yml"):
+        if request.string is not None:
+            raise _mistake(request, "--string", "needs a campaign file FILE.h5, not a YAML file")
+        campaign = load_campaign(request.source)
+        parameters = campaign.parameters(request.settings)
+        stored = None
+    else:
+        file = open_campaign(request.source)
+        campaign = Campaign.from_text(file.campaign_text, str(request.source))
+        if request.settings:
+            raise _mistake(request, "--set", "is for YAML files; a recorded string is as it is")
+        parameters = _recorded(request, file)
+        stored = _stored_sample(request, file)
+    numbers = range(request.samples) if request.sample is None else [request.sample]
+    engine = campaign.engine(request.engine)
+    campaign.simulate(parameters, numbers[0], engine)
+    outcomes = [campaign.simulate(parameters, number, engine) for number in numbers]
+    report = _report(campaign, parameters, outcomes)
+    code = 0
+    if stored is not None:
+        same = request.engine is None and _same(stored, outcomes[0].record)
+        report["replay"] = (
+            "identical to the recorded sample" if same else "differs from the recorded sample"
+        )
+        code = 0 if same or request.engine is not None else 1
+    return (json.dumps(report, indent=2) if as_json else _in_words(report)), code
+
+
+def _mistake(request: Request, field: str, message: str) -> CampaignError:
+    return CampaignError(Problem(str(request.source), None, field, message))
+
+
+def _recorded(request: Request, file: CampaignFile) -> npt.NDArray[np.float64]:
+    rows = file.string_rows()
+    if request.string is None:
+        raise _mistake(request, "--string", f"is missing; allowed: 0 to {len(rows) - 1}")
+    for row in rows:
+        if row["string"] == request.string:
+            return np.array([row[name] for name in NAMES])
+    raise _mistake(request, "--string", f"is {request.string}; allowed: 0 to {len(rows) - 1}")
+
+
+def _stored_sample(request: Request, file: CampaignFile) -> np.void | None:
+    if request.sample is None or request.string is None:
+        return None
+    rows = file.sample_rows(request.string)
+    for row in rows:
+        if row["sample"] == request.sample:
+            return row
+    last = int(rows["sample"].max()) if len(rows) else -1
+    message = (
+        f"is {request.sample}, which string {request.string} does not have; recorded: 0 to {last}"
+    )
+    raise _mistake(request, "--sample", message)
+
+
+def _same(stored: np.void, computed: np.void) -> bool:
+    return all(
+        stored[column.name].tobytes() == computed[column.name].tobytes() for column in COLUMNS
+    )
+
+
+def _mean(values: list[float]) -> dict[str, float | None]:
+    error = float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else None
+    return {"mean": float(np.mean(values)), "standard_error": error}
+
+
+def _report(
+    campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: list[Outcome]
+) -> dict[str, Any]:
+    objective = make_objective(campaign.objective, campaign.scene.particles)
+    ratios = np.array([outcome.mean_radius_ratio for outcome in outcomes])
+    value, error = objective.of_ensemble(ratios)
+    measured = {
+        "mean_radius_ratio": _mean(ratios.tolist()),
+        "radius_spread": _mean([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
+        "particles_left": _mean([float(outcome.particles) for outcome in outcomes]),
+        "temperature_K": _mean([float(outcome.record["mean_temperature"]) for outcome in outcomes]),
+        "collisions": _mean([float(outcome.collisions) for outcome in outcomes]),
+        "merges": _mean([float(outcome.merges) for outcome in outcomes]),
+        "breakups": _mean([float(outcome.breakups) for outcome in outcomes]),
+        "steps": _mean([float(outcome.steps) for outcome in outcomes]),
+        "seconds": _mean([outcome.seconds for outcome in outcomes]),
+    }
+    used = campaign.variables.used
+    return {
+        "parameters": {n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
+        "samples": len(outcomes),
+        "objective": {"mean": value, "standard_error": error if math.isfinite(error) else None},
+        "measured": measured,
+        "ledger": {
+            name: max((outcome.ledger[name] for outcome in outcomes), key=abs) for name in LEDGER
+        },
+    }
+
+
+def _in_words(report: dict[str, Any]) -> str:
+    units = {variable.name: variable.unit for variable in VARIABLES}
+    lines = ["parameters"]
+    for name, value in report["parameters"].items():
+        unit = "" if units[name] == "1" else f" {units[name]}"
+        lines.append(f"  {name:<22}{value:.6g}{unit}")
+    lines.append(f"mean ± standard error over {report['samples']} samples")
+    for name, entry in {"objective": report["objective"], **report["measured"]}.items():
+        error = entry["standard_error"]
+        lines.append(
+            f"  {name:<22}{with_error(entry['mean'], math.nan if error is None else error)}"
+        )
+    lines.append("ledger, worst sample")
+    lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
+    if "replay" in report:
+        lines.append(report["replay"])
+    return "\n".join(lines)

@@ -1,0 +1,24 @@
+"""Numbers as a person reads them."""
+
+import math
+
+
+def with_error(value: float, error: float) -> str:
+    """Value ± standard error, both to two digits of the error: `0.0123 ± 0.0045`."""
+    if not math.isfinite(value):
+        return "no result"
+    if not math.isfinite(error) or error <= 0.0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    if digits > 12:
+        return f"{value:.6g} ± {error:.1e}"
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def duration(seconds: float) -> str:
+    """Time in s, min or h."""
+    if seconds < 120.0:
+        return f"{seconds:.1f} s"
+    if seconds < 7200.0:
+        return f"{seconds / 60.0:.1f} min"
+    return f"{seconds / 3600.0:.1f} h"

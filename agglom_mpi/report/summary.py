@@ -1,0 +1,126 @@
+"""The end of a run in one table, from the campaign file alone."""
+
+import json
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.report.numbers import duration
+from agglom_mpi.variables import NAMES, VARIABLES
+
+
+class Summary(NamedTuple):
+    """What `agglom report` says; `json.dumps` takes `_asdict()` of it."""
+
+    file: str
+    title: str
+    state: str
+    reason: str
+    generations: int
+    strings: int
+    samples_used: int
+    samples_simulated: int
+    failed: int
+    hit_maximum: int
+    seconds: float
+    samples_per_second: float
+    best: list[dict[str, Any]]
+
+
+def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
+    """Gather the figures of a campaign file, finished or not, believing only what is final."""
+    results, legs, status = file.result_rows(), file.legs(), file.status()
+    samples = file.all_sample_rows()
+    finite = results[np.isfinite(results["objective"])]
+    ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
+    parameters = {int(row["string"]): row for row in file.string_rows()}
+    whole = legs[np.isfinite(legs["stopped"])]
+    seconds = float((whole["stopped"] - whole["started"]).sum())
+    return Summary(
+        file=str(file.path),
+        title=str(file.attributes["title"]),
+        state=status.state,
+        reason=status.reason,
+        generations=len(file.generation_rows()),
+        strings=len(results),
+        samples_used=int(results["samples_used"].sum()),
+        samples_simulated=len(samples),
+        failed=int((samples["state"] == 2).sum()),
+        hit_maximum=int(results["hit_maximum"].sum()),
+        seconds=seconds,
+        samples_per_second=float(whole["samples"].sum()) / seconds if seconds else 0.0,
+        best=[_entry(row, parameters[int(row["string"])]) for row in ranked],
+    )
+
+
+def _entry(result: np.void, string: np.void) -> dict[str, Any]:
+    entry: dict[str, Any] = {"string": int(result["string"])}
+    for name in NAMES:
+        if not np.isnan(string[name]):
+            entry[name] = float(string[name])
+    for name in ("objective", "standard_error", "mean_radius_ratio", "growth_number"):
+        entry[name] = float(result[name])
+    entry["mean_grains"] = float(result["mean_grains"])
+    entry["samples"] = int(result["samples_used"])
+    return entry
+
+
+def summarise(file: CampaignFile) -> RenderableType:
+    """Table of the best six strings in SI units, and what the campaign took."""
+    summary = collect_summary(file)
+    table = Table(title=summary.title or None, title_justify="left", box=None, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for rank in range(1, len(summary.best) + 1):
+        table.add_column(f"#{rank}", justify="right", no_wrap=True)
+    _add_row(table, "string", summary.best, "string", "d")
+    for variable in VARIABLES:
+        if summary.best and variable.name in summary.best[0]:
+            unit = "" if variable.unit == "1" else f" {variable.unit}"
+            _add_row(table, variable.name + unit, summary.best, variable.name, ".4g")
+    table.add_section()
+    for name, label, style in (
+        ("objective", "objective", ".4f"),
+        ("standard_error", "± standard error", ".4f"),
+        ("mean_radius_ratio", "mean b/b0", ".4g"),
+        ("growth_number", "(mean b/b0)^3", ".4g"),
+        ("mean_grains", "grains per particle", ".4g"),
+        ("samples", "samples", "d"),
+    ):
+        _add_row(table, label, summary.best, name, style)
+    return Group(table, *_footer(summary))
+
+
+def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, style: str) -> None:
+    table.add_row(label, *(format(entry[name], style) for entry in best))
+
+
+def _footer(summary: Summary) -> list[str]:
+    lines = [
+        f"{summary.state}: {summary.reason}" if summary.reason else summary.state,
+        f"{summary.generations} generations, {summary.strings} strings, {summary.samples_used} "
+        f"samples used of {summary.samples_simulated} simulated, {duration(summary.seconds)}, "
+        f"{summary.samples_per_second:.0f} samples/s",
+        "objectives are the search's own; the lucky survive, so they are biased low",
+    ]
+    if summary.hit_maximum:
+        lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")
+    if summary.failed:
+        lines.append(f"{summary.failed} samples failed")
+    return [*lines, summary.file]
+
+
+def as_text(summary: Summary) -> str:
+    """JSON of a summary; numbers that are none are null."""
+    return json.dumps(_without_nan(summary._asdict()), indent=2)
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
