@@ -11,7 +11,7 @@ __all__ = ["__version__", "load_campaign", "open_campaign"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the two entry points when they are first used, so that importing the package is free."""
+    """Import the entry points when they are first used, so that importing the package is free."""
     if name == "load_campaign":
         from agglom_mpi.campaign import load_campaign
 

@@ -1,4 +1,4 @@
-"""Were we launched by MPI?  Plain runs need no MPI library, so this is asked before importing one."""
+"""Were we launched by MPI?  Asked before any MPI library is loaded: plain runs need none."""
 
 import os
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ def _under_srun(environment: Mapping[str, str]) -> bool:
 
 
 def promised_size(environment: Mapping[str, str] = os.environ) -> int | None:
-    """Number of ranks the launcher promised; None for a plain run."""
+    """Return the number of ranks the launcher promised; None for a plain run."""
     size = _first(_SIZES, environment)
     if size is None and _under_srun(environment):
         return int(environment["SLURM_NTASKS"])

@@ -1,6 +1,6 @@
 """Who simulates what next: a pure state machine, without MPI, files or a clock."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -31,7 +31,7 @@ class Needs(Protocol):
     """What the scheduler asks of a campaign; `search.inversion.Inversion` answers it."""
 
     @property
-    def live(self) -> "dict[int, LiveString]":
+    def live(self) -> Mapping[int, LiveString]:
         """Strings that are not judged yet."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:

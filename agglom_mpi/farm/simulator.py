@@ -33,7 +33,7 @@ class Simulator:
         simulate_scene(scene, random_stream(0, parameters, 0), np.ones(1, np.uint8))
 
     def simulate(self, task: np.void) -> tuple[NDArray[np.void], NDArray[np.void] | None]:
-        """Result of one task, shape (1,), and its `FAILED_SAMPLE` record if it raised."""
+        """Return the result of one task, shape (1,), and a `FAILED_SAMPLE` if it raised."""
         result = np.zeros(1, RESULT)
         result["string"], result["sample"] = task["string"], task["sample"]
         result["rank"] = self._rank

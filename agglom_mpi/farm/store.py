@@ -107,7 +107,7 @@ def versions() -> dict[str, str]:
 
 
 def leg_fields(ranks: int, mpi: str) -> dict[str, Any]:
-    """What is recorded of a start of the program."""
+    """Collect what is recorded of a start of the program."""
     return {
         "started": time.time(),
         "ranks": ranks,

@@ -1,4 +1,4 @@
-"""How does a grain cool between impacts?  Motion does not enter, so it can be integrated exactly."""
+"""How does a grain cool between impacts?  Motion does not enter: it is integrated exactly."""
 
 import math
 from typing import Final, NamedTuple

@@ -6,7 +6,7 @@ relative accuracy from a nearly elastic impact to bonding, and no Arrhenius fact
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from agglom_mpi.compilation import Submodel, question, stage
 from agglom_mpi.physics.contact_area import ContactArea, area_fraction, contact_area
@@ -26,7 +26,7 @@ class ImpactLaws(NamedTuple):
     restitution: Submodel
     duration: Submodel | None
     contact_area: ContactArea
-    hardness: Submodel | None
+    hardness: Any
     friction: Submodel | None
     heating: Submodel | None
     reaction: Submodel | None

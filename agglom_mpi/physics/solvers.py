@@ -65,7 +65,7 @@ def _arrhenius(model, laws, pair):  # type: ignore[no-untyped-def]
 
 @stage
 def lower_bracket(laws: ImpactLaws, pair: Encounter, scale: float, start: float) -> float:
-    """Some ln d with r(d) ≥ d below `start` = ln r(1) < 0, or less than `SMALLEST_LOG`."""
+    """Find some ln d with r(d) ≥ d below `start` = ln r(1) < 0, or less than `SMALLEST_LOG`."""
     trial = start
     excess = log_pressure_ratio(laws, pair, scale, math.exp(trial)) - trial
     while excess < 0.0 and trial >= SMALLEST_LOG:

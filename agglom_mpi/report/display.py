@@ -69,8 +69,8 @@ class Display:
         best = with_error(summary.objective, summary.standard_error)
         self.message(
             f"generation {summary.generation + 1}/{self._generations}: best {best} (string "
-            f"{summary.best}), mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings,"
-            f" {samples} samples, {rate:.0f}/s"
+            f"{summary.best}), mean of top {summary.mean_of_top:.3g}, {summary.evaluations} "
+            f"strings, {samples} samples, {rate:.0f}/s"
         )
         if self._progress:
             self._progress.update(self._task, completed=summary.generation + 1)

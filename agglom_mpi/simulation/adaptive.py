@@ -109,7 +109,7 @@ def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, tim
 @stage
 def mend_partners(scene, particles, neighbours, partner, squared):  # type: ignore[no-untyped-def]
     """Bring everybody's nearest neighbour up to date after the contacts of this step."""
-    if neighbours.count[MOVED] == 0:
+    if neighbours.tally[MOVED] == 0:
         return
     for i in range(particles.size[0]):
         if particles.mass[i] == 0.0:

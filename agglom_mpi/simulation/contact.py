@@ -69,7 +69,7 @@ def scaled(a, factor):  # type: ignore[no-untyped-def]
 
 @stage
 def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
-    """Unit vector from i to j; along the relative velocity where the centres coincide."""
+    """Return the unit vector from i to j; where the centres coincide, that of the velocity."""
     line = separation_vector(scene.escape, particles, i, j, scene.half_width)
     length = math.sqrt(dot(line, line))
     if length == 0.0:
@@ -109,7 +109,7 @@ def warm(scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
     """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
     temperature = particles.temperature[i] + heat / (particles.mass[i] * scene.laws.heat_capacity)
     if temperature < 0.0:
-        ledger.count[FLOORED] += 1
+        ledger.tally[FLOORED] += 1
         temperature = 0.0
     particles.temperature[i] = temperature
 
@@ -168,12 +168,12 @@ def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-de
 @stage
 def book(ledger, impact):  # type: ignore[no-untyped-def]
     """Enter an impact in the ledger."""
-    ledger.count[COLLISIONS] += 1
+    ledger.tally[COLLISIONS] += 1
     ledger.energy[REACTION] += impact.reaction
     ledger.energy[DISSIPATED] += impact.loss
     ledger.residual[0] = max(ledger.residual[0], impact.residual)
     if impact.capped:
-        ledger.count[CAPPED] += 1
+        ledger.tally[CAPPED] += 1
 
 
 @stage
@@ -214,7 +214,7 @@ def _unbreakable(model, scene, particles, ledger, i, pieces, energy):  # type: i
 @fragment.answer(PairEnergyFragmentation, OwnEnergyFragmentation)
 def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
     if pieces > 1:
-        ledger.count[BREAKUPS] += 1
+        ledger.tally[BREAKUPS] += 1
         ledger.energy[SURFACE] += energy
         split(scene, particles, i, pieces)
 
@@ -283,8 +283,8 @@ def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     laws = scene.laws
     area = contact_area(laws.contact_area, 1.0, pair.radius)
     reaction = 2.0 * reaction_heat(laws.reaction, area)
-    ledger.count[COLLISIONS] += 1
-    ledger.count[MERGES] += 1
+    ledger.tally[COLLISIONS] += 1
+    ledger.tally[MERGES] += 1
     ledger.energy[REACTION] += reaction
     ledger.energy[DISSIPATED] += merge_loss(pair)
     v = particles.velocity

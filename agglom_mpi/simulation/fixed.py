@@ -58,7 +58,7 @@ def _fixed_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-un
 def resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
     """Let each particle collide with its nearest neighbour if they touch; whether any merged."""
     merged = False
-    mass, radius, moved = particles.mass, particles.radius, neighbours.count
+    mass, radius, moved = particles.mass, particles.radius, neighbours.tally
     for i in range(particles.size[0]):
         if mass[i] == 0.0:
             continue

@@ -134,14 +134,14 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
     `start` holds momentum, mass, kinetic energy and sum of m|v| of the start, the latter two in the
     centre-of-mass frame. With heat the first law is closed; without, only what impacts dissipate.
     """
-    count, energy = ledger.count, ledger.energy
-    out["steps"] = count[STEPS]
-    out["particle_steps"] = count[PARTICLE_STEPS]
-    out["collisions"] = count[COLLISIONS]
-    out["merges"] = count[MERGES]
-    out["breakups"] = count[BREAKUPS]
-    out["capped_iterations"] = count[CAPPED]
-    out["floored_temperatures"] = count[FLOORED]
+    tally, energy = ledger.tally, ledger.energy
+    out["steps"] = tally[STEPS]
+    out["particle_steps"] = tally[PARTICLE_STEPS]
+    out["collisions"] = tally[COLLISIONS]
+    out["merges"] = tally[MERGES]
+    out["breakups"] = tally[BREAKUPS]
+    out["capped_iterations"] = tally[CAPPED]
+    out["floored_temperatures"] = tally[FLOORED]
     out["largest_residual"] = ledger.residual[0]
     momentum, _ = total_momentum(particles)
     initial_momentum, _, initial_energy, impetus = start

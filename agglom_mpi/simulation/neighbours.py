@@ -42,8 +42,8 @@ class Neighbours(NamedTuple):
     drift
         Mean velocity in m/s then, shape (3,).
     moved, is_moved
-        Particles that the contacts of this step merged or made: their number is in `count`.
-    count
+        Particles that the contacts of this step merged or made: their number is in `tally`.
+    tally
         Particles with lists (0: look at all), number of `moved`, steps that the lists have lasted.
     scale
         Distance in m below which lists are complete, skin in m, time in s when they were built.
@@ -57,7 +57,7 @@ class Neighbours(NamedTuple):
     drift: np.ndarray
     moved: np.ndarray
     is_moved: np.ndarray
-    count: np.ndarray
+    tally: np.ndarray
     scale: np.ndarray
     row: np.ndarray
 
@@ -65,7 +65,7 @@ class Neighbours(NamedTuple):
 LISTED: Final = 0
 MOVED: Final = 1
 AGE: Final = 2
-"""Places in `Neighbours.count`."""
+"""Places in `Neighbours.tally`."""
 
 NEAR: Final = 0
 SLACK: Final = 1
@@ -92,10 +92,10 @@ def new_neighbours(capacity):  # type: ignore[no-untyped-def]
 @stage
 def update_neighbours(scene, particles, neighbours, time, compacted):  # type: ignore[no-untyped-def]
     """Make the lists hold at `time` in s; `compacted` says that particles changed their places."""
-    for k in range(neighbours.count[MOVED]):
+    for k in range(neighbours.tally[MOVED]):
         neighbours.is_moved[neighbours.moved[k]] = False
-    neighbours.count[MOVED] = 0
-    neighbours.count[AGE] += 1
+    neighbours.tally[MOVED] = 0
+    neighbours.tally[AGE] += 1
     if compacted or out_of_date(scene, particles, neighbours, time):
         rebuild(scene, particles, neighbours, time)
 
@@ -104,8 +104,8 @@ def update_neighbours(scene, particles, neighbours, time, compacted):  # type: i
 def out_of_date(scene, particles, neighbours, time):  # type: ignore[no-untyped-def]
     """Whether particles were added, or one moved beyond half of the skin, since the lists."""
     count = particles.size[0]
-    if count != neighbours.count[LISTED]:
-        return neighbours.count[LISTED] > 0 or (count > FEW and neighbours.count[AGE] >= LASTING)
+    if count != neighbours.tally[LISTED]:
+        return neighbours.tally[LISTED] > 0 or (count > FEW and neighbours.tally[AGE] >= LASTING)
     elapsed = time - neighbours.scale[BUILT_AT]
     width = 2.0 * scene.half_width
     x, y, z = particles.position[0], particles.position[1], particles.position[2]
@@ -130,15 +130,15 @@ def unwrapped(difference, width):  # type: ignore[no-untyped-def]
 def rebuild(scene, particles, neighbours, time):  # type: ignore[no-untyped-def]
     """Make new lists, or none where looking at all is faster."""
     count = particles.size[0]
-    few = FEW if neighbours.count[AGE] >= LASTING else FEW_WHILE_FAST
-    neighbours.count[AGE] = 0
-    neighbours.count[LISTED] = 0
+    few = FEW if neighbours.tally[AGE] >= LASTING else FEW_WHILE_FAST
+    neighbours.tally[AGE] = 0
+    neighbours.tally[LISTED] = 0
     if count <= few:
         return
     width = 2.0 * scene.half_width
     spacing = width / count ** (1.0 / 3.0)
     reach = (CERTAIN + SKIN) * spacing
-    neighbours.count[LISTED] = count
+    neighbours.tally[LISTED] = count
     neighbours.scale[NEAR] = CERTAIN * spacing
     neighbours.scale[SLACK] = SKIN * spacing
     neighbours.scale[BUILT_AT] = time
@@ -208,8 +208,8 @@ def note_moved(neighbours, i):  # type: ignore[no-untyped-def]
     """Remember that a contact merged something into particle i, or made it."""
     if not neighbours.is_moved[i]:
         neighbours.is_moved[i] = True
-        neighbours.moved[neighbours.count[MOVED]] = i
-        neighbours.count[MOVED] += 1
+        neighbours.moved[neighbours.tally[MOVED]] = i
+        neighbours.tally[MOVED] += 1
 
 
 @stage
@@ -268,7 +268,7 @@ def find_partners(scene, particles, neighbours, partner, squared, reach):  # typ
     x, y, z = particles.position[0], particles.position[1], particles.position[2]
     radius, row = particles.radius, neighbours.row
     candidates, found = neighbours.candidates, neighbours.found
-    if neighbours.count[LISTED] == 0:
+    if neighbours.tally[LISTED] == 0:
         for i in range(count):
             squared[i], partner[i] = nearest_of_all(escape, x, y, z, half, row, count, i)
         return
@@ -293,7 +293,7 @@ def mend_partner(scene, particles, neighbours, partner, squared, i):  # type: ig
             scene.escape, x, y, z, scene.half_width, neighbours.row, particles.size[0], i
         )
         return
-    for k in range(neighbours.count[MOVED]):
+    for k in range(neighbours.tally[MOVED]):
         j = neighbours.moved[k]
         if j != i:
             square = squared_distance(scene.escape, particles.position, i, j, scene.half_width)

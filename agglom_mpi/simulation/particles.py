@@ -25,7 +25,7 @@ class Ledger(NamedTuple):
     """What a sample books: energies in J, counts, and the largest solver residual."""
 
     energy: np.ndarray
-    count: np.ndarray
+    tally: np.ndarray
     residual: np.ndarray
 
 

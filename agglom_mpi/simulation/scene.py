@@ -97,11 +97,12 @@ def _velocities(model: Any, value: dict[str, float]) -> NamedTuple:
     speed = value["relative_speed"]
     if model.law == "uniform_x":
         return UniformX(speed)
-    return SpreadVelocities(speed, tuple(float(mean) for mean in model.mean), model.transverse)
+    return SpreadVelocities(speed, (model.mean[0], model.mean[1], model.mean[2]), model.transverse)
 
 
 def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
-    pressure = model.restitution.law == "pressure"
+    restitution: Any = model.restitution
+    pressure = restitution.law == "pressure"
     durations = {
         "mean_speed": MeanSpeedDuration,
         "compression_recovery": CompressionRecoveryDuration,
@@ -114,9 +115,7 @@ def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
     breaking = breakages.get(model.fragmentation.law)
     reacts = model.reaction.law != "none"
     return ImpactLaws(
-        restitution=(
-            PressureRestitution() if pressure else ConstantRestitution(model.restitution.value)
-        ),
+        restitution=(PressureRestitution() if pressure else ConstantRestitution(restitution.value)),
         duration=durations[model.duration.law](model.duration.length_ratio) if pressure else None,
         contact_area=ContactArea(model.contact_area.initial, model.contact_area.final),
         hardness=_hardness(model, value) if pressure else None,

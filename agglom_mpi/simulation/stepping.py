@@ -54,7 +54,7 @@ def _euler_steps(cooling, scene, particles, ledger, step):  # type: ignore[no-un
         capacity = particles.mass[i] * scene.laws.heat_capacity
         after = euler_step(cooling.law, before, surface, capacity, step)
         if after < 0.0:
-            ledger.count[FLOORED] += 1
+            ledger.tally[FLOORED] += 1
             after = 0.0
         ledger.energy[RADIATED] += capacity * (before - after)
         particles.temperature[i] = after
@@ -72,8 +72,8 @@ def largest_radius(particles):  # type: ignore[no-untyped-def]
 @stage
 def count_step(particles, ledger):  # type: ignore[no-untyped-def]
     """Book one time step."""
-    ledger.count[STEPS] += 1
-    ledger.count[PARTICLE_STEPS] += particles.size[0]
+    ledger.tally[STEPS] += 1
+    ledger.tally[PARTICLE_STEPS] += particles.size[0]
 
 
 @stage
