@@ -196,11 +196,14 @@ def simulate(
     sys.exit(_finish(run))
 
 
-def _assignments(settings: tuple[str, ...]) -> dict[str, str]:
-    values = {}
+def _assignments(settings: tuple[str, ...]) -> dict[str, float | str]:
+    values: dict[str, float | str] = {}
     for setting in settings:
         name, equals, value = setting.partition("=")
         if not equals:
             raise click.BadParameter(f"{setting!r} is not NAME=VALUE", param_hint="--set")
-        values[name.strip()] = value.strip()
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            values[name.strip()] = value.strip()
     return values

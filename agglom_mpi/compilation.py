@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
 import numba
-from numba.core import config
 from numba.extending import overload
 
 _PACKAGE: Final = Path(__file__).parent
@@ -22,6 +21,7 @@ _KERNEL_SOURCES: Final = ("compilation.py", "physics/*.py", "simulation/*.py")
 Submodel: TypeAlias = Any
 """A NamedTuple of numbers that says by its type which law a scene has."""
 
+_CONFIG: Any = numba.config
 _KERNEL: Final[dict[str, Any]] = {
     "cache": True,
     "nogil": True,
@@ -80,8 +80,8 @@ def cache_folder() -> Path:
 
 def kernel(function: F) -> F:
     """Compile a function that Python calls: cached on disk, without the GIL."""
-    if not config.DISABLE_JIT:
-        config.CACHE_DIR = str(cache_folder())
+    if not _CONFIG.DISABLE_JIT:
+        _CONFIG.CACHE_DIR = str(cache_folder())
     compiled: F = numba.njit(**_KERNEL)(function)
     return compiled
 

@@ -22,7 +22,7 @@ class Request(NamedTuple):
     """What to simulate: a campaign with `settings`, or a recorded string or sample of a file."""
 
     source: Path
-    settings: dict[str, str]
+    settings: dict[str, float | str]
     samples: int
     engine: str | None
     string: int | None
