@@ -14,7 +14,7 @@ class ConstantHardness(NamedTuple):
 
 
 class ArrheniusHardness(NamedTuple):
-    """H = H₀ exp(U/(Rθ)), Pa; H₀ is the hot limit  [A 4] [B 6]."""
+    """H = H₀ exp(U/(Rθ)), Pa; H₀ is the hot limit  [A section 4] [B section 6]."""
 
     base: float
     activation_energy: float

@@ -45,7 +45,7 @@ def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no
     time = 0.0
     while time < scene.end_time and not aborted(abort):
         count_step(particles, ledger)
-        update_neighbours(scene, particles, neighbours, time, merged)
+        update_neighbours(scene, particles, neighbours, time, merged, np.inf)
         find_partners(scene, particles, neighbours, partner, squared, np.inf)
         merged = resolve_together(scene, particles, ledger, neighbours, partner, squared, time)
         mend_partners(scene, particles, neighbours, partner, squared)

@@ -43,8 +43,8 @@ def _fixed_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-un
         if aborted(abort):
             return time
         count_step(particles, ledger)
-        update_neighbours(scene, particles, neighbours, time, merged)
         reach = largest_radius(particles)
+        update_neighbours(scene, particles, neighbours, time, merged, 2.0 * reach)
         find_partners(scene, particles, neighbours, partner, squared, reach)
         merged = resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time)
         if merged:

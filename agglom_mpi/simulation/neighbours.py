@@ -24,7 +24,7 @@ LASTING: Final = 4
 
 CERTAIN: Final = 1.15
 SKIN: Final = 0.35
-"""Lengths over the mean spacing (volume/N)^⅓."""
+"""How far lists are complete at most, and their skin, over the mean spacing (volume/N)^⅓."""
 
 ROOM: Final = 64
 """Room for the candidates of one particle; 13 are the rule. Whoever lacks it looks at all."""
@@ -90,14 +90,17 @@ def new_neighbours(capacity):  # type: ignore[no-untyped-def]
 
 
 @stage
-def update_neighbours(scene, particles, neighbours, time, compacted):  # type: ignore[no-untyped-def]
-    """Make the lists hold at `time` in s; `compacted` says that particles changed their places."""
+def update_neighbours(scene, particles, neighbours, time, compacted, wanted):  # type: ignore[no-untyped-def]
+    """Make the lists hold at `time` in s for neighbours nearer than `wanted` in m, or less far.
+
+    `compacted` says that particles changed their places.
+    """
     for k in range(neighbours.tally[MOVED]):
         neighbours.is_moved[neighbours.moved[k]] = False
     neighbours.tally[MOVED] = 0
     neighbours.tally[AGE] += 1
     if compacted or out_of_date(scene, particles, neighbours, time):
-        rebuild(scene, particles, neighbours, time)
+        rebuild(scene, particles, neighbours, time, wanted)
 
 
 @stage
@@ -127,7 +130,7 @@ def unwrapped(difference, width):  # type: ignore[no-untyped-def]
 
 
 @stage
-def rebuild(scene, particles, neighbours, time):  # type: ignore[no-untyped-def]
+def rebuild(scene, particles, neighbours, time, wanted):  # type: ignore[no-untyped-def]
     """Make new lists, or none where looking at all is faster."""
     count = particles.size[0]
     few = FEW if neighbours.tally[AGE] >= LASTING else FEW_WHILE_FAST
@@ -137,9 +140,10 @@ def rebuild(scene, particles, neighbours, time):  # type: ignore[no-untyped-def]
         return
     width = 2.0 * scene.half_width
     spacing = width / count ** (1.0 / 3.0)
-    reach = (CERTAIN + SKIN) * spacing
+    near = min(wanted, CERTAIN * spacing)
+    reach = near + SKIN * spacing
     neighbours.tally[LISTED] = count
-    neighbours.scale[NEAR] = CERTAIN * spacing
+    neighbours.scale[NEAR] = near
     neighbours.scale[SLACK] = SKIN * spacing
     neighbours.scale[BUILT_AT] = time
     for axis in range(3):

@@ -11,6 +11,7 @@ import agglom_mpi.simulation.adaptive
 import agglom_mpi.simulation.fixed  # noqa: F401  (both register their engines)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.simulation import outcome as result
+from agglom_mpi.simulation.contact import catch_up
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.measures import (
     fluctuation,
@@ -110,7 +111,10 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
     start = total_momentum(particles) + fluctuation(particles)
-    record["end_time"] = advance(scene.engine, scene, particles, ledger, abort)
+    end = advance(scene.engine, scene, particles, ledger, abort)
+    record["end_time"] = end
+    for i in range(particles.size[0]):
+        catch_up(scene, particles, ledger, i, end)
     if not is_finite(particles):
         record["reason"] = 2
         return particles
