@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,13 @@ def _seconds(context: click.Context, parameter: click.Parameter, text: str | Non
     if text is None:
         return None
     try:
-        days, _, clock = text.rpartition("-")
-        if ":" in clock:
+        days, dash, clock = text.rpartition("-")
+        if dash or ":" in clock:
             parts = [float(part) for part in clock.split(":")]
+            if dash:  # Slurm's D-H, D-H:M and D-H:M:S
+                parts += [0.0] * (3 - len(parts))
+            if len(parts) > 3 or (dash and not days):
+                raise ValueError
             seconds = sum(part * 60.0**power for power, part in enumerate(reversed(parts)))
         else:
             scale = {"s": 1.0, "m": 60.0, "h": 3600.0}.get(clock[-1:], 0.0)
@@ -38,13 +43,21 @@ def _seconds(context: click.Context, parameter: click.Parameter, text: str | Non
 def _finish(run: Callable[[], int]) -> int:
     """Turn mistakes of the user's into one message on standard error and exit code 2."""
     from agglom_mpi.campaign import CampaignError
-    from agglom_mpi.database.access import NotACampaign
 
     try:
         return run()
-    except (CampaignError, NotACampaign, FileNotFoundError) as error:
+    except CampaignError as error:
         click.echo(str(error), err=True)
-        return BAD_INPUT
+    except ValueError as error:
+        from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
+
+        if not isinstance(error, NotACampaign):
+            raise
+        click.echo(str(error), err=True)
+    except OSError as error:
+        known = error.filename and error.strerror
+        click.echo(f"{error.filename}: {error.strerror}" if known else str(error), err=True)
+    return BAD_INPUT
 
 
 @click.command(
@@ -90,11 +103,12 @@ def invert_command(**options: Any) -> int:
 
 
 def invert() -> None:
-    """Run `agglom-invert`; under MPI only the first rank shows usage errors."""
+    """Run `agglom-invert`; under MPI only the first rank shows help and usage errors."""
     from agglom_mpi.farm.launch import is_first_rank
 
     try:
-        code = invert_command(standalone_mode=False)
+        with nullcontext() if is_first_rank() else redirect_stdout(None):
+            code = invert_command(standalone_mode=False)
     except click.ClickException as error:
         if is_first_rank():
             error.show()

@@ -41,10 +41,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 @functools.cache
-def sources_digest() -> str:
-    """Hash of all sources that decide what a sample computes, as 64 hexadecimal digits."""
+def sources_digest(*more: str) -> str:
+    """Hash of all sources that decide what a sample computes, as 64 hexadecimal digits.
+
+    `more` are patterns of further files of the package to be part of it.
+    """
     digest = hashlib.sha256()
-    for pattern in _KERNEL_SOURCES:
+    for pattern in (*_KERNEL_SOURCES, *more):
         for path in sorted(_PACKAGE.glob(pattern)):
             digest.update(path.relative_to(_PACKAGE).as_posix().encode())
             digest.update(path.read_bytes())

@@ -45,7 +45,7 @@ class Search(Part):
     """The genetic algorithm [A 22] [B section 7]."""
 
     method: Literal["genetic"] = "genetic"
-    population: Annotated[WholeNumber, Field(ge=4)] = 20
+    population: Annotated[WholeNumber, Field(ge=4, le=10**5)] = 20
     parents: Annotated[WholeNumber, Field(ge=2, multiple_of=2)] = 6
     blend: tuple[Number, Number] = (0.0, 1.0)
     rescale: Annotated[Rescale | None, NONE] = None
@@ -71,7 +71,9 @@ class _Samples(Part):
     """What every rule needs: a tolerance and the limits of a string's samples."""
 
     tolerance: Annotated[Number, Field(gt=0, description="a small number like 1e-3")]
-    max_samples: Annotated[WholeNumber, Field(ge=2, description="the most samples of a string")]
+    max_samples: Annotated[
+        WholeNumber, Field(ge=2, le=10**6, description="the most samples of a string")
+    ]
     min_samples: Annotated[WholeNumber, Field(ge=2)] = 2
 
     @model_validator(mode="after")
@@ -117,7 +119,7 @@ class Target(Part):
 class Stopping(Part):
     """What ends the campaign."""
 
-    generations: Annotated[WholeNumber, Field(ge=1, description="the most generations")]
+    generations: Annotated[WholeNumber, Field(ge=1, le=10**6, description="the most generations")]
     target: Annotated[Target | None, NONE] = None
     max_failures: Annotated[WholeNumber, Field(ge=1)] = 100
 

@@ -69,7 +69,11 @@ class Source:
 def read_text(name: str) -> str:
     """Text of the file `name`, which must be UTF-8."""
     try:
-        return FilePath(name).read_bytes().decode("utf-8-sig")
+        content = FilePath(name).read_bytes()
+        if content.startswith(b"\x89HDF"):
+            message = "is an HDF5 file, not YAML; agglom report and simulate read it"
+            raise CampaignError(Problem(name, None, "", message))
+        return content.decode("utf-8-sig")
     except FileNotFoundError:
         message = "no such file"
     except IsADirectoryError:

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -228,6 +229,12 @@ class CampaignWriter:
             os.fsync(self._descriptor)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from error
+
+    def give_up(self, reason: str) -> None:
+        """After a failed write: forget the samples that wait, and say why if the file takes it."""
+        self._buffer.clear()
+        with suppress(OSError):
+            self.set_status("failed", reason)
 
     def close(self) -> None:
         """Flush and close; closing twice does nothing."""

@@ -24,6 +24,9 @@ class Watcher(Protocol):
     def message(self, text: str) -> None:
         """Show one line."""
 
+    def error(self, text: str) -> None:
+        """Show what went wrong, however quiet the run is."""
+
 
 class Stored:
     """What earlier legs left in a campaign file, read once at the start."""

@@ -1,5 +1,6 @@
 """All ranks as rank 0 sees them: its own simulator thread and, under MPI, the workers."""
 
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -70,13 +71,32 @@ class Crew:
 
     def dismiss(self, code: int) -> None:
         """Stop every rank, which then exit with `code`; samples under way are abandoned."""
-        if self._world is not None:
-            message = np.array([code], np.int32)
-            for rank in range(1, self.size):
-                self._world.Send(message, dest=rank, tag=STOP)
+        if self._world is None:
+            self._thread.stop()
+            return
+        message = np.array([code], np.int32)
+        requests = [sent for sent, _ in self._sends]
+        for rank in range(1, self.size):
+            requests.append(self._world.Isend(message, dest=rank, tag=STOP))
         self._thread.stop()
-        for request, _ in self._sends:
+        self._see_off()
+        for request in requests:
             request.Wait()
+
+    def _see_off(self) -> None:
+        """Drop what workers still send, for they may wait in it, until each says it stopped."""
+        from mpi4py import MPI
+
+        assert self._world is not None
+        status = MPI.Status()
+        working = self.size - 1
+        while working:
+            if not self._world.Iprobe(source=MPI.ANY_SOURCE, tag=MPI.ANY_TAG, status=status):
+                time.sleep(0.001)
+                continue
+            rank, tag = status.Get_source(), status.Get_tag()
+            self._world.Recv([self._results, MPI.BYTE], source=rank, tag=tag)
+            working -= tag == STOP
 
     def _mail(self) -> Iterator[Delivery]:
         if self.size == 1 or self._world is None:

@@ -1,6 +1,7 @@
 """Were we launched by MPI?  Asked before any MPI library is loaded: plain runs need none."""
 
 import os
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
@@ -28,22 +29,27 @@ def _first(names: tuple[str, ...], environment: Mapping[str, str]) -> int | None
     return None
 
 
-def _under_srun(environment: Mapping[str, str]) -> bool:
-    return "SLURM_STEP_ID" in environment and environment.get("SLURM_NTASKS", "1") != "1"
+def _tasks_of_srun(environment: Mapping[str, str]) -> int | None:
+    """Tasks of the Slurm step we are in; None outside and in steps of one task.
+
+    An interactive step of `salloc` has one task, though its SLURM_NTASKS is the allocation's.
+    """
+    if "SLURM_STEP_ID" not in environment:
+        return None
+    tasks = _first(("SLURM_STEP_NUM_TASKS", "SLURM_NTASKS"), environment)
+    return None if tasks == 1 else tasks
 
 
 def promised_size(environment: Mapping[str, str] = os.environ) -> int | None:
     """Return the number of ranks the launcher promised; None for a plain run."""
     size = _first(_SIZES, environment)
-    if size is None and _under_srun(environment):
-        return int(environment["SLURM_NTASKS"])
-    return size
+    return _tasks_of_srun(environment) if size is None else size
 
 
 def is_first_rank(environment: Mapping[str, str] = os.environ) -> bool:
     """Whether this process is the one that talks to the user, as far as the launcher says."""
     rank = _first(_RANKS, environment)
-    if rank is None and _under_srun(environment):
+    if rank is None and _tasks_of_srun(environment) is not None:
         rank = int(environment.get("SLURM_PROCID", "0"))
     return rank in (None, 0)
 
@@ -69,6 +75,8 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
     import mpi4py
 
     mpi4py.rc.thread_level = "funneled"
+    # It warns on every rank of what is said below once.
+    warnings.filterwarnings("ignore", "suspicious MPI execution", RuntimeWarning)
     try:
         from mpi4py import MPI
     except (ImportError, RuntimeError) as error:

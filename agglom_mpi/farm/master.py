@@ -89,6 +89,7 @@ class Master:
         self._writer = writer
         self._watcher = watcher
         self._stored = Stored(file)
+        self._failing: set[int] = set()
         top = campaign.stopping.target.top if campaign.stopping.target else campaign.search.parents
         self.books = Books(writer, self._stored, watcher, top)
         self.inversion = make_inversion(campaign, self._stored, self.books)
@@ -97,7 +98,7 @@ class Master:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
         for row in self._stored.samples:
             self.inversion.accept(int(row["string"]), int(row["sample"]), row)
-        self.books.failures = int((self._stored.samples["state"] == FAILED).sum())
+        self.books.failures = int((self._stored.samples["reason"] == EXCEPTION).sum())
         self.inversion.start()
         return self.inversion.finished
 
@@ -111,7 +112,7 @@ class Master:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)
             if self.books.failures >= self._campaign.stopping.max_failures:
-                return End(FAILURE, "failed", f"{self.books.failures} samples failed")
+                return End(FAILURE, "failed", f"{self.books.failures} samples raised errors")
             self._hand_out(crew, scheduler)
             for delivery in crew.deliveries(POLL):
                 self._take(scheduler, delivery)
@@ -119,7 +120,7 @@ class Master:
             if time.monotonic() - shown > TICK:
                 shown = time.monotonic()
                 self._tick(crew, shown)
-        return End(FINISHED, "finished", self._in_words())
+        return End(FINISHED, "finished", self.finished_because)
 
     def _hand_out(self, crew: Crew, scheduler: Scheduler) -> None:
         for _ in range(2):
@@ -141,10 +142,13 @@ class Master:
             self.inversion.accept(string, sample, row)
 
     def _count_failure(self, row) -> None:  # type: ignore[no-untyped-def]
-        self.books.failures += 1
-        if row["reason"] != EXCEPTION:
+        if row["reason"] == EXCEPTION:
+            self.books.failures += 1
+        elif row["string"] not in self._failing:
+            self._failing.add(int(row["string"]))
             self._watcher.message(
-                f"string {row['string']} sample {row['sample']} failed: {REASONS[row['reason']]}"
+                f"string {row['string']} sample {row['sample']} failed: {REASONS[row['reason']]}; "
+                "more of this string are counted, not shown"
             )
 
     def _report_exception(self, failure) -> None:  # type: ignore[no-untyped-def]
@@ -156,7 +160,7 @@ class Master:
             host=host,
             text=text,
         )
-        self._watcher.message(
+        self._watcher.error(
             f"rank {failure['rank']} on {host}: string {failure['string']} sample "
             f"{failure['sample']} raised\n{text}"
         )
@@ -167,7 +171,9 @@ class Master:
         samples = len(self._stored.samples) + self.books.samples
         self._watcher.tick(samples, self.books.rate, busy, len(self.inversion.live))
 
-    def _in_words(self) -> str:
+    @property
+    def finished_because(self) -> str:
+        """Why the search ended, in words."""
         if self.inversion.stop_reason == "target" and self._campaign.stopping.target is not None:
             target = self._campaign.stopping.target
             return f"the mean objective of the best {target.top} is at most {target.objective:g}"

@@ -15,7 +15,7 @@ from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
 from agglom_mpi.farm.crew import Crew
 from agglom_mpi.farm.launch import warms_first
-from agglom_mpi.farm.master import BAD_INPUT, FINISHED, End, Master
+from agglom_mpi.farm.master import BAD_INPUT, FAILURE, FINISHED, End, Master
 from agglom_mpi.farm.simulator import Simulator
 from agglom_mpi.farm.store import StoreError, leg_fields, output_path, prepare
 from agglom_mpi.farm.worker import work
@@ -25,7 +25,7 @@ from agglom_mpi.report.summary import summarise
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-MISTAKES = (CampaignError, StoreError, NotACampaign, CampaignInUse)
+MISTAKES = (CampaignError, StoreError, NotACampaign, CampaignInUse, OSError)
 """Errors of the user's: one message and exit code 2."""
 
 
@@ -91,12 +91,22 @@ def lead(options: Options, world: "Intracomm | None") -> int:
         master = Master(campaign, file, writer, display)
         if master.replay():
             tell(world, FINISHED)
+            if file.status().state != "finished":  # killed just after the last generation
+                writer.set_status("finished", master.finished_because)
             display.message(f"{path} is finished already: nothing to do")
         else:
             tell(world, None, campaign)
-            end = run_leg(campaign, path, writer, master, display, stop, world)
+            try:
+                end = run_leg(campaign, path, writer, master, display, stop, world)
+            except OSError as error:
+                display.error(f"{error}; everything written before is whole, run again to go on")
+                writer.give_up(str(error))
+                if world is not None:
+                    world.Abort(FAILURE)
+                return FAILURE
             if end.code != FINISHED:
-                display.message(f"stopped: {end.reason}; everything simulated so far is in {path}")
+                show = display.error if end.code == FAILURE else display.message
+                show(f"stopped: {end.reason}; everything simulated so far is in {path}")
                 return end.code
     if not options.quiet:
         display.table(summarise(open_campaign(path)))

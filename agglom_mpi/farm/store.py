@@ -60,7 +60,7 @@ def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> Campaig
             seed=campaign.seed,
             title=campaign.title,
             code_version=__version__,
-            sources_sha256=sources_digest(),
+            sources_sha256=deciding_sources(),
             lower=campaign.variables.lower,
             upper=campaign.variables.upper,
             strings=campaign.most_strings,
@@ -71,7 +71,7 @@ def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> Campaig
         return open_campaign(path)
     stored = open_campaign(path)
     check_same_campaign(path, stored.identity, campaign.identity())
-    if stored.attributes["sources_sha256"] != sources_digest() and not accept_code_change:
+    if last_sources(stored) != deciding_sources() and not accept_code_change:
         raise StoreError(
             f"{path}: was computed by other simulation sources (version "
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
@@ -79,6 +79,19 @@ def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> Campaig
         )
     grow_campaign_file(path, campaign.most_strings, campaign.stopping.generations)
     return stored
+
+
+def deciding_sources() -> str:
+    """Hash of the sources that decide a campaign: those of samples, search and variables."""
+    return sources_digest("search/*.py", "variables.py")
+
+
+def last_sources(stored: CampaignFile) -> str:
+    """Hash of the sources that the last leg of a campaign, or its creation, ran with."""
+    legs = stored.legs()
+    if len(legs):
+        return str(legs[-1]["sources_sha256"].decode())
+    return str(stored.attributes["sources_sha256"])
 
 
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
@@ -113,6 +126,6 @@ def leg_fields(ranks: int, mpi: str) -> dict[str, Any]:
         "ranks": ranks,
         "host": socket.gethostname(),
         "code_version": __version__,
-        "sources_sha256": sources_digest(),
+        "sources_sha256": deciding_sources(),
         "versions": versions() | {"mpi": mpi},
     }

@@ -27,6 +27,7 @@ def work(world: "Intracomm", simulator: Simulator) -> int:
                 code = np.zeros(1, np.int32)
                 world.Recv(code, source=0, tag=STOP)
                 thread.stop()
+                world.Send([code, MPI.BYTE], dest=0, tag=STOP)
                 return int(code[0])
             world.Recv([tasks, MPI.BYTE], source=0, tag=TASKS, status=status)
             thread.put(tasks[: status.Get_count(MPI.BYTE) // TASK.itemsize].copy())

@@ -16,9 +16,10 @@ WIDEST: Final = 88
 
 def print_wide(content: RenderableType) -> None:
     """Print a table to standard output, not squeezed where that is no terminal."""
-    console = Console(soft_wrap=True)
+    # Titles and paths are the user's: neither [markup] nor :emoji: is meant.
+    console = Console(soft_wrap=True, markup=False, emoji=False)
     if not console.is_terminal:
-        console = Console(soft_wrap=True, width=max(WIDEST, console.width))
+        console.width = max(WIDEST, console.width)
     console.print(content)
 
 
@@ -27,14 +28,15 @@ class Display:
 
     def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
-        self._log = Console(stderr=True, soft_wrap=True, highlight=False)
+        self._log = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         self._progress: Progress | None = None
         self._task = TaskID(0)
         self._generations = 0
 
     def error(self, text: str) -> None:
         """Show a mistake, also if quiet."""
-        self._log.print(text, style="bold red", markup=False)
+        console = self._progress.console if self._progress else self._log
+        console.print(text, style="bold red", markup=False)
 
     def message(self, text: str) -> None:
         """Show one line."""

@@ -30,7 +30,7 @@ class Request(NamedTuple):
 
 
 def forward(request: Request, as_json: bool) -> tuple[str, int]:
-    """Simulate, and return the text to print and the exit code (1 if a replay differs)."""
+    """Simulate; the text to print and the exit code, 1 if a sample fails or a replay differs."""
     if request.source.suffix in (".yaml", ".yml"):
         if request.string is not None:
             raise _mistake(request, "--string", "needs a campaign file FILE.h5, not a YAML file")
@@ -46,8 +46,11 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         stored = _stored_sample(request, file)
     numbers = range(request.samples) if request.sample is None else [request.sample]
     engine = campaign.engine(request.engine)
-    campaign.simulate(parameters, numbers[0], engine)
-    outcomes = [campaign.simulate(parameters, number, engine) for number in numbers]
+    try:
+        campaign.simulate(parameters, numbers[0], engine)
+        outcomes = [campaign.simulate(parameters, number, engine) for number in numbers]
+    except RuntimeError as error:
+        return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report = _report(campaign, parameters, outcomes)
     code = 0
     if stored is not None:

@@ -38,21 +38,24 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
     finite = results[np.isfinite(results["objective"])]
     ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
     parameters = {int(row["string"]): row for row in file.string_rows()}
+    generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
     seconds = float((whole["stopped"] - whole["started"]).sum())
+    if len(whole) < len(legs) and len(generations):
+        seconds = max(seconds, float(generations["seconds"].max()))
     return Summary(
         file=str(file.path),
         title=str(file.attributes["title"]),
         state=status.state,
         reason=status.reason,
-        generations=len(file.generation_rows()),
+        generations=len(generations),
         strings=len(results),
         samples_used=int(results["samples_used"].sum()),
         samples_simulated=len(samples),
         failed=int((samples["state"] == 2).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
         seconds=seconds,
-        samples_per_second=float(whole["samples"].sum()) / seconds if seconds else 0.0,
+        samples_per_second=len(samples) / seconds if seconds else 0.0,
         best=[_entry(row, parameters[int(row["string"])]) for row in ranked],
     )
 

@@ -40,7 +40,7 @@ class GenerationSummary(NamedTuple):
     mean_of_top: float
     """Mean objective of the best `Target.top` strings, or of the parents without a target."""
     population: NDArray[np.int64]
-    """Numbers of the strings in slot order, shape (S,)."""
+    """Numbers of the strings, the best first, shape (S,)."""
     evaluations: int
     """Strings judged so far."""
     samples_used: int
@@ -178,6 +178,7 @@ class Inversion:
         parameters = np.array([self._strings[string] for string in self._ids])
         objectives = np.array([self.results[int(string)].objective for string in self._ids])
         self._search.tell(self._ids, parameters, objectives)
+        population = self._search.population_ids
         best, objective = self._search.best(1)[0]
         mean_of_top = self._search.mean_of_top(self._top)
         self._observer.generation_done(
@@ -187,7 +188,7 @@ class Inversion:
                 objective=objective,
                 standard_error=self.results[best].standard_error,
                 mean_of_top=mean_of_top,
-                population=self._search.population_ids,
+                population=np.array([string for string, _ in self._search.best(population.size)]),
                 evaluations=len(self.results),
                 samples_used=self._samples_used,
             )

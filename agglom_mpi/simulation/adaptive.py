@@ -1,6 +1,7 @@
 """The stepper of [B]: steps of the smallest gap over approach speed, merges after all pairs."""
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from agglom_mpi.simulation.neighbours import (
     squared_distance,
     update_neighbours,
 )
-from agglom_mpi.simulation.particles import compact
+from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
 from agglom_mpi.simulation.scene import AdaptiveSteps
 from agglom_mpi.simulation.stepping import (
     aborted,
@@ -34,6 +35,9 @@ from agglom_mpi.simulation.stepping import (
     shift_apart,
 )
 
+MOST_STEPS: Final = 10_000_000
+"""Steps after which a sample fails: its floor is too small for its end time."""
+
 
 @advance.answer(AdaptiveSteps)
 def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
@@ -44,12 +48,15 @@ def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no
     merged = True
     time = 0.0
     while time < scene.end_time and not aborted(abort):
+        if ledger.tally[STEPS] >= MOST_STEPS:
+            ledger.tally[EXHAUSTED] = 1
+            break
         count_step(particles, ledger)
         update_neighbours(scene, particles, neighbours, time, merged, np.inf)
         find_partners(scene, particles, neighbours, partner, squared, np.inf)
         merged = resolve_together(scene, particles, ledger, neighbours, partner, squared, time)
         mend_partners(scene, particles, neighbours, partner, squared)
-        step = smallest_flight(scene, particles, partner, squared, engine.ceiling)
+        step = smallest_flight(scene, particles, partner, engine.ceiling)
         step = min(max(engine.floor, step), scene.end_time - time)
         if merged:
             compact(particles)
@@ -75,6 +82,7 @@ def resolve_together(scene, particles, ledger, neighbours, partner, squared, tim
         current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
         if not is_contact(particles.radius, i, j, current):
             continue
+        reach = particles.radius[i] + particles.radius[j]
         size = particles.size[0]
         kind = collide(scene, particles, ledger, i, j, time)
         if kind == BONDED:
@@ -82,7 +90,7 @@ def resolve_together(scene, particles, ledger, neighbours, partner, squared, tim
             bonded_j.append(j)
         elif kind == BOUNCED:
             note_new(particles, neighbours, size)
-            shift_apart(scene, particles, i, j, math.sqrt(current))
+            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
     merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time)
     return len(bonded_i) > 0
 
@@ -119,7 +127,7 @@ def mend_partners(scene, particles, neighbours, partner, squared):  # type: igno
 
 
 @stage
-def smallest_flight(scene, particles, partner, squared, ceiling):  # type: ignore[no-untyped-def]
+def smallest_flight(scene, particles, partner, ceiling):  # type: ignore[no-untyped-def]
     """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
     smallest = ceiling
     escape, half, radius = scene.escape, scene.half_width, particles.radius
@@ -129,13 +137,12 @@ def smallest_flight(scene, particles, partner, squared, ceiling):  # type: ignor
         j = partner[i]
         if j < 0:
             continue
-        closing = (
-            (u[i] - u[j]) * separation(escape, x[j] - x[i], half)
-            + (v[i] - v[j]) * separation(escape, y[j] - y[i], half)
-            + (w[i] - w[j]) * separation(escape, z[j] - z[i], half)
-        )
+        dx = separation(escape, x[j] - x[i], half)
+        dy = separation(escape, y[j] - y[i], half)
+        dz = separation(escape, z[j] - z[i], half)
+        closing = (u[i] - u[j]) * dx + (v[i] - v[j]) * dy + (w[i] - w[j]) * dz
         if closing > 0.0:
-            distance = math.sqrt(squared[i])
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
             gap = max(0.0, distance - radius[i] - radius[j])
             smallest = min(smallest, gap * distance / closing)
     return smallest

@@ -70,6 +70,7 @@ def resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time
         current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
         if not is_contact(particles.radius, i, j, current):
             continue
+        reach = particles.radius[i] + particles.radius[j]
         size = particles.size[0]
         kind = collide(scene, particles, ledger, i, j, time)
         if kind == BONDED:
@@ -78,5 +79,5 @@ def resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time
             merged = True
         elif kind == BOUNCED:
             note_new(particles, neighbours, size)
-            shift_apart(scene, particles, i, j, math.sqrt(current))
+            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
     return merged

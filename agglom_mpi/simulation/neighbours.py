@@ -288,10 +288,18 @@ def find_partners(scene, particles, neighbours, partner, squared, reach):  # typ
 def mend_partner(scene, particles, neighbours, partner, squared, i):  # type: ignore[no-untyped-def]
     """Bring the nearest neighbour of i up to date after contacts merged or made particles.
 
-    Looks at all where the old one is gone or changed, else at the changed particles.
+    Looks at all where the old one is gone, changed or was uncertain, else at the changed ones.
     """
     j = partner[i]
-    if j < 0 or neighbours.is_moved[i] or neighbours.is_moved[j] or particles.mass[j] == 0.0:
+    near = neighbours.scale[NEAR] if neighbours.tally[LISTED] > 0 else np.inf
+    doubtful = squared[i] > near * near
+    if (
+        j < 0
+        or doubtful
+        or neighbours.is_moved[i]
+        or neighbours.is_moved[j]
+        or particles.mass[j] == 0.0
+    ):
         x, y, z = particles.position[0], particles.position[1], particles.position[2]
         squared[i], partner[i] = nearest_of_all(
             scene.escape, x, y, z, scene.half_width, neighbours.row, particles.size[0], i

@@ -11,7 +11,7 @@ REASONS: Final = (
     "",
     "placement: no free place was found for every sphere",
     "non-finite state",
-    "event budget exceeded",
+    "budget of steps exceeded",
     "exception",
 )
 """Why a sample failed, by the `reason` of its record."""

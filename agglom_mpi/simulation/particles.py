@@ -19,6 +19,7 @@ CAPPED: Final = 3
 FLOORED: Final = 4
 STEPS: Final = 5
 PARTICLE_STEPS: Final = 6
+EXHAUSTED: Final = 7
 
 
 class Ledger(NamedTuple):
@@ -59,7 +60,7 @@ class Particles(NamedTuple):
 @stage
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
-    return Ledger(np.zeros(4), np.zeros(7, np.int64), np.zeros(1))
+    return Ledger(np.zeros(4), np.zeros(8, np.int64), np.zeros(1))
 
 
 @stage

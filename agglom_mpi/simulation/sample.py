@@ -20,7 +20,7 @@ from agglom_mpi.simulation.measures import (
     measure_ledger,
     total_momentum,
 )
-from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger, new_particles
 from agglom_mpi.simulation.placement import place
 from agglom_mpi.simulation.scene import Scene, build_scene
 from agglom_mpi.simulation.velocities import draw_velocities
@@ -104,10 +104,10 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     )
     ledger = new_ledger()
     record = out[0]
-    record["state"] = 2
+    record["state"] = result.FAILED
     occupied = particles.position[:, : scene.particles]
     if not place(random, scene.escape, occupied, 2.0 * scene.radius, scene.half_width):
-        record["reason"] = 1
+        record["reason"] = result.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
     start = total_momentum(particles) + fluctuation(particles)
@@ -115,12 +115,15 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     record["end_time"] = end
     for i in range(particles.size[0]):
         catch_up(scene, particles, ledger, i, end)
+    if ledger.tally[EXHAUSTED] > 0:
+        record["reason"] = result.BUDGET_EXCEEDED
+        return particles
     if not is_finite(particles):
-        record["reason"] = 2
+        record["reason"] = result.NON_FINITE
         return particles
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)
-    record["state"] = 1
+    record["state"] = result.COMPLETED
     return particles
 
 

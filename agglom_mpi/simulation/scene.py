@@ -1,7 +1,7 @@
 """A scene as compiled kernels see it: a NamedTuple of submodels, `None` for what is left out."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,10 @@ from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign.scene import SceneModel
+
+
+LARGEST_EXPONENT: Final = 600.0
+"""U/(Rθ) beyond which the hardness, and so the critical speed, is no number any more."""
 
 
 class FixedSteps(NamedTuple):
@@ -177,7 +181,9 @@ def _end_time(model: "SceneModel", value: dict[str, float], radius: float) -> fl
     hardness = value["hardness"]
     if model.hardness.law == "arrhenius":
         exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
-        hardness *= math.exp(min(exponent, 700.0))
+        if exponent > LARGEST_EXPONENT:
+            raise ValueError(f"the characteristic time vanishes: U/(R theta) is {exponent:.4g}")
+        hardness *= math.exp(exponent)
     square = 6.0 * model.contact_area.final * hardness * model.duration.length_ratio
     critical_speed = math.sqrt(square / value["density"])
     return (spacing - 2.0 * radius) / critical_speed * math.log(0.01) / math.log(0.9)

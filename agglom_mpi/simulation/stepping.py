@@ -12,9 +12,12 @@ from agglom_mpi.simulation.particles import FLOORED, PARTICLE_STEPS, RADIATED, S
 
 
 @stage
-def shift_apart(scene, particles, i, j, distance):  # type: ignore[no-untyped-def]
-    """Shift both spheres along their outgoing velocities by their share of the overlap  [A 8]."""
-    overlap = 1.0 - distance / (particles.radius[i] + particles.radius[j])
+def shift_apart(scene, particles, i, j, distance, reach):  # type: ignore[no-untyped-def]
+    """Shift both spheres along their outgoing velocities by their share of the overlap  [A 8].
+
+    `distance` of the centres and `reach`, the sum of the radii, in m, are those at contact.
+    """
+    overlap = 1.0 - distance / reach
     if overlap > 0.0:
         for k in (i, j):
             v = particles.velocity

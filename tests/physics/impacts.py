@@ -13,7 +13,7 @@ from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
-from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
+from agglom_mpi.physics.solvers import RootFinder
 
 R = 8.314462618
 DENSITY = 5000.0

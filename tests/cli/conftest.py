@@ -1,0 +1,47 @@
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+# The helpers that run campaigns.
+sys.path.insert(0, str(Path(__file__).parents[1] / "farm"))
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory):
+    """Return a folder with a tiny campaign and its file."""
+    from farm_runs import TINY, finish, write_campaign
+
+    folder = tmp_path_factory.mktemp("tiny")
+    write_campaign(folder / "tiny.yaml", **TINY)
+    finish(folder, "tiny.yaml")
+    return folder
+
+
+@pytest.fixture
+def agglom(finished, monkeypatch):
+    """Return a function that runs `agglom` in that folder, in this process."""
+    from agglom_mpi.cli import main
+
+    def run(*arguments):
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exc_info
+        return result
+
+    monkeypatch.chdir(finished)
+    return run
+
+
+@pytest.fixture
+def mistaken(agglom):
+    """Return a function that runs `agglom` and expects a mistake in one line."""
+
+    def run(*arguments):
+        result = agglom(*arguments)
+        assert result.exit_code == 2, result.output
+        assert result.stdout == ""
+        assert result.stderr.count("\n") == 1
+        return result.stderr.rstrip("\n")
+
+    return run

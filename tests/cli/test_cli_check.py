@@ -1,0 +1,49 @@
+import pytest
+from farm_runs import QUICKSTART, write_campaign
+
+JOBS = sorted(QUICKSTART.parent.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("job", JOBS, ids=lambda job: job.stem)
+def test_every_job_is_valid_and_says_what_would_run(agglom, job):
+    done = agglom("check", job)
+    assert done.exit_code == 0
+    assert done.stderr == ""
+    headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
+    assert headings[1:] == ["Scene", "Variables", "Submodels", "Left out"]
+    for entry in ("seed", "objective", "ensemble", "generations", "strings", "samples", "engine"):
+        assert f"\n  {entry}: " in done.stdout
+
+
+def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
+    text = agglom("check", QUICKSTART).stdout
+    assert "\n  strings: 52\n" in text
+    assert "\n  samples: 260 to 7,800, 5 to 150 per string\n" in text
+    assert "\n  relative_speed    m/s     0.1 .. 30\n" in text
+    used, _, left_out = text.partition("\nSubmodels\n")[2].partition("\nLeft out\n")
+    names = [line.split()[0].rstrip(":") for line in used.splitlines()]
+    assert {"hardness", "friction", "reaction", "restitution"} <= set(names)
+    assert left_out.split() == ["fragmentation", "cooling"]
+
+
+def test_a_wrong_key_is_named_with_its_line(mistaken, tmp_path):
+    path = write_campaign(tmp_path / "bad.yaml")
+    text = path.read_text().replace("  friction: restitution_scaled", "  frictoin: none")
+    path.write_text(text)
+    line = text.splitlines().index("  frictoin: none") + 1
+    wanted = f"{path}:{line}: scene.frictoin: unknown key 'frictoin'; did you mean 'friction'?"
+    assert mistaken("check", path) == wanted
+
+
+def test_a_campaign_without_ranges_has_nothing_to_search(mistaken, tmp_path):
+    path = write_campaign(tmp_path / "fixed.yaml")
+    text = path.read_text()
+    for box, value in (("[0.1, 30]", "1"), ("[0.4, 0.8]", "0.5"), ("[10 MPa, 200 MPa]", "1e8")):
+        text = text.replace(box, value)
+    path.write_text(text)
+    assert "at least one variable as [lower, upper]" in mistaken("check", path)
+
+
+def test_what_is_no_campaign_is_said_in_one_line(mistaken, tmp_path):
+    assert mistaken("check", "nothing.yaml") == "nothing.yaml: no such file"
+    assert "is a directory" in mistaken("check", tmp_path)

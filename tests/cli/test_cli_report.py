@@ -1,0 +1,35 @@
+import json
+
+from farm_runs import TINY
+
+from agglom_mpi import open_campaign
+
+
+def test_the_best_strings_are_shown_with_the_end_of_the_run(agglom):
+    done = agglom("report", "tiny.h5")
+    assert done.exit_code == 0
+    assert done.stderr == ""
+    best = open_campaign("tiny.h5").best(4)
+    row = next(line for line in done.stdout.splitlines() if line.startswith("objective "))
+    assert row.split()[1:] == [format(value, ".4f") for value in best["objective"]]
+    assert "finished: all 1 generations are done" in done.stdout
+    assert "1 generations, 4 strings, " in done.stdout
+
+
+def test_json_holds_the_same_figures(agglom):
+    report = json.loads(agglom("report", "tiny.h5", "--json").stdout)
+    file = open_campaign("tiny.h5")
+    assert report["state"] == "finished"
+    assert report["strings"] == TINY["population"]
+    assert report["samples_simulated"] == len(file.all_sample_rows())
+    assert [entry["string"] for entry in report["best"]] == file.best(6)["string"].tolist()
+    assert report["best"][0]["objective"] == file.best()["objective"][0]
+
+
+def test_what_is_no_campaign_file_is_said_in_one_line(mistaken, tmp_path):
+    (tmp_path / "text.h5").write_text("no database")
+    (tmp_path / "empty.h5").touch()
+    assert mistaken("report", "nothing.h5") == "nothing.h5: No such file or directory"
+    assert mistaken("report", tmp_path) == f"{tmp_path}: Is a directory"
+    assert mistaken("report", tmp_path / "text.h5").endswith("text.h5: not an HDF5 file")
+    assert "it is empty" in mistaken("report", tmp_path / "empty.h5")

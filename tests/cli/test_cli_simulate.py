@@ -1,0 +1,151 @@
+import json
+
+import h5py
+import pytest
+from farm_runs import SMALL, write_campaign
+
+from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi.report import forward as module
+from agglom_mpi.variables import NAMES
+
+
+def test_a_string_is_averaged_over_samples(agglom):
+    done = agglom("simulate", "tiny.yaml", "--set", "hardness=67 MPa", "--samples", 4, "--json")
+    assert done.exit_code == 0
+    report = json.loads(done.stdout)
+    campaign = load_campaign("tiny.yaml")
+    outcomes = [campaign.simulate({"hardness": 67e6}, sample) for sample in range(4)]
+    mean = sum(outcome.mean_radius_ratio for outcome in outcomes) / 4
+    assert report["samples"] == 4
+    assert report["measured"]["mean_radius_ratio"]["mean"] == pytest.approx(mean, rel=1e-14)
+    assert report["objective"]["mean"] == pytest.approx(abs(mean / 2 - 1), rel=1e-12)
+    assert report["parameters"]["hardness"] == 67e6
+    assert report["parameters"]["relative_speed"] == 15.05  # the middle of its range
+    assert "surface_energy" not in report["parameters"]
+    assert set(report["ledger"]) >= {"momentum_error", "energy_error", "overlaps"}
+
+
+def test_one_sample_has_no_standard_error(agglom):
+    report = json.loads(agglom("simulate", "tiny.yaml", "--samples", 1, "--json").stdout)
+    assert report["objective"]["standard_error"] is None
+    assert report["measured"]["collisions"]["standard_error"] is None
+
+
+def test_text_shows_units_and_errors(agglom):
+    text = agglom("simulate", "tiny.yaml", "--set", "density=6000", "--samples", 3).stdout
+    assert "  density               6000 kg/m^3\n" in text
+    assert "mean ± standard error over 3 samples" in text
+    assert any("objective" in line and " ± " in line for line in text.splitlines())
+
+
+def test_the_engine_can_be_another(agglom):
+    words = ("simulate", "tiny.yaml", "--samples", 1, "--json", "--engine")
+    report = json.loads(agglom(*words, "fixed:100").stdout)
+    assert report["measured"]["steps"]["mean"] == 100
+    assert json.loads(agglom(*words, "fixed").stdout)["measured"]["steps"]["mean"] == 200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "hardnes=1e8"], "hardnes: unknown variable"),
+        (["--set", "hardness=5 kg"], "hardness: wrong unit: 'kg' is mass, expected pressure"),
+        (["--set", "hardness=soft"], "hardness: "),
+        (["--set", "size_ratio=1.5"], "random placement jams"),
+        (["--engine", "fixed:0"], "STEPS must be a whole number from 1"),
+        (["--engine", "warp"], "allowed: fixed, fixed:STEPS, adaptive"),
+        (["--string", "1"], "needs a campaign file"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said_in_one_line(mistaken, arguments, words):
+    message = mistaken("simulate", "tiny.yaml", *arguments)
+    assert message.startswith("tiny.yaml: ")
+    assert words in message
+
+
+def test_a_setting_needs_a_value(agglom):
+    done = agglom("simulate", "tiny.yaml", "--set", "density")
+    assert done.exit_code == 2
+    assert "'density' is not NAME=VALUE" in done.stderr
+
+
+def test_a_recorded_sample_is_replayed_bit_for_bit(agglom):
+    done = agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3)
+    assert done.exit_code == 0
+    assert done.stdout.splitlines()[-1] == "identical to the recorded sample"
+    report = json.loads(
+        agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3, "--json").stdout
+    )
+    row = open_campaign("tiny.h5").sample_rows(2)[3]
+    assert report["measured"]["mean_radius_ratio"]["mean"] == row["mean_radius_ratio"]
+    assert report["replay"] == "identical to the recorded sample"
+
+
+def test_a_recorded_string_is_simulated_as_it_stands(agglom):
+    report = json.loads(
+        agglom("simulate", "tiny.h5", "--string", 1, "--samples", 2, "--json").stdout
+    )
+    row = open_campaign("tiny.h5").string_rows()[1]
+    for name, value in report["parameters"].items():
+        assert value == row[name]
+    assert set(report["parameters"]) == set(NAMES) - {"surface_energy"}
+    assert "replay" not in report
+
+
+def test_a_replay_that_differs_is_told_by_the_exit_code(agglom, monkeypatch):
+    monkeypatch.setattr(module, "_same", lambda stored, computed: False)
+    done = agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3)
+    assert done.exit_code == 1
+    assert done.stdout.splitlines()[-1] == "differs from the recorded sample"
+
+
+def test_a_changed_row_is_not_the_same(finished):
+    row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
+    other = row.copy()
+    other["merges"] += 1
+    assert module._same(row, row.copy())
+    assert not module._same(row, other)
+
+
+def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):
+    def fail(*arguments):
+        raise RuntimeError("sample 0 failed: non-finite state")
+
+    monkeypatch.setattr("agglom_mpi.campaign.Campaign.simulate", fail)
+    done = agglom("simulate", "tiny.yaml")
+    assert (done.exit_code, done.stdout) == (1, "sample 0 failed: non-finite state\n")
+    done = agglom("simulate", "tiny.yaml", "--json")
+    assert json.loads(done.stdout) == {"failed": "sample 0 failed: non-finite state"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "--string: is missing; allowed: 0 to 3"),
+        (["--string", "4"], "--string: is 4; allowed: 0 to 3"),
+        (["--string", "0", "--sample", "5"], "which string 0 does not have; recorded: 0 to 4"),
+        (["--string", "0", "--set", "density=1"], "a recorded string is as it is"),
+    ],
+)
+def test_what_is_not_recorded_is_said_in_one_line(mistaken, arguments, words):
+    message = mistaken("simulate", "tiny.h5", *arguments)
+    assert message.startswith("tiny.h5: ")
+    assert words in message
+
+
+def test_what_is_no_source_is_said_in_one_line(mistaken, tmp_path):
+    (tmp_path / "text.h5").write_text("no database")
+    with h5py.File(tmp_path / "other.h5", "w"):
+        pass
+    assert mistaken("simulate", "nothing.yaml") == "nothing.yaml: no such file"
+    assert mistaken("simulate", "nothing.h5") == "nothing.h5: No such file or directory"
+    assert mistaken("simulate", tmp_path) == f"{tmp_path}: Is a directory"
+    assert "not an HDF5 file" in mistaken("simulate", tmp_path / "text.h5")
+    assert "not an agglom_mpi campaign" in mistaken("simulate", tmp_path / "other.h5")
+
+
+def test_a_campaign_file_needs_no_yaml_file(agglom, tmp_path, finished):
+    path = write_campaign(tmp_path / "gone.yaml", **SMALL)
+    path.unlink()
+    done = agglom("simulate", finished / "tiny.h5", "--string", 0, "--sample", 0)
+    assert done.exit_code == 0

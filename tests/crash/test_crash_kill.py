@@ -1,0 +1,143 @@
+"""SIGKILL at any moment: nothing final is lost, and the same command goes on to the same end."""
+
+import os
+import random
+import signal
+import time
+
+import h5py
+import numpy as np
+import pytest
+from farm_runs import (
+    assert_same,
+    decisions,
+    finish,
+    need_mpirun,
+    samples_in,
+    start,
+    state,
+    wait_until,
+)
+
+from agglom_mpi.database.reader import open_campaign
+
+KILLS = 3
+
+
+def ranks_below(launcher):
+    """Process numbers of the ranks that a launcher, here and now, has started."""
+    parents, names = {}, {}
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open(f"/proc/{entry}/stat") as file:
+                    fields = file.read().rpartition(")")[2].split()
+                with open(f"/proc/{entry}/cmdline") as file:
+                    names[int(entry)] = file.read()
+            except OSError:
+                continue
+            parents[int(entry)] = int(fields[1])
+
+    def descends(number):
+        while number in parents and number != launcher:
+            number = parents[number]
+        return number == launcher
+
+    return sorted(
+        number
+        for number in parents
+        if number != launcher
+        and descends(number)
+        and "agglom-invert" in names[number]
+        and "python" in names[number].split("\0")[0]
+    )
+
+
+def kill_in_mid_campaign(folder, chance, ranks):
+    """Run until some more samples are in the file, and kill; the rows that were there before."""
+    path = folder / "slow.h5"
+    before = samples_in(path)
+    more = chance.randint(1, 110)
+    process = start(folder, "slow.yaml", ranks=ranks)
+    try:
+        wait_until(lambda: samples_in(path) >= before + more, process)
+        time.sleep(chance.uniform(0.0, 0.1))
+        rows = open_campaign(path).all_sample_rows()
+        victim = process.pid if ranks is None else chance.choice(ranks_below(process.pid))
+        os.kill(victim, signal.SIGKILL)
+        process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    assert process.returncode not in (0, 2, 75)
+    return rows
+
+
+def assert_nothing_is_lost(path, rows):
+    with h5py.File(path, "r") as file:
+        assert file["samples_done"][:].sum() >= len(rows)
+    campaign = open_campaign(path)
+    assert campaign.damaged == 0
+    now = campaign.all_sample_rows()
+    places = {(row["string"], row["sample"]): row.tobytes() for row in now}
+    for row in rows:
+        assert places[row["string"], row["sample"]] == row.tobytes()
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks):
+    if ranks is not None:
+        need_mpirun()
+    chance = random.Random(2003 if ranks is None else 2004)
+    path = folder / "slow.h5"
+    kept = np.zeros(0)
+    for kill in range(KILLS):
+        rows = kill_in_mid_campaign(folder, chance, ranks)
+        assert len(rows) > len(kept)
+        kept = rows
+        assert_nothing_is_lost(path, rows)
+        assert state(path)[0] == "running"
+        assert len(open_campaign(path).legs()) == kill + 1
+    finish(folder, "slow.yaml", ranks=ranks)
+    assert_nothing_is_lost(path, kept)
+    assert_same(path, wanted)
+    assert state(path)[0] == "finished"
+    assert open_campaign(path).legs()["exit_code"].tolist() == [-1] * KILLS + [0]
+
+
+def test_a_campaign_begun_with_ranks_may_be_ended_without(folder, wanted):
+    need_mpirun()
+    rows = kill_in_mid_campaign(folder, random.Random(7), ranks=2)
+    finish(folder, "slow.yaml")
+    assert_nothing_is_lost(folder / "slow.h5", rows)
+    assert_same(folder / "slow.h5", wanted)
+
+
+def test_a_torn_sample_is_absent_and_computed_again(undisturbed, folder, wanted):
+    path = folder / "slow.h5"
+    path.write_bytes((undisturbed / "slow.h5").read_bytes())
+    used = open_campaign(path).max_samples * 2 + 1  # sample 1 of string 2
+    with h5py.File(path, "r+") as file:
+        row = file["samples"][used]
+        assert (row["string"], row["sample"]) == (2, 1)
+        row["mean_radius_ratio"] += 1.0
+        file["samples"][used] = row
+    assert open_campaign(path).damaged == 1
+    assert decisions(path) != wanted
+    finish(folder, "slow.yaml")
+    assert open_campaign(path).damaged == 0
+    assert_same(path, wanted)
+    assert open_campaign(path).legs()["samples"].tolist()[1] >= 1
+
+
+def test_a_kill_after_the_last_generation_leaves_only_the_status_to_set(undisturbed, folder):
+    path = folder / "slow.h5"
+    path.write_bytes((undisturbed / "slow.h5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        status = file["status"][0]
+        status["state"], status["reason"] = b"running", b""
+        file["status"][0] = status
+    done = finish(folder, "slow.yaml")
+    assert "is finished already" in done.stderr
+    assert state(path) == ("finished", "all 3 generations are done")

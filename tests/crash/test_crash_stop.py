@@ -1,0 +1,79 @@
+"""Asked to stop, a run ends with exit code 75, and the same command goes on."""
+
+import os
+import signal
+
+import pytest
+from farm_runs import (
+    assert_same,
+    finish,
+    invert,
+    mpirun_is_hydra,
+    need_mpirun,
+    samples_in,
+    start,
+    state,
+    wait_until,
+)
+
+from agglom_mpi.database.reader import open_campaign
+
+
+def stop_in_mid_campaign(folder, number, ranks=None):
+    """Send a signal when some samples are in the file; exit code and standard error."""
+    process = start(folder, "slow.yaml", ranks=ranks)
+    try:
+        wait_until(lambda: samples_in(folder / "slow.h5") >= 20, process)
+        os.kill(process.pid, number)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    return process.returncode, errors
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
+def test_a_signal_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, number):
+    code, errors = stop_in_mid_campaign(folder, number)
+    path = folder / "slow.h5"
+    assert code == 75
+    assert f"stopped: received {number.name}; everything simulated so far is in slow.h5" in errors
+    assert state(path) == ("stopped", f"received {number.name}")
+    leg = open_campaign(path).legs()[0]
+    assert leg["exit_code"] == 75
+    assert leg["samples"] == samples_in(path)
+    finish(folder, "slow.yaml")
+    assert_same(path, wanted)
+    assert state(path)[0] == "finished"
+
+
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
+def test_a_signal_to_mpirun_stops_all_ranks_cleanly(folder, wanted, number):
+    need_mpirun()
+    if number != signal.SIGUSR1 and not mpirun_is_hydra():
+        pytest.skip("only MPICH's mpirun hands TERM on to the ranks and waits for them")
+    code, errors = stop_in_mid_campaign(folder, number, ranks=2)
+    assert code == 75, errors
+    assert errors.count(f"stopped: received {number.name}") == 1
+    assert state(folder / "slow.h5")[0] == "stopped"
+    finish(folder, "slow.yaml", ranks=2)
+    assert_same(folder / "slow.h5", wanted)
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_the_walltime_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, ranks):
+    if ranks is not None:
+        need_mpirun()
+    done = invert(folder, "slow.yaml", "--max-walltime", "1s", ranks=ranks)
+    assert done.returncode == 75
+    assert "stopped: the walltime limit is reached" in done.stderr
+    assert done.stdout == ""
+    assert state(folder / "slow.h5") == ("stopped", "the walltime limit is reached")
+    finish(folder, "slow.yaml", ranks=ranks)
+    assert_same(folder / "slow.h5", wanted)
+
+
+def test_a_walltime_that_is_not_reached_changes_nothing(folder, wanted):
+    finish(folder, "slow.yaml", "--max-walltime", "1-0")
+    assert_same(folder / "slow.h5", wanted)

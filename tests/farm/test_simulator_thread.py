@@ -1,0 +1,139 @@
+import threading
+import time
+
+import numpy as np
+import pytest
+from farm_runs import SMALL, write_campaign
+
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.farm import simulator as module
+from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
+from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    return load_campaign(write_campaign(folder / "small.yaml", **SMALL))
+
+
+def tasks(campaign, count=1, string=3):
+    batch = np.zeros(count, TASK)
+    batch["string"], batch["sample"] = string, np.arange(count)
+    batch["parameters"] = campaign.parameters()
+    return batch
+
+
+class Fake:
+    """A simulator that computes nothing, with a say in what goes wrong."""
+
+    def __init__(self, act=lambda fake, task: None):
+        self.abort = np.zeros(1, np.uint8)
+        self.seen = []
+        self._act = act
+
+    def simulate(self, task):
+        self.seen.append(int(task["sample"]))
+        self._act(self, task)
+        result = np.zeros(1, RESULT)
+        result["sample"] = task["sample"]
+        return result, None
+
+
+def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
+    result, failure = Simulator(campaign, 2).simulate(tasks(campaign)[0])
+    outcome = campaign.simulate(campaign.parameters(), 0)
+    assert failure is None
+    assert result["state"] == COMPLETED
+    for column in COLUMNS:
+        assert result[column.name][0].tobytes() == outcome.record[column.name].tobytes()
+    assert result["objective"] == outcome.objective
+    assert (result["string"], result["sample"], result["rank"]) == (3, 0, 2)
+
+
+def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkeypatch):
+    def raise_at_once(*arguments):
+        raise ArithmeticError("grains on strike")
+
+    monkeypatch.setattr(module, "simulate_scene", raise_at_once)
+    thread = SimulatorThread(Simulator(campaign, 2))
+    thread.put(tasks(campaign, 2))
+    results, failures = thread.take(20.0)
+    thread.stop()
+    assert results["state"].tolist() == [FAILED] * 2
+    assert results["reason"].tolist() == [EXCEPTION] * 2
+    assert [failure["sample"].item() for failure in failures] == [0, 1]
+    assert failures[0]["string"].item() == 3
+    assert failures[0]["rank"].item() == 2
+    assert failures[0]["text"].item().decode().endswith("ArithmeticError: grains on strike\n")
+
+
+def test_an_exception_of_the_thread_itself_is_raised_where_results_are_taken():
+    def refuse(fake, task):
+        raise MemoryError("no more")
+
+    thread = SimulatorThread(Fake(refuse))
+    thread.put(np.zeros(1, TASK))
+    with pytest.raises(MemoryError, match="no more"):
+        thread.take(20.0)
+    thread.stop()
+
+
+def test_batches_come_back_whole_and_in_order():
+    thread = SimulatorThread(Fake())
+    for first in (0, 10):
+        batch = np.zeros(3, TASK)
+        batch["sample"] = first + np.arange(3)
+        thread.put(batch)
+    taken = [thread.take(20.0)[0]["sample"].tolist() for _ in range(2)]
+    thread.stop()
+    assert taken == [[0, 1, 2], [10, 11, 12]]
+
+
+def test_nothing_finished_is_none_after_the_wait():
+    thread = SimulatorThread(Fake())
+    assert thread.take(0.0) is None
+    assert thread.take(0.01) is None
+    thread.stop()
+
+
+def test_stopping_abandons_what_runs_and_what_is_queued():
+    running = threading.Event()
+
+    def until_aborted(fake, task):
+        running.set()
+        while not fake.abort[0]:
+            time.sleep(0.001)
+
+    fake = Fake(until_aborted)
+    thread = SimulatorThread(fake)
+    for _ in range(3):
+        thread.put(np.zeros(5, TASK))
+    assert running.wait(20.0)
+    thread.stop()
+    assert thread.take(0.0) is None
+    assert len(fake.seen) <= 3
+
+
+def test_stopping_does_not_wait_for_the_end_of_a_long_sample(tmp_path):
+    path = write_campaign(tmp_path / "long.yaml", **SMALL | {"steps": 5_000_000})
+    campaign = load_campaign(path)
+    simulator = Simulator(campaign, 0)
+    simulator.warm_up(campaign.parameters())
+    thread = SimulatorThread(simulator)
+    thread.put(tasks(campaign))
+    time.sleep(0.1)
+    begin = time.monotonic()
+    thread.stop()
+    assert time.monotonic() - begin < 5.0
+    assert thread.take(0.0) is None
+
+
+def test_of_a_long_traceback_the_end_travels():
+    text = "ä" * 1000 + "\nValueError: the end"
+    record = failed_sample(1, 2, 3, text)
+    assert record.dtype == FAILED_SAMPLE
+    stored = record["text"].item().decode()
+    assert stored.endswith("\nValueError: the end")
+    assert set(stored[: -len("\nValueError: the end")]) == {"ä"}

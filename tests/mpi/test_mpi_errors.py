@@ -1,0 +1,205 @@
+"""What goes wrong on a rank reaches the user once, and the job ends as it should."""
+
+import time
+
+import pytest
+from farm_runs import SLOW, SMALL, finish, inject, invert, need_mpirun, state, write_campaign
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.simulation.outcome import EXCEPTION, FAILED
+
+RANK = """
+import os
+rank = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
+"""
+
+ONE_SAMPLE_RAISES = f"""{RANK}
+import agglom_mpi.farm.simulator as simulator
+
+simulate_scene, count = simulator.simulate_scene, 0
+
+def once(scene, random, abort):
+    global count
+    count += not abort[0]
+    if rank == "1" and count == 5:
+        raise ArithmeticError("injected")
+    return simulate_scene(scene, random, abort)
+
+simulator.simulate_scene = once
+"""
+
+EVERY_SAMPLE_RAISES = f"""{RANK}
+import agglom_mpi.farm.simulator as simulator
+
+simulate_scene = simulator.simulate_scene
+
+def never(scene, random, abort):
+    if not abort[0]:
+        raise ArithmeticError("injected")
+    return simulate_scene(scene, random, abort)
+
+simulator.simulate_scene = never
+"""
+
+SIMULATOR_BREAKS = f"""{RANK}
+import agglom_mpi.farm.simulator as simulator
+
+def broken(self, task):
+    raise SystemError("injected")
+
+if rank == "1":
+    simulator.Simulator.simulate = broken
+"""
+
+WORKER_BREAKS = f"""{RANK}
+import agglom_mpi.farm.worker as worker
+
+class Broken(worker.SimulatorThread):
+    def put(self, tasks):
+        raise SystemError("injected")
+
+if rank == "1":
+    worker.SimulatorThread = Broken
+"""
+
+SENDS_WAIT_TO_BE_RECEIVED = """
+import agglom_mpi.farm.launch as launch
+
+connect = launch.connect
+
+def synchronous():
+    from mpi4py import MPI
+
+    world = connect()
+
+    class World(MPI.Intracomm):
+        def Send(self, *arguments, **options):
+            return self.Ssend(*arguments, **options)
+
+        def Isend(self, *arguments, **options):
+            return self.Issend(*arguments, **options)
+
+    return World(world)
+
+launch.connect = synchronous
+
+import time
+import agglom_mpi.farm.crew as crew
+
+dismiss = crew.Crew.dismiss
+
+def late(self, code):
+    time.sleep(0.3)  # every worker has results by now, and waits for them to be received
+    dismiss(self, code)
+
+crew.Crew.dismiss = late
+"""
+
+
+@pytest.fixture(autouse=True)
+def mpirun():
+    need_mpirun()
+
+
+def test_bad_input_is_one_message_and_no_file(tmp_path):
+    write_campaign(tmp_path / "bad.yaml", population=0)
+    done = invert(tmp_path, "bad.yaml", ranks=2)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("bad.yaml:")
+    assert "search.population: is 0" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
+
+
+@pytest.mark.parametrize("arguments", [["--walltime", "1"], ["small.yaml", "--max-walltime", "x"]])
+def test_wrong_options_are_one_message(small, arguments):
+    done = invert(small, *arguments, ranks=2)
+    assert done.returncode == 2
+    assert done.stderr.count("Error: ") == 1
+
+
+def test_help_is_shown_once(tmp_path):
+    done = invert(tmp_path, "--help", ranks=2)
+    assert done.returncode == 0
+    assert done.stdout.count("Usage: ") == 1
+
+
+def test_an_exception_on_a_worker_is_shown_and_stored_and_the_run_goes_on(small, tmp_path):
+    folder = inject(tmp_path / "inject", ONE_SAMPLE_RAISES)
+    done = finish(small, "small.yaml", "-o", tmp_path / "x.h5", ranks=2, inject=folder)
+    file = open_campaign(tmp_path / "x.h5")
+    rows = file.all_sample_rows()
+    [row] = rows[rows["state"] == FAILED]
+    [failure] = file.failures()
+    assert (row["reason"], row["rank"]) == (EXCEPTION, 1)
+    for name in ("string", "sample", "rank"):
+        assert failure[name] == row[name]
+    assert failure["text"].decode().endswith("ArithmeticError: injected\n")
+    assert "rank 1 on " in done.stderr
+    assert f"string {row['string']} sample {row['sample']} raised" in done.stderr
+    assert done.stderr.count("ArithmeticError: injected") == 1
+    assert "1 samples failed" in done.stdout
+    assert state(file.path)[0] == "finished"
+
+
+@pytest.mark.parametrize("break_it", [SIMULATOR_BREAKS, WORKER_BREAKS])
+def test_an_uncaught_exception_on_a_worker_ends_the_job_promptly(tmp_path, break_it):
+    write_campaign(tmp_path / "slow.yaml", **SLOW | {"steps": 20_000})
+    folder = inject(tmp_path / "inject", break_it)
+    begin = time.monotonic()
+    done = invert(tmp_path, "slow.yaml", ranks=2, inject=folder)
+    assert done.returncode not in (0, 2, 75)
+    assert "rank 1:\nTraceback" in done.stderr
+    assert "SystemError: injected" in done.stderr
+    assert time.monotonic() - begin < 30.0
+    assert open_campaign(tmp_path / "slow.h5").damaged == 0
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
+    write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
+    folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
+    done = invert(tmp_path, "small.yaml", ranks=ranks, inject=folder)
+    assert done.returncode == 1
+    assert "samples failed; everything simulated so far is in small.h5" in done.stderr
+    assert "rank " not in done.stderr.partition("stopped:")[2]
+    file = open_campaign(tmp_path / "small.h5")
+    failed = len(file.all_sample_rows())
+    assert failed >= 5
+    assert len(file.failures()) == failed
+    assert state(file.path) == ("failed", f"{failed} samples failed")
+    assert file.legs()["exit_code"].tolist() == [1]
+    assert file.legs()["samples"].tolist() == [failed]
+
+
+def test_too_many_failures_are_an_error_that_quiet_does_not_hide(tmp_path):
+    write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
+    folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
+    done = invert(tmp_path, "small.yaml", "--quiet", inject=folder)
+    assert done.returncode == 1
+    assert done.stderr.startswith("stopped: ")
+    assert done.stdout == ""
+
+
+def test_processes_of_another_mpi_are_refused(small):
+    done = invert(small, "small.yaml", OMPI_COMM_WORLD_SIZE="2")
+    assert done.returncode == 2
+    assert "the launcher started 2 processes" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_only_the_first_process_of_another_mpi_says_so(small):
+    done = invert(small, "small.yaml", OMPI_COMM_WORLD_SIZE="2", OMPI_COMM_WORLD_RANK="1")
+    assert (done.returncode, done.stderr) == (2, "")
+
+
+def test_a_worker_in_the_middle_of_sending_does_not_hold_up_the_end(tmp_path):
+    """A library may keep a sender waiting until its message is received; none must be left."""
+    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    folder = inject(tmp_path / "inject", SENDS_WAIT_TO_BE_RECEIVED)
+    begin = time.monotonic()
+    done = invert(tmp_path, "slow.yaml", "--max-walltime", "1", ranks=3, inject=folder)
+    assert done.returncode == 75
+    assert time.monotonic() - begin < 30.0
+    assert state(tmp_path / "slow.h5")[0] == "stopped"

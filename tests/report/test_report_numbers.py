@@ -1,0 +1,34 @@
+import math
+
+import pytest
+
+from agglom_mpi.report.numbers import duration, with_error
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.01234, 0.0045, "0.0123 ± 0.0045"),
+        (1.23456, 0.5, "1.23 ± 0.50"),
+        (123.456, 1.5, "123.5 ± 1.5"),
+        (123.456, 12.0, "123 ± 12"),
+        (98765.4, 1234.0, "98765 ± 1234"),
+        (-0.5, 0.01, "-0.500 ± 0.010"),
+        (1.23456, math.nan, "1.235"),
+        (1.23456, 0.0, "1.235"),
+        (1.23456, math.inf, "1.235"),
+        (math.inf, 0.1, "no result"),
+        (math.nan, math.nan, "no result"),
+        (1e-20, 1e-22, "1e-20 ± 1.0e-22"),
+    ],
+)
+def test_a_value_has_two_digits_of_its_error(value, error, text):
+    assert with_error(value, error) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.04, "0.0 s"), (119.0, "119.0 s"), (120.0, "2.0 min"), (7200.0, "2.0 h")],
+)
+def test_a_duration_has_the_unit_that_suits_it(seconds, text):
+    assert duration(seconds) == text

@@ -1,0 +1,153 @@
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+from farm_runs import SMALL, write_campaign
+
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.store import leg_fields, prepare
+from agglom_mpi.report.display import Display, print_wide
+from agglom_mpi.report.summary import as_text, collect_summary, summarise
+from agglom_mpi.search import GenerationSummary
+
+TITLE = "A [bold] title [/no] of :bug: grains"
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return the file of a campaign that has not begun, its name full of what rich could mean."""
+    text = write_campaign(tmp_path / "small.yaml", **SMALL).read_text()
+    (tmp_path / "small.yaml").write_text(
+        "\n".join([f"title: '{TITLE}'", *text.splitlines()[2:]]) + "\n"
+    )
+    path = tmp_path / "out[red]:100:.h5"
+    prepare(path, load_campaign(tmp_path / "small.yaml"), accept_code_change=False)
+    return path
+
+
+def put(writer, string, objective, **changes):
+    fields = {
+        "objective": objective,
+        "standard_error": 0.01,
+        "mean_radius_ratio": 1.9,
+        "mean_grains": 7.0,
+        "growth_number": 6.859,
+        "samples_used": 10,
+        "failed": 0,
+        "hit_maximum": False,
+    }
+    writer.put_result(string, **(fields | changes))
+
+
+@pytest.fixture
+def begun(path):
+    """Return the file of a campaign that was killed: five strings, two judged, one of them bad."""
+    parameters = np.full((5, 10), 2.0)
+    parameters[:, 9] = np.nan
+    with CampaignWriter(path) as writer:
+        writer.begin_leg(**leg_fields(1, ""))
+        writer.set_status("running")
+        writer.put_strings(0, 0, np.arange(5), np.zeros(5, int), np.full((5, 2), -1), parameters)
+        rows = np.zeros(12, sample_dtype)
+        rows["sample"], rows["state"] = np.arange(12), 1
+        rows["state"][3] = 2
+        writer.put_samples(rows)
+        put(writer, 1, 0.25, standard_error=np.nan, hit_maximum=True)
+        put(writer, 0, 0.125, failed=1)
+        put(writer, 2, np.inf, standard_error=np.nan, mean_radius_ratio=np.nan)
+    return path
+
+
+def printed(content, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    print_wide(content)
+    return capsys.readouterr().out
+
+
+def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
+    summary = collect_summary(open_campaign(path))
+    assert (summary.state, summary.reason) == ("stopped", "not started yet")
+    assert (summary.strings, summary.samples_simulated, summary.best) == (0, 0, [])
+    assert summary.samples_per_second == 0.0
+    text = printed(summarise(open_campaign(path)), monkeypatch, capsys)
+    assert "stopped: not started yet" in text
+
+
+def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
+    summary = collect_summary(open_campaign(begun))
+    assert summary.state == "running"
+    assert summary.strings == 3
+    assert [entry["string"] for entry in summary.best] == [0, 1]
+    assert summary.samples_used == 30
+    assert summary.samples_simulated == 12
+    assert (summary.failed, summary.hit_maximum) == (1, 1)
+    assert "surface_energy" not in summary.best[0]
+
+
+def test_at_most_so_many_strings_are_shown(begun):
+    assert len(collect_summary(open_campaign(begun), best=1).best) == 1
+
+
+def test_json_has_no_nan(begun):
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    report = json.loads(as_text(collect_summary(open_campaign(begun))), parse_constant=refuse)
+    assert report["best"][1]["standard_error"] is None
+    assert report["best"][0]["standard_error"] == 0.01
+
+
+def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, capsys):
+    text = printed(summarise(open_campaign(begun)), monkeypatch, capsys)
+    assert text.splitlines()[0].strip() == TITLE
+    assert text.splitlines()[-1].strip() == str(begun)
+    assert "1 samples failed" in text
+    assert "1 strings ended at max_samples" in text
+
+
+def test_a_table_is_not_squeezed_into_a_narrow_pipe(begun, monkeypatch, capsys):
+    text = printed(summarise(open_campaign(begun)), monkeypatch, capsys)
+    row = next(line for line in text.splitlines() if line.startswith("objective "))
+    assert row.split() == ["objective", "0.1250", "0.2500"]
+
+
+@pytest.mark.parametrize("text", ["x.yaml:100: scene: is [bold]", "[/red] :bug:"])
+def test_a_message_is_shown_as_it_is_written(capsys, text):
+    display = Display()
+    display.message(text)
+    display.error(text)
+    Display(quiet=True).message("nothing")
+    Display(quiet=True).error("an error")
+    assert capsys.readouterr().err.splitlines() == [text, text, "an error"]
+
+
+def test_a_generation_without_result_is_shown_too(capsys):
+    summary = GenerationSummary(0, 3, np.inf, np.nan, np.inf, np.arange(4), 4, 20)
+    Display().generation(summary, 25, 100.0)
+    assert "best no result (string 3)" in capsys.readouterr().err
+
+
+def test_a_terminal_shows_a_live_line(monkeypatch, tmp_path):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    campaign = load_campaign(write_campaign(tmp_path / "small.yaml", **SMALL))
+    display = Display()
+    display.begin(campaign, "small.h5", 2, type("Inversion", (), {"results": {}})())
+    with display:
+        display.tick(321, 1500.0, 0.9, 7)
+        display.generation(GenerationSummary(0, 3, 0.1, 0.02, 0.2, np.arange(4), 4, 20), 330, 99.0)
+    text = screen.getvalue()
+    assert "321 samples, 1500/s, 90% busy, 7 strings open" in text
+    assert "1/3" in text
+    assert "best 0.100 ± 0.020 (string 3)" in text

@@ -1,0 +1,190 @@
+"""Scenes and states for tests of the simulator, and a kernel that runs an engine from a state."""
+
+import math
+
+import numpy as np
+
+from agglom_mpi.compilation import kernel
+from agglom_mpi.physics.contact_area import ContactArea
+from agglom_mpi.physics.cooling import (
+    Exact,
+    ForwardEuler,
+    RadiativeCooling,
+    equilibrium_temperature,
+)
+from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
+from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
+from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
+from agglom_mpi.physics.solvers import RootFinder
+from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (both register their engines)
+from agglom_mpi.simulation.box import Periodic, Reentry
+from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.particles import Ledger, Particles
+from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
+from agglom_mpi.simulation.velocities import SpreadVelocities
+
+HALF = 0.01
+DENSITY = 5000.0
+FLOOR, CEILING = 1e-6, 1e-3
+
+CONSTANT = ImpactLaws(
+    restitution=ConstantRestitution(1.0),
+    duration=None,
+    contact_area=ContactArea(0.0, 1.0),
+    hardness=None,
+    friction=None,
+    heating=None,
+    reaction=None,
+    fragmentation=None,
+    solver=None,
+    heat_capacity=math.inf,
+)
+
+MERGING = ImpactLaws(
+    restitution=PressureRestitution(),
+    duration=None,
+    contact_area=ContactArea(0.0, 1.0),
+    hardness=ConstantHardness(1e7),
+    friction=ConstantFriction(0.2),
+    heating=PairSplit(),
+    reaction=ContactAreaReaction(100.0),
+    fragmentation=None,
+    solver=RootFinder(),
+    heat_capacity=500.0,
+)
+"""A closed form gives e, and everything else of an impact is at work; duration is added."""
+
+BREAKING = MERGING._replace(
+    hardness=ArrheniusHardness(1e10, 700.0),
+    friction=RestitutionScaledFriction(0.2),
+    fragmentation=PairEnergyFragmentation(3.0),
+)
+
+
+def ball_mass(radius):
+    return DENSITY * 4.0 / 3.0 * math.pi * radius**3
+
+
+def make_scene(laws, engine, escape, particles, size_ratio, end_time, cooling=None, speed=10.0):
+    radius = size_ratio * HALF / particles ** (1.0 / 3.0)
+    return Scene(
+        escape=escape,
+        velocities=SpreadVelocities(speed, (0.0, 0.0, 0.0), 1.0),
+        laws=laws,
+        cooling=cooling,
+        engine=engine,
+        particles=particles,
+        half_width=HALF,
+        radius=radius,
+        mass=ball_mass(radius),
+        temperature=400.0,
+        end_time=end_time,
+    )
+
+
+def fixed_periodic(restitution, steps, **options):
+    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
+    return make_scene(laws, FixedSteps(steps), Periodic(), **options)
+
+
+def adaptive_reentry(restitution, floor=FLOOR, ceiling=CEILING, **options):
+    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
+    return make_scene(laws, AdaptiveSteps(floor, ceiling), Reentry(), **options)
+
+
+def merging_fixed_reentry(hardness, steps, **options):
+    laws = MERGING._replace(duration=MeanSpeedDuration(1e-6), hardness=ConstantHardness(hardness))
+    return make_scene(laws, FixedSteps(steps), Reentry(), **options)
+
+
+def merging_adaptive_periodic(hardness, floor=FLOOR, ceiling=CEILING, **options):
+    laws = MERGING._replace(
+        duration=CompressionRecoveryDuration(1.0), hardness=ConstantHardness(hardness)
+    )
+    return make_scene(laws, AdaptiveSteps(floor, ceiling), Periodic(), **options)
+
+
+def radiation():
+    rest = equilibrium_temperature(0.5, 300.0, 20.0, 350.0)
+    return RadiativeCooling(0.5, 300.0, 20.0, 350.0, rest)
+
+
+def breaking_fixed_periodic(steps, **options):
+    """Return a scene of [A] that also breaks and cools exactly."""
+    laws = BREAKING._replace(duration=MeanSpeedDuration(1e-6))
+    return make_scene(laws, FixedSteps(steps), Periodic(), cooling=Exact(radiation()), **options)
+
+
+def breaking_adaptive_reentry(floor=FLOOR, ceiling=CEILING, **options):
+    """Return a scene of [B] that breaks and cools by Euler steps."""
+    laws = BREAKING._replace(duration=CompressionRecoveryDuration(1e-6))
+    engine = AdaptiveSteps(floor, ceiling)
+    cooling = ForwardEuler(radiation())
+    return make_scene(laws, engine, Reentry(), cooling=cooling, **options)
+
+
+def image(difference, periodic):
+    """Vector between two particles by minimum image, or as it is."""
+    difference = np.asarray(difference)
+    return difference - 2.0 * HALF * np.rint(difference / (2.0 * HALF)) if periodic else difference
+
+
+def placed(scene, seed, velocities=None):
+    """Place and launch the grains of a scene; written here, not by the simulator."""
+    random = np.random.default_rng(seed)
+    periodic = isinstance(scene.escape, Periodic)
+    positions = np.empty((0, 3))
+    while len(positions) < scene.particles:
+        trial = random.uniform(-HALF, HALF, 3)
+        distances = np.linalg.norm(image(positions - trial, periodic), axis=1)
+        if np.all(distances >= 2.0 * scene.radius):
+            positions = np.vstack((positions, trial))
+    if velocities is None:
+        velocities = scene.velocities.speed * random.uniform(-1.0, 1.0, (scene.particles, 3))
+    return state(scene, positions, velocities)
+
+
+def state(scene, positions, velocities, radii=None):
+    """Particles at given places, one row each."""
+    count = len(positions)
+    radii = np.full(count, scene.radius) if radii is None else np.asarray(radii, dtype=float)
+    return Particles(
+        size=np.array([count], np.int64),
+        position=np.array(positions, dtype=float).T.copy(),
+        velocity=np.array(velocities, dtype=float).T.copy(),
+        radius=radii,
+        mass=np.array([ball_mass(radius) for radius in radii]),
+        temperature=np.full(count, scene.temperature),
+        touched=np.zeros(count),
+        grains=np.ones(count, np.int64),
+    )
+
+
+def empty_ledger():
+    return Ledger(np.zeros(4), np.zeros(7, np.int64), np.zeros(1))
+
+
+@kernel
+def run_engine(scene, particles, ledger, abort):
+    return advance(scene.engine, scene, particles, ledger, abort)
+
+
+def run_from(scene, particles):
+    """Run the engine of a scene on particles, in place; its ledger and the time reached."""
+    ledger = empty_ledger()
+    time = run_engine(scene, particles, ledger, np.zeros(1, np.uint8))
+    return ledger, time
+
+
+def kinetic_energy(particles):
+    n = int(particles.size[0])
+    return 0.5 * float(np.sum(particles.mass[:n] * np.sum(particles.velocity[:, :n] ** 2, axis=0)))
+
+
+def momentum(particles):
+    n = int(particles.size[0])
+    return particles.velocity[:, :n] @ particles.mass[:n]

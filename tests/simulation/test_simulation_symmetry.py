@@ -1,0 +1,154 @@
+"""Determinism, and what must not matter: units, mirror images, axes and the moving observer.
+
+Galilean invariance is exact only where nothing shifts spheres apart: the shift [A 8] goes along
+outgoing velocities, which depend on the observer. Scenes in which every contact bonds have none.
+"""
+
+import numpy as np
+import pytest
+from scenes import (
+    HALF,
+    adaptive_reentry,
+    breaking_adaptive_reentry,
+    breaking_fixed_periodic,
+    fixed_periodic,
+    image,
+    merging_adaptive_periodic,
+    merging_fixed_reentry,
+    placed,
+    run_from,
+    state,
+)
+
+from agglom_mpi.physics.hardness import ConstantHardness
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.simulation.particles import COLLISIONS, MERGES
+from agglom_mpi.simulation.sample import random_stream, simulate_scene
+from agglom_mpi.simulation.scene import AdaptiveSteps
+
+DENSE = {"particles": 24, "size_ratio": 0.7}
+BREAKING = [
+    pytest.param(breaking_fixed_periodic(60, end_time=1e-3, **DENSE), id="fixed"),
+    pytest.param(breaking_adaptive_reentry(1e-5, 4e-5, end_time=1e-3, **DENSE), id="adaptive"),
+]
+PARAMETERS = np.arange(10.0)
+
+
+def bits(scene, seed, sample, parameters=PARAMETERS):
+    record, particles = simulate_scene(scene, random_stream(seed, parameters, sample))
+    left = int(record["particles"])
+    arrays = (particles.position[:, :left], particles.velocity[:, :left], particles.temperature)
+    return record.tobytes(), *(array.tobytes() for array in arrays)
+
+
+@pytest.mark.parametrize("scene", BREAKING)
+def test_a_sample_is_the_same_bits_whatever_ran_before(scene):
+    first = bits(scene, 1, 5)
+    for other in (4, 6):
+        assert bits(scene, 1, other) != first
+    assert bits(scene, 1, 5) == first
+    assert bits(scene, 2, 5) != first
+    assert bits(scene, 1, 5, PARAMETERS * (1.0 + 2.0**-52)) != first
+
+
+def scaled_fixed(length, time):
+    """Return a bouncing scene in other units, and its state; mass does not enter."""
+    scene = fixed_periodic(0.6, 80, end_time=1e-3, **DENSE)
+    particles = placed(scene, 3)
+    other = scene._replace(
+        half_width=HALF * length, radius=scene.radius * length, end_time=scene.end_time * time
+    )
+    positions = particles.position.T * length
+    velocities = particles.velocity.T * length / time
+    return other, state(other, positions, velocities)
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0**7, 1.0), (1.0, 2.0**-9), (2.0**-5, 2.0**3)])
+def test_units_by_powers_of_two_do_not_change_a_bit(length, time):
+    scene, particles = scaled_fixed(1.0, 1.0)
+    tally = run_from(scene, particles)[0].tally
+    assert tally[COLLISIONS] > 10
+    other, rescaled = scaled_fixed(length, time)
+    assert np.array_equal(run_from(other, rescaled)[0].tally, tally)
+    np.testing.assert_array_equal(rescaled.position, particles.position * length)
+    np.testing.assert_array_equal(rescaled.velocity, particles.velocity * length / time)
+
+
+@pytest.mark.parametrize(
+    ("length", "time", "mass"),
+    [(8.0, 1.0, 1.0), (1.0, 0.25, 1.0), (1.0, 1.0, 64.0), (0.5, 2.0, 16.0)],
+)
+def test_units_do_not_matter_to_merges_heat_and_friction(length, time, mass):
+    """Not bit by bit, since cube roots and logarithms of scaled numbers round otherwise."""
+    scene = merging_adaptive_periodic(2e4, 1e-5, 4e-5, end_time=8e-4, **DENSE)
+    particles = placed(scene, 2)
+    laws = scene.laws._replace(
+        hardness=ConstantHardness(2e4 * mass / (length * time**2)),
+        reaction=ContactAreaReaction(scene.laws.reaction.heat * mass / time**2),
+        heat_capacity=scene.laws.heat_capacity * (length / time) ** 2,
+    )
+    other = scene._replace(
+        laws=laws,
+        engine=AdaptiveSteps(1e-5 * time, 4e-5 * time),
+        half_width=HALF * length,
+        radius=scene.radius * length,
+        mass=scene.mass * mass,
+        end_time=scene.end_time * time,
+    )
+    velocities = particles.velocity.T * length / time
+    rescaled = state(other, particles.position.T * length, velocities)
+    rescaled.mass[:] = particles.mass * mass
+    tally = run_from(scene, particles)[0].tally
+    assert tally[COLLISIONS] > tally[MERGES] > 3
+    assert np.array_equal(run_from(other, rescaled)[0].tally, tally)
+    n = int(particles.size[0])
+    np.testing.assert_allclose(rescaled.radius[:n], particles.radius[:n] * length, rtol=1e-12)
+    np.testing.assert_allclose(rescaled.temperature[:n], particles.temperature[:n], rtol=1e-9)
+    difference = rescaled.position[:, :n] / length - particles.position[:, :n]
+    assert np.max(np.abs(difference)) <= 1e-9 * HALF
+
+
+ALL = {
+    "fixed, periodic": fixed_periodic(0.6, 60, end_time=1e-3, **DENSE),
+    "fixed, periodic, all merge": fixed_periodic(0.0, 60, end_time=1e-3, **DENSE),
+    "adaptive, re-entry": adaptive_reentry(0.6, 1e-5, 4e-5, end_time=8e-4, **DENSE),
+    "fixed, re-entry, mixed": merging_fixed_reentry(4e10, 60, end_time=1e-3, **DENSE),
+    "adaptive, periodic, mixed": merging_adaptive_periodic(2e4, 1e-5, 4e-5, end_time=8e-4, **DENSE),
+}
+
+
+@pytest.mark.parametrize("change", ["mirror", "axes"])
+@pytest.mark.parametrize("name", ALL)
+def test_the_mirror_image_and_other_axes_end_as_the_original_does(name, change):
+    scene = ALL[name]
+    particles = placed(scene, 4)
+
+    def changed(vectors):
+        mirrored = vectors * np.array([[-1.0], [1.0], [1.0]])
+        return mirrored if change == "mirror" else vectors[[2, 0, 1]]
+
+    other = state(scene, changed(particles.position).T, changed(particles.velocity).T)
+    tally = run_from(scene, particles)[0].tally
+    assert tally[COLLISIONS] > 5
+    assert np.array_equal(run_from(scene, other)[0].tally, tally)
+    n = int(particles.size[0])
+    away = other.position[:, :n] - changed(particles.position[:, :n])
+    assert np.max(np.abs(image(away, True))) <= 1e-9 * HALF
+    np.testing.assert_allclose(other.velocity[:, :n], changed(particles.velocity[:, :n]), atol=1e-8)
+    np.testing.assert_allclose(other.temperature[:n], particles.temperature[:n], rtol=1e-9)
+
+
+@pytest.mark.parametrize("drift", [(10.0, 10.0, 100.0), (-333.0, 0.0, 1.0)])
+@pytest.mark.parametrize("options", [DENSE, {"particles": 300, "size_ratio": 0.6}])
+def test_a_periodic_box_looks_the_same_to_a_moving_observer_while_nothing_bounces(drift, options):
+    scene = fixed_periodic(0.0, 60, end_time=4e-4, **options)
+    particles = placed(scene, 5)
+    moving = state(scene, particles.position.T, particles.velocity.T + np.array(drift))
+    tally = run_from(scene, particles)[0].tally
+    assert tally[MERGES] > 2
+    assert np.array_equal(run_from(scene, moving)[0].tally, tally)
+    n = int(particles.size[0])
+    np.testing.assert_array_equal(moving.radius[:n], particles.radius[:n])
+    travelled = np.array(drift)[:, None] * scene.end_time
+    away = image(moving.position[:, :n] - particles.position[:, :n] - travelled, True)
+    assert np.max(np.abs(away)) <= 1e-9 * HALF
