@@ -6,7 +6,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from agglom_mpi.campaign.explain import explain
 from agglom_mpi.campaign.needs import mismatches
-from agglom_mpi.campaign.parts import Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.parts import Line, Part, RefusalError, WholeNumber, refuse
 from agglom_mpi.campaign.plan import (
     AnyEnsemble,
     AnyObjective,
@@ -23,7 +23,7 @@ from agglom_mpi.campaign.variables import VariableEntries
 class Document(Part):
     """All sections, each valid and fitting the others."""
 
-    title: str = ""
+    title: Line = ""
     seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
     scene: SceneModel = Field(description="the section on what is simulated")
     variables: VariableEntries = Field(description="the section of values and ranges")

@@ -2,13 +2,25 @@
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from agglom_mpi.campaign.quantities import shown
 from agglom_mpi.campaign.source import Path
 
 WholeNumber = Annotated[int, Field(strict=True)]
 """An integer that is written as one: no text, no `true`, no 100.0."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(
+            "holds a character that cannot be printed; allowed: one line of plain text"
+        )
+    return text
+
+
+Line = Annotated[str, AfterValidator(_printable)]
+"""One line of text: no line break, null byte or lone surrogate."""
 
 
 class Part(BaseModel):

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.campaign.parts import NAMED, Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.parts import NAMED, Line, Part, RefusalError, WholeNumber, refuse
 from agglom_mpi.campaign.quantities import Number
 from agglom_mpi.campaign.source import Path
 
@@ -127,4 +127,4 @@ class Stopping(Part):
 class Output(Part):
     """Where the database is written."""
 
-    file: Annotated[str, Field(min_length=1)] | None = None
+    file: Annotated[Line, Field(min_length=1)] | None = None

@@ -320,3 +320,11 @@ def test_an_error_survives_pickling() -> None:
     with pytest.raises(CampaignError) as caught:
         campaign(("seed", "seed: x"))
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@pytest.mark.parametrize("escape", [r"\0", r"\n", r"\ud83d"])
+def test_a_title_that_cannot_be_printed_is_one_message(escape: str) -> None:
+    said = message(("title: A test", f'title: "a{escape}b"'))
+    assert "title: " in said
+    assert "cannot be printed" in said
+    assert "\n" not in said
