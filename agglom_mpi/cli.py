@@ -9,9 +9,7 @@ from typing import Any
 import click
 
 from agglom_mpi import __version__
-
-BAD_INPUT = 2
-STOPPED = 75
+from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -118,7 +116,7 @@ def invert() -> None:
         code = STOPPED
     except OSError as error:
         click.echo(f"agglom-invert: {error}", err=True)
-        code = 1
+        code = FAILURE
     sys.exit(code)
 
 

@@ -101,10 +101,7 @@ class Books:
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store new strings before any of their samples is handed out."""
-        new = np.array([int(string) not in self._stored.parameters for string in ids])
-        if not new.all() and new.any():
-            new[:] = True
-        if new.any():
+        if any(int(string) not in self._stored.parameters for string in ids):
             self._writer.put_strings(
                 int(ids[0]),
                 batch.generation,

@@ -6,9 +6,11 @@ from typing import Final, NamedTuple
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
 from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Crew, Delivery
+from agglom_mpi.farm.messages import POLL
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.search import (
     Ensemble,
@@ -20,15 +22,6 @@ from agglom_mpi.search import (
     make_rule,
 )
 from agglom_mpi.simulation.outcome import EXCEPTION, FAILED, REASONS
-
-FINISHED: Final = 0
-FAILURE: Final = 1
-BAD_INPUT: Final = 2
-STOPPED: Final = 75
-"""Exit codes."""
-
-POLL: Final = 0.001
-"""Seconds between looks at the mail while nothing happens."""
 
 TICK: Final = 0.5
 """Seconds between updates of the display."""

@@ -14,6 +14,9 @@ FAILURE: Final = 3
 STOP: Final = 4
 """Message tags."""
 
+POLL: Final = 0.001
+"""Seconds between looks at the mail while nothing happens; a blocking receive burns a core."""
+
 TASK: Final = np.dtype([("string", "i8"), ("sample", "i8"), ("parameters", "f8", COUNT)])
 """One sample to simulate."""
 

@@ -12,10 +12,11 @@ from agglom_mpi.database.access import NotACampaign
 from agglom_mpi.database.lock import CampaignInUse, CampaignLock
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
 from agglom_mpi.farm.crew import Crew
 from agglom_mpi.farm.launch import warms_first
-from agglom_mpi.farm.master import BAD_INPUT, FAILURE, FINISHED, End, Master
+from agglom_mpi.farm.master import End, Master
 from agglom_mpi.farm.simulator import Simulator
 from agglom_mpi.farm.store import StoreError, leg_fields, output_path, prepare
 from agglom_mpi.farm.worker import work

@@ -1,17 +1,14 @@
 """A rank that simulates what it is sent until it is told to stop."""
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglom_mpi.farm.messages import FAILURE, MOST_TASKS, RESULTS, STOP, TASK, TASKS
+from agglom_mpi.farm.messages import FAILURE, MOST_TASKS, POLL, RESULTS, STOP, TASK, TASKS
 from agglom_mpi.farm.simulator import Simulator, SimulatorThread
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-POLL: Final = 0.001
-"""Seconds between looks at the mail while nothing happens; a blocking receive burns a core."""
 
 
 def work(world: "Intracomm", simulator: Simulator) -> int:

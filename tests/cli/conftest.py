@@ -1,11 +1,5 @@
-import sys
-from pathlib import Path
-
 import pytest
 from click.testing import CliRunner
-
-# The helpers that run campaigns.
-sys.path.insert(0, str(Path(__file__).parents[1] / "farm"))
 
 
 @pytest.fixture(scope="session")

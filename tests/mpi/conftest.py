@@ -1,10 +1,4 @@
-import sys
-from pathlib import Path
-
 import pytest
-
-# The helpers that run campaigns.
-sys.path.insert(0, str(Path(__file__).parents[1] / "farm"))
 
 
 @pytest.fixture(scope="session")
