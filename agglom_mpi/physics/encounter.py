@@ -1,5 +1,6 @@
 """Two spheres about to collide, as the scalars that the impact laws need."""
 
+import math
 from typing import NamedTuple
 
 
@@ -20,6 +21,8 @@ class Encounter(NamedTuple):
         Before the impact, K.
     normal_i, normal_j, tangent_i, tangent_j
         Components of the two velocities along n and t, m/s; frame dependent, used by `OwnEnergy`.
+    since
+        Time since the last impact of either, s; inf where neither has had one.
     """
 
     approach_speed: float
@@ -34,3 +37,4 @@ class Encounter(NamedTuple):
     normal_j: float
     tangent_i: float
     tangent_j: float
+    since: float = math.inf

@@ -8,7 +8,7 @@ from agglom_mpi.physics.encounter import Encounter
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
 from agglom_mpi.physics.heating import impact_heats
 from agglom_mpi.physics.reaction import reaction_heat
-from agglom_mpi.physics.restitution import ImpactLaws, solve_restitution
+from agglom_mpi.physics.restitution import ImpactLaws, lasts, solve_restitution
 
 
 class Impact(NamedTuple):
@@ -47,6 +47,9 @@ class Impact(NamedTuple):
 @kernel
 def solve_impact(laws: ImpactLaws, pair: Encounter) -> Impact:
     """Resolve the impact of a pair: restitution or bonding, impulses, heats  [A 4–17] [B 2–6]."""
+    if lasts(laws.restitution, pair):
+        normal = 2.0 * pair.reduced_mass * pair.approach_speed
+        return Impact(False, 0.0, normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     solution = solve_restitution(laws.restitution, laws, pair)
     deficit = solution.deficit
     if solution.bonds:

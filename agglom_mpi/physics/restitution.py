@@ -45,6 +45,17 @@ class ConstantRestitution(NamedTuple):
     value: float
 
 
+class ContactTimeRestitution(NamedTuple):
+    """As `ConstantRestitution`, but elastic within `contact_time` in s of the last impact of either.
+
+    Hard spheres that lose energy can collide infinitely often in finite time; an impact that lasts
+    cannot be told from the next one (Luding & McNamara, Granular Matter 1, 113, 1998: the TC model).
+    """
+
+    value: float
+    contact_time: float
+
+
 class Solution(NamedTuple):
     """A solved impact equation: deficit 1 − e, whether it bonds, residual |e − G(e)|, capped."""
 
@@ -60,11 +71,26 @@ def solve_restitution(model: Submodel, laws: ImpactLaws, pair: Encounter) -> Sol
 
 
 @question
+def lasts(model: Submodel, pair: Encounter) -> bool:
+    """Whether the pair is still in its last contact, so that it parts without any loss."""
+
+
+@question
 def solve_pressure_law(solver: Submodel, laws: ImpactLaws, pair: Encounter) -> Solution:
     """Solve e = G(e) by the scene's solver."""
 
 
-@solve_restitution.answer(ConstantRestitution)
+@lasts.answer(ConstantRestitution, PressureRestitution)
+def _instantaneous(model, pair):  # type: ignore[no-untyped-def]
+    return False
+
+
+@lasts.answer(ContactTimeRestitution)
+def _within_contact_time(model, pair):  # type: ignore[no-untyped-def]
+    return pair.since < model.contact_time
+
+
+@solve_restitution.answer(ConstantRestitution, ContactTimeRestitution)
 def _constant(model, laws, pair):  # type: ignore[no-untyped-def]
     return Solution(1.0 - model.value, model.value == 0.0, 0.0, False)
 

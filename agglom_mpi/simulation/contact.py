@@ -140,7 +140,10 @@ def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         dot(velocity_j, normal),
         dot(velocity_i, tangent),
         dot(velocity_j, tangent),
+        time - max(particles.struck[i], particles.struck[j]),
     )
+    particles.struck[i] = time
+    particles.struck[j] = time
     return pair, normal, tangent
 
 

@@ -43,6 +43,8 @@ class Particles(NamedTuple):
         Shape (capacity,), m, kg, K.
     touched
         Time in s up to which `temperature` holds, shape (capacity,).
+    struck
+        Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
         Original grains in each particle, shape (capacity,).
     """
@@ -54,6 +56,7 @@ class Particles(NamedTuple):
     mass: np.ndarray
     temperature: np.ndarray
     touched: np.ndarray
+    struck: np.ndarray
     grains: np.ndarray
 
 
@@ -74,6 +77,7 @@ def new_particles(size: int, capacity: int, radius: float, mass: float, temperat
         np.zeros(capacity),
         np.zeros(capacity),
         np.zeros(capacity),
+        np.full(capacity, -np.inf),
         np.zeros(capacity, np.int64),
     )
     particles.size[0] = size
@@ -95,6 +99,7 @@ def copy_slot(particles: Particles, source: int, target: int) -> None:
     particles.mass[target] = particles.mass[source]
     particles.temperature[target] = particles.temperature[source]
     particles.touched[target] = particles.touched[source]
+    particles.struck[target] = particles.struck[source]
     particles.grains[target] = particles.grains[source]
 
 

@@ -16,7 +16,12 @@ from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFrict
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.reaction import ContactAreaReaction
-from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ContactTimeRestitution,
+    ImpactLaws,
+    PressureRestitution,
+)
 from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.velocities import SpreadVelocities, UniformX
@@ -41,6 +46,12 @@ class AdaptiveSteps(NamedTuple):
 
     floor: float
     ceiling: float
+
+
+class EventDriven(NamedTuple):
+    """Exact times, one event after another; at most `budget` events per grain."""
+
+    budget: int
 
 
 class Scene(NamedTuple):

@@ -160,6 +160,7 @@ def state(scene, positions, velocities, radii=None):
         mass=np.array([ball_mass(radius) for radius in radii]),
         temperature=np.full(count, scene.temperature),
         touched=np.zeros(count),
+        struck=np.full(count, -np.inf),
         grains=np.ones(count, np.int64),
     )
 
