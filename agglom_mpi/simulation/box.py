@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from agglom_mpi.compilation import Submodel, question
 
 
@@ -27,6 +29,21 @@ def distance_along(escape: Submodel, difference: float, half_width: float) -> fl
 @question
 def inside(escape: Submodel, coordinate: float, half_width: float) -> float:
     """Coordinate in m at which a particle that may have left the box is put."""
+
+
+@question
+def nearest_image(escape: Submodel, difference: float, side: float) -> float:
+    """`separation` in m of particles that may be outside the box, of edge `side`; no branch."""
+
+
+@question
+def drawn_in(escape: Submodel, coordinate: float, half_width: float) -> float:
+    """Coordinate in m of a particle whose leaving the box is an event of its own."""
+
+
+@question
+def is_periodic(escape: Submodel) -> bool:
+    """Whether contacts reach across faces."""
 
 
 @separation.answer(Periodic)
@@ -67,3 +84,33 @@ def _opposite_face(escape, coordinate, half_width):  # type: ignore[no-untyped-d
     if abs(coordinate) <= half_width:
         return coordinate
     return -half_width if coordinate > 0.0 else half_width
+
+
+@nearest_image.answer(Periodic)
+def _rounded_image(escape, difference, side):  # type: ignore[no-untyped-def]
+    return difference - side * np.rint(difference / side)
+
+
+@nearest_image.answer(Reentry)
+def _no_image(escape, difference, side):  # type: ignore[no-untyped-def]
+    return difference
+
+
+@drawn_in.answer(Periodic)
+def _wrapped_in(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    return inside(escape, coordinate, half_width)
+
+
+@drawn_in.answer(Reentry)
+def _clamped(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    return min(max(coordinate, -half_width), half_width)
+
+
+@is_periodic.answer(Periodic)
+def _has_images(escape):  # type: ignore[no-untyped-def]
+    return True
+
+
+@is_periodic.answer(Reentry)
+def _has_no_images(escape):  # type: ignore[no-untyped-def]
+    return False

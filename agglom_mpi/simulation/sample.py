@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 import agglom_mpi.simulation.adaptive
-import agglom_mpi.simulation.fixed  # noqa: F401  (both register their engines)
+import agglom_mpi.simulation.event
+import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.simulation import outcome as result
 from agglom_mpi.simulation.contact import catch_up

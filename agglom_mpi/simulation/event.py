@@ -1,0 +1,236 @@
+"""The event-driven engine: every hit at its exact time, and work only for who is touched.
+
+Each particle knows its earliest hit and when it leaves its cell; a tournament tells who is next.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import stage
+from agglom_mpi.simulation.contact import BONDED, collide, merge
+from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.event_cells import (
+    ALONG,
+    FORMER,
+    GIANTS,
+    MOST_GIANTS,
+    Cells,
+    choose_cells,
+    clear_cells,
+    enter,
+    leave,
+    new_cells,
+)
+from agglom_mpi.simulation.frame import enter_frame, leave_frame
+from agglom_mpi.simulation.movers import (
+    MOVER,
+    RANGE,
+    catch_up_position,
+    load_mover,
+    load_velocity,
+    void,
+)
+from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
+from agglom_mpi.simulation.prediction import look
+from agglom_mpi.simulation.scene import EventDriven
+from agglom_mpi.simulation.stepping import aborted
+from agglom_mpi.simulation.tournament import Tournament, earliest, new_tournament, set_key
+from agglom_mpi.simulation.turns import set_turn, turn
+
+NOBODY: Final = -1
+
+
+class Events(NamedTuple):
+    """What the event engine keeps beside the particles.
+
+    Attributes
+    ----------
+    movers
+        Records of `MOVER`, shape (capacity,).
+    cells, tournament
+        Who is near whom, and who is next.
+    due
+        Who has to look around after the last event, shape (capacity,).
+    alive
+        Particles there are, shape (1,).
+    """
+
+    movers: np.ndarray
+    cells: Cells
+    tournament: Tournament
+    due: np.ndarray
+    alive: np.ndarray
+
+
+class Happening(NamedTuple):
+    """An event: what it was, the slots it hit, and how many are due to look around.
+
+    `face` is the one that the only particle due came through, or `RANGE`. After a bounce the two
+    slots do not look at each other. The slots are `NOBODY` if it was no hit.
+    """
+
+    due: int
+    face: int
+    kind: int
+    i: int
+    j: int
+
+
+NO_HIT: Final = 3
+"""Kind of an event that is no contact, beside those of `collide`."""
+
+
+@advance.answer(EventDriven)
+def _event_driven(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
+    drift = enter_frame(scene, particles)
+    events = new_events(particles)
+    budget = engine.budget * particles.size[0]
+    time = 0.0
+    happening = Happening(start_over(scene, particles, events, 0.0), RANGE, NO_HIT, NOBODY, NOBODY)
+    while True:
+        look_around(scene, events, happening, time)
+        time = next_time(events)
+        if time > scene.end_time or aborted(abort):
+            break
+        if ledger.tally[STEPS] >= budget:
+            ledger.tally[EXHAUSTED] = 1
+            break
+        happening = take_event(scene, particles, ledger, events, time)
+    time = min(time, scene.end_time)
+    settle_all(scene, particles, events, time)
+    compact(particles)
+    leave_frame(scene, particles, drift, time)
+    return time
+
+
+@stage
+def new_events(particles):  # type: ignore[no-untyped-def]
+    """Return empty events for as many particles as there is room for."""
+    capacity = particles.mass.size
+    return Events(
+        np.zeros(capacity, MOVER),
+        new_cells(particles.size[0], capacity),
+        new_tournament(capacity),
+        np.empty(capacity, np.int64),
+        np.zeros(1, np.int64),
+    )
+
+
+@stage
+def next_time(events):  # type: ignore[no-untyped-def]
+    """Time of the next event in s."""
+    return events.tournament.key[earliest(events.tournament)]
+
+
+@stage
+def look_around(scene, events, happening, now):  # type: ignore[no-untyped-def]
+    """Let all that are due after an event find what they hit next."""
+    for k in range(happening.due):
+        i = events.due[k]
+        barred = happening.j if i == happening.i else happening.i
+        look(scene, events.cells, events.movers, events.tournament, i, now, happening.face, barred)
+
+
+@stage
+def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untyped-def]
+    """Let the next event happen."""
+    ledger.tally[STEPS] += 1
+    i = earliest(events.tournament)
+    mover = events.movers[i]
+    j = np.int64(mover["partner"])
+    events.due[0] = i
+    if mover["turn_time"] <= mover["hit_time"]:
+        face = turn(scene, particles, events.cells, events.movers, i, now)
+        return Happening(1, face, NO_HIT, NOBODY, NOBODY)
+    if events.movers[j]["version"] != mover["hit_version"]:
+        mover["hit_time"] = np.inf
+        mover["partner"] = NOBODY
+        return Happening(1, RANGE, NO_HIT, NOBODY, NOBODY)
+    return hit(scene, particles, ledger, events, min(i, j), max(i, j), now)
+
+
+@stage
+def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped-def]
+    """Let particles i < j collide; both, or what became of them, are due."""
+    movers, cells = events.movers, events.cells
+    catch_up_position(scene, particles, movers, i, now)
+    catch_up_position(scene, particles, movers, j, now)
+    size = particles.size[0]
+    kind = collide(scene, particles, ledger, i, j, now)
+    if kind == BONDED:
+        leave(cells, movers, i)
+        leave(cells, movers, j)
+        merge(scene, particles, ledger, i, j, now)
+        void(movers[j])
+        set_key(events.tournament, j, np.inf)
+        events.alive[0] -= 1
+        settle_in(scene, particles, events, i, now)
+        events.due[0] = i
+        return Happening(tidy(scene, particles, events, 1, now), RANGE, kind, NOBODY, NOBODY)
+    if particles.size[0] > size:
+        leave(cells, movers, i)
+        leave(cells, movers, j)
+        events.alive[0] += particles.size[0] - size
+        settle_in(scene, particles, events, i, now)
+        settle_in(scene, particles, events, j, now)
+        events.due[0], events.due[1] = i, j
+        for k in range(size, particles.size[0]):
+            settle_in(scene, particles, events, k, now)
+            events.due[2 + k - size] = k
+        due = 2 + particles.size[0] - size
+        return Happening(tidy(scene, particles, events, due, now), RANGE, kind, NOBODY, NOBODY)
+    load_velocity(movers, particles, i)
+    load_velocity(movers, particles, j)
+    set_turn(scene, cells, movers, i)
+    set_turn(scene, cells, movers, j)
+    events.due[0], events.due[1] = i, j
+    return Happening(2, RANGE, kind, i, j)
+
+
+@stage
+def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
+    """Start particle i, which is new in its place or its size, at `now` in s."""
+    load_mover(events.movers, particles, i, now)
+    enter(scene, events.cells, events.movers, i)
+    set_turn(scene, events.cells, events.movers, i)
+
+
+@stage
+def tidy(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
+    """Choose new cells if the particles are not those any more that the old ones were chosen for.
+
+    Returns how many are due: all, after a fresh start, else `due`.
+    """
+    alive, shape = events.alive[0], events.cells.shape
+    empty = particles.size[0] - alive
+    crowded = shape[ALONG] > 0 and (2 * alive < shape[FORMER] or shape[GIANTS] > 2 * MOST_GIANTS)
+    if crowded or alive > 2 * shape[FORMER] or empty >= scene.particles:
+        settle_all(scene, particles, events, now)
+        return start_over(scene, particles, events, now)
+    return due
+
+
+@stage
+def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
+    """Move everybody to where they are at `now` in s."""
+    for i in range(particles.size[0]):
+        if particles.mass[i] > 0.0:
+            catch_up_position(scene, particles, events.movers, i, now)
+
+
+@stage
+def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
+    """Close the gaps, choose cells, forget all predictions; how many are due: all."""
+    before = particles.size[0]
+    compact(particles)
+    count = particles.size[0]
+    events.alive[0] = count
+    choose_cells(scene, particles, events.cells)
+    clear_cells(events.cells)
+    for i in range(count, before):
+        set_key(events.tournament, i, np.inf)
+    for i in range(count):
+        settle_in(scene, particles, events, i, now)
+        events.due[i] = i
+    return count
