@@ -119,7 +119,7 @@ class Campaign:
         return string
 
     def engine(self, text: str | Engine | None) -> Engine:
-        """Engine meant by `fixed`, `fixed:STEPS` or `adaptive`; None is the campaign's own."""
+        """Engine that `event`, `fixed`, `fixed:STEPS` or `adaptive` means; None: the campaign's."""
         if text is None:
             return self.scene.engine
         if not isinstance(text, str):

@@ -174,7 +174,9 @@ def _cooling(model: Any, value: dict[str, float]) -> cool.Exact | cool.ForwardEu
     return cool.Exact(law) if model.integration == "exact" else cool.ForwardEuler(law)
 
 
-def _engine(model: Any) -> FixedSteps | AdaptiveSteps:
+def _engine(model: Any) -> EventDriven | FixedSteps | AdaptiveSteps:
+    if model.law == "event":
+        return EventDriven(model.budget)
     if model.law == "fixed":
         return FixedSteps(model.steps)
     return AdaptiveSteps(model.floor, model.ceiling)

@@ -110,7 +110,36 @@ SCENE = [
     ),
     ("  end_time", "  end_time: soon", "14: scene.end_time: is 'soon'; must be `characteristic`"),
     ("  end_time", "  end_time: 0 s", "14: scene.end_time: is '0 s'; must be greater than 0 s"),
-    ("  engine", "", "3: scene.engine: is missing; allowed: fixed, adaptive"),
+    (
+        "  engine",
+        "  engine: leapfrog",
+        "15: scene.engine: is 'leapfrog'; allowed: event, fixed, adaptive",
+    ),
+    (
+        "  engine",
+        "  engine: {steps: 50}",
+        "15: scene.engine.law: is missing; allowed: event, fixed, adaptive",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 0}",
+        "15: scene.engine.budget: is 0; must be at least 1",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 10000000000}",
+        "15: scene.engine.budget: is 10000000000; must be at most 1000000000",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 1e3}",
+        "15: scene.engine.budget: is 1000.0; must be a whole number",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, steps: 5}",
+        "15: scene.engine.steps: unknown key 'steps'; allowed: law, budget",
+    ),
     (
         "  engine",
         "  engine: {law: fixed, steps: 0}",
