@@ -144,7 +144,8 @@ class Campaign:
         sample
             Sample number from 0.
         engine
-            Another engine than the campaign's, as for `engine`.
+            Another engine than the campaign's, as for `engine`; `event` cools exactly, whatever
+            the campaign's `integration` is.
         """
         from agglom_mpi.simulation.sample import simulate
 

@@ -117,6 +117,13 @@ class SceneModel(Part):
                     "pressure`; give a time like '10 ms'"
                 )
                 problems.append((("end_time",), message))
+        integration = getattr(self.cooling, "integration", "exact")
+        if self.engine.law == "event" and integration == "euler":
+            message = (
+                "is 'euler', which needs time steps, but the engine is 'event'; allowed: exact, or "
+                "euler with engine fixed or adaptive"
+            )
+            problems.append((("cooling", "integration"), message))
         if self.heating.law == "none":
             for name, law in (("reaction", self.reaction.law), ("cooling", self.cooling.law)):
                 if law != "none":

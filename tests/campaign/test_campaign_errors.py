@@ -329,6 +329,28 @@ def test_constant_restitution_refuses_what_needs_the_hardness() -> None:
     assert "14: scene.end_time: is 'characteristic', which needs the critical speed" in text
 
 
+EULER = "cooling: {law: quartic, integration: euler}"
+
+
+@pytest.mark.parametrize("engine", ["  engine: event", "  engine: {law: event, budget: 9}", ""])
+def test_the_event_engine_has_no_steps_to_cool_by(engine: str) -> None:
+    assert message(("  cooling", f"  {EULER}"), ("  engine", engine)) == (
+        "campaign.yaml:13: scene.cooling.integration: is 'euler', which needs time steps, but the "
+        "engine is 'event'; allowed: exact, or euler with engine fixed or adaptive"
+    )
+
+
+@pytest.mark.parametrize("engine", ["fixed", "adaptive"])
+def test_steppers_may_cool_by_steps(engine: str) -> None:
+    loaded = campaign(("  cooling", f"  {EULER}"), ("  engine", f"  engine: {engine}"))
+    assert loaded.scene.cooling.model_dump() == {"law": "quartic", "integration": "euler"}
+
+
+@pytest.mark.parametrize("cooling", ["quartic", "{law: quartic, integration: exact}", "none"])
+def test_the_event_engine_cools_exactly(cooling: str) -> None:
+    campaign(("  cooling", f"  cooling: {cooling}"), ("  engine", "  engine: event"))
+
+
 def test_a_message_stays_on_one_line_and_short() -> None:
     text = message(("  half_width", '  half_width: "a\\nb' + "x" * 500 + '"'))
     assert len(text.splitlines()) == 1

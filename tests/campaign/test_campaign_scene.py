@@ -1,8 +1,10 @@
 """What kernels see of a campaign: the typed scene, where the campaign file leaves a choice."""
 
+import pytest
 from campaign_text import campaign
 
 from agglom_mpi.campaign import Campaign
+from agglom_mpi.physics.cooling import Exact, ForwardEuler, QuarticCooling, RadiativeCooling
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, build_scene
 
 
@@ -17,3 +19,34 @@ def test_the_scene_has_the_engine_of_the_campaign_or_another() -> None:
     assert built(own, "adaptive").engine == AdaptiveSteps(1e-6, 1e-3)
     assert built(campaign(), "event").engine == EventDriven(20_000)
     assert build_scene(own.scene, own.parameters()).engine == EventDriven(7)
+
+
+LAWS = {
+    "quartic": QuarticCooling,
+    "radiation, emissivity: 0.5, surroundings: 300 K": RadiativeCooling,
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_steppers_cool_as_the_campaign_says_and_the_event_engine_exactly(law: str) -> None:
+    euler = campaign(("  cooling", f"  cooling: {{law: {law}, integration: euler}}"))
+    exact = campaign(("  cooling", f"  cooling: {{law: {law}}}"), ("  engine", "  engine: event"))
+    wanted = {
+        (euler, None): ForwardEuler,
+        (euler, "fixed:10"): ForwardEuler,
+        (euler, "adaptive"): ForwardEuler,
+        (euler, "event"): Exact,
+        (exact, None): Exact,
+        (exact, "event"): Exact,
+        (exact, "fixed"): Exact,
+        (exact, "adaptive"): Exact,
+    }
+    for (loaded, engine), integration in wanted.items():
+        cooling = built(loaded, engine).cooling
+        assert type(cooling) is integration
+        assert type(cooling.law) is LAWS[law]
+
+
+def test_without_cooling_no_engine_cools() -> None:
+    for engine in ("event", "fixed", "adaptive"):
+        assert built(campaign(), engine).cooling is None
