@@ -120,8 +120,7 @@ def _velocities(model: Any, value: dict[str, float]) -> NamedTuple:
 
 
 def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
-    restitution: Any = model.restitution
-    pressure = restitution.law == "pressure"
+    pressure = model.restitution.law == "pressure"
     durations = {
         "mean_speed": MeanSpeedDuration,
         "compression_recovery": CompressionRecoveryDuration,
@@ -134,7 +133,7 @@ def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
     breaking = breakages.get(model.fragmentation.law)
     reacts = model.reaction.law != "none"
     return ImpactLaws(
-        restitution=(PressureRestitution() if pressure else ConstantRestitution(restitution.value)),
+        restitution=_restitution(model.restitution),
         duration=durations[model.duration.law](model.duration.length_ratio) if pressure else None,
         contact_area=ContactArea(model.contact_area.initial, model.contact_area.final),
         hardness=_hardness(model, value) if pressure else None,
@@ -145,6 +144,16 @@ def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
         solver=_solver(model.solver) if pressure else None,
         heat_capacity=value["heat_capacity"] if heating else math.inf,
     )
+
+
+def _restitution(
+    model: Any,
+) -> PressureRestitution | ConstantRestitution | ContactTimeRestitution:
+    if model.law == "pressure":
+        return PressureRestitution()
+    if model.contact_time > 0.0:
+        return ContactTimeRestitution(model.value, model.contact_time)
+    return ConstantRestitution(model.value)
 
 
 def _hardness(model: "SceneModel", value: dict[str, float]) -> ConstantHardness | ArrheniusHardness:

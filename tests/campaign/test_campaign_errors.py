@@ -72,6 +72,26 @@ SCENE = [
     ),
     ("  restitution", "  restitution: constant", "7: scene.restitution.value: is missing; the re"),
     (
+        "  restitution",
+        "  restitution: {law: constant, value: 0.9, contact_time: -1 us}",
+        "7: scene.restitution.contact_time: is '-1 us'; must be at least 0",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: constant, value: 0.9, contact_time: 1 um}",
+        "7: scene.restitution.contact_time: wrong unit: 'um' is length, expected time like 's'",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: constant, value: 0, contact_time: 1 us}",
+        "7: scene.restitution.contact_time: is 1e-06 s; must be 0 with value 0, where nothing bou",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: pressure, contact_time: 1 us}",
+        "7: scene.restitution.contact_time: unknown key 'contact_time'; allowed: law",
+    ),
+    (
         "  contact_area",
         "  contact_area: {initial: 2, final: 1}",
         "8: scene.contact_area.initial: is 2; must be at most final, which is 1",

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from campaign_text import campaign
+from campaign_text import campaign, constant
 
 from agglom_mpi.campaign import Campaign
 
@@ -50,6 +50,11 @@ def test_what_decides_results_is_in_the_identity(edit: tuple[str, str], key: str
     assert campaign(edit).sha256() != campaign().sha256()
 
 
+def test_the_contact_time_is_in_the_identity() -> None:
+    assert constant("1 us").identity()["scene.restitution.contact_time"] == 1e-6
+    assert constant("0 s").sha256() == constant().sha256() != constant("1 us").sha256()
+
+
 def test_an_identity_survives_json() -> None:
     identity = campaign().identity()
     assert json.loads(json.dumps(identity)) == identity
@@ -79,14 +84,24 @@ def test_the_description_separates_used_from_left_out_submodels() -> None:
 
 
 def test_constant_restitution_leaves_out_what_it_does_not_ask() -> None:
-    text = campaign(
-        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
-        ("  hardness: a", ""),
-        ("  hardness: [", ""),
-        ("  end_time", "  end_time: 1"),
-    ).describe()
-    left_out = section(text, "Left out").split()
+    left_out = section(constant().describe(), "Left out").split()
     assert left_out == ["duration", "hardness", "fragmentation", "cooling", "solver"]
+
+
+@pytest.mark.parametrize(
+    ("contact_time", "line"),
+    [
+        ("0", "the same in every impact; value 0.9"),
+        (
+            "2 us",
+            "the same, but elastic within contact_time (s) of either's last impact; "
+            "value 0.9, contact_time 2e-06",
+        ),
+    ],
+)
+def test_a_contact_time_is_described_where_there_is_one(contact_time: str, line: str) -> None:
+    text = constant(contact_time).describe()
+    assert f"  {'restitution: constant':<32}{line}\n" in text
 
 
 def test_the_description_counts_strings_and_samples() -> None:

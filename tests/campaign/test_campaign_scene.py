@@ -1,10 +1,15 @@
 """What kernels see of a campaign: the typed scene, where the campaign file leaves a choice."""
 
 import pytest
-from campaign_text import campaign
+from campaign_text import campaign, constant
 
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.physics.cooling import Exact, ForwardEuler, QuarticCooling, RadiativeCooling
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ContactTimeRestitution,
+    PressureRestitution,
+)
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, build_scene
 
 
@@ -50,3 +55,19 @@ def test_steppers_cool_as_the_campaign_says_and_the_event_engine_exactly(law: st
 def test_without_cooling_no_engine_cools() -> None:
     for engine in ("event", "fixed", "adaptive"):
         assert built(campaign(), engine).cooling is None
+
+
+def test_restitution_has_a_contact_time_only_where_the_campaign_gives_one() -> None:
+    wanted = {
+        campaign(): PressureRestitution(),
+        constant(): ConstantRestitution(0.9),
+        constant("0 s"): ConstantRestitution(0.9),
+        constant(value=0): ConstantRestitution(0.0),
+        constant("0", value=0): ConstantRestitution(0.0),
+        constant("2 us"): ContactTimeRestitution(0.9, 2e-6),
+        constant("2 us", value=1): ContactTimeRestitution(1.0, 2e-6),
+    }
+    for loaded, restitution in wanted.items():
+        found = built(loaded).laws.restitution
+        assert type(found) is type(restitution)
+        assert found == restitution

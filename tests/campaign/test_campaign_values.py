@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign_text import campaign, edited
+from campaign_text import campaign, constant, edited
 
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
 from agglom_mpi.variables import NAMES
@@ -69,14 +69,15 @@ def test_defaults_fill_what_is_left_out() -> None:
 
 
 def test_constant_restitution_has_a_constant_hardness_by_default() -> None:
-    scene = campaign(
-        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
-        ("  hardness: a", ""),
-        ("  hardness: [", ""),
-        ("  end_time", "  end_time: 1 ms"),
-    ).scene
+    scene = constant().scene
     assert scene.hardness.law == "constant"
     assert scene.end_time == 1e-3
+
+
+def test_a_contact_time_takes_units_and_is_off_by_default() -> None:
+    wanted = {"law": "constant", "value": 0.9, "contact_time": 0.0}
+    assert constant().scene.restitution.model_dump() == wanted
+    assert constant("2 us").scene.restitution.model_dump() == wanted | {"contact_time": 2e-6}
 
 
 def test_variables_are_arrays_in_the_canonical_order() -> None:
