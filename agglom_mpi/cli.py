@@ -179,7 +179,11 @@ def report(file: str, as_json: bool) -> None:
 @click.option(
     "--samples", type=click.IntRange(1), default=10, show_default=True, help="Samples to average."
 )
-@click.option("--engine", help="fixed, fixed:STEPS or adaptive, instead of the scene's own.")
+@click.option(
+    "--engine",
+    help="event, fixed, fixed:STEPS or adaptive, instead of the scene's own; event cools exactly, "
+    "also where the scene says euler.",
+)
 @click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
 @click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
 @click.option("--json", "as_json", is_flag=True, help="For machines.")

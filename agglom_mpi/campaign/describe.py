@@ -96,10 +96,13 @@ def _scene(campaign: "Campaign") -> list[str]:
     low, high = (volume_fraction(float(ends[i])) for ends in _ends(campaign))
     fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
     engine = scene.engine
-    if engine.law == "fixed":
-        steps = f"{engine.steps} equal steps [A]"
-    else:
-        steps = f"adaptive steps, {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
+    match engine.law:
+        case "event":
+            how = f"event-driven, exact times, at most {engine.budget:,} events per grain"
+        case "fixed":
+            how = f"{engine.steps} equal steps [A]"
+        case _:
+            how = f"adaptive steps, {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
     if scene.end_time == "characteristic":
         end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
     else:
@@ -107,7 +110,7 @@ def _scene(campaign: "Campaign") -> list[str]:
     return [
         f"particles: {scene.particles:,}",
         f"box: half-width {scene.half_width:g} m, volume fraction {fraction}",
-        f"engine: {steps}",
+        f"engine: {how}",
         f"end time: {end}",
     ]
 

@@ -8,6 +8,17 @@ from agglom_mpi.campaign.parts import NAMED, Part, RefusalError, WholeNumber
 from agglom_mpi.campaign.quantities import Time, shown
 
 
+class EventEngine(Part):
+    """Exact times, one event after another, without time steps [own method].
+
+    Inelastic spheres can collide infinitely often in finite time; a sample that needs more than
+    `budget` events per grain fails instead of running for ever.
+    """
+
+    law: Literal["event"] = "event"
+    budget: Annotated[WholeNumber, Field(ge=1, le=10**9)] = 20_000
+
+
 class FixedEngine(Part):
     """Equal time steps [A]."""
 
@@ -30,10 +41,10 @@ class AdaptiveEngine(Part):
         return self
 
 
-Engine = FixedEngine | AdaptiveEngine
+Engine = EventEngine | FixedEngine | AdaptiveEngine
 AnyEngine = Annotated[Engine, Field(discriminator="law"), NAMED]
 
-ALLOWED = "allowed: fixed, fixed:STEPS, adaptive"
+ALLOWED = "allowed: event, fixed, fixed:STEPS, adaptive"
 
 
 def parse_engine(text: str, own: Engine) -> Engine:
@@ -42,7 +53,7 @@ def parse_engine(text: str, own: Engine) -> Engine:
     Parameters
     ----------
     text
-        `fixed`, `fixed:2000` or `adaptive`.
+        `event`, `fixed`, `fixed:2000` or `adaptive`.
     own
         The campaign's engine; a bare name of the same law means this one.
 
@@ -56,8 +67,13 @@ def parse_engine(text: str, own: Engine) -> Engine:
         if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
             raise ValueError(f"is {shown(text)}; STEPS must be a whole number from 1; {ALLOWED}")
         return FixedEngine(steps=int(steps))
-    if colon or law not in ("fixed", "adaptive"):
-        raise ValueError(f"is {shown(text)}; {ALLOWED}")
-    if law == own.law:
+    if not colon and law == own.law:
         return own
-    return FixedEngine() if law == "fixed" else AdaptiveEngine()
+    match text.strip():
+        case "event":
+            return EventEngine()
+        case "fixed":
+            return FixedEngine()
+        case "adaptive":
+            return AdaptiveEngine()
+    raise ValueError(f"is {shown(text)}; {ALLOWED}")

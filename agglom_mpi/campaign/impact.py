@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from agglom_mpi.campaign.parts import NAMED, NAMED_OR_NONE, Part, RefusalError, WholeNumber
-from agglom_mpi.campaign.quantities import Number
+from agglom_mpi.campaign.quantities import Number, Time
 
 
 class PressureRestitution(Part):
@@ -15,10 +15,22 @@ class PressureRestitution(Part):
 
 
 class ConstantRestitution(Part):
-    """One restitution for every impact; 0 bonds every contact."""
+    """One restitution for every impact; 0 bonds every contact.
+
+    An impact less than `contact_time` (s) after the last one of either partner is elastic, which
+    ends inelastic collapse (the TC model, Luding & McNamara 1998); 0: no impact is.
+    """
 
     law: Literal["constant"]
     value: Annotated[Number, Field(ge=0, le=1, description="the restitution, 0 to 1")]
+    contact_time: Annotated[Time, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _bounces(self) -> Self:
+        if self.value == 0 and self.contact_time > 0:
+            message = f"is {self.contact_time:g} s; must be 0 with value 0, where nothing bounces"
+            raise RefusalError((("contact_time",), message))
+        return self
 
 
 class MeanSpeedDuration(Part):

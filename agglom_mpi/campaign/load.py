@@ -119,7 +119,7 @@ class Campaign:
         return string
 
     def engine(self, text: str | Engine | None) -> Engine:
-        """Engine meant by `fixed`, `fixed:STEPS` or `adaptive`; None is the campaign's own."""
+        """Engine that `event`, `fixed`, `fixed:STEPS` or `adaptive` means; None: the campaign's."""
         if text is None:
             return self.scene.engine
         if not isinstance(text, str):
@@ -144,7 +144,8 @@ class Campaign:
         sample
             Sample number from 0.
         engine
-            Another engine than the campaign's, as for `engine`.
+            Another engine than the campaign's, as for `engine`; `event` cools exactly, whatever
+            the campaign's `integration` is.
         """
         from agglom_mpi.simulation.sample import simulate
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.campaign.engines import AnyEngine
+from agglom_mpi.campaign.engines import AnyEngine, EventEngine
 from agglom_mpi.campaign.impact import (
     AnyDuration,
     AnyFriction,
@@ -93,7 +93,7 @@ class SceneModel(Part):
     cooling: AnyCooling = NoCooling()
     solver: AnySolver = RootSolver()
     end_time: EndTime = Field(description="`characteristic` or a time like '10 ms'")
-    engine: AnyEngine = Field(description="allowed: fixed, adaptive")
+    engine: AnyEngine = EventEngine()
 
     @model_validator(mode="before")
     @classmethod
@@ -117,6 +117,13 @@ class SceneModel(Part):
                     "pressure`; give a time like '10 ms'"
                 )
                 problems.append((("end_time",), message))
+        integration = getattr(self.cooling, "integration", "exact")
+        if self.engine.law == "event" and integration == "euler":
+            message = (
+                "is 'euler', which needs time steps, but the engine is 'event'; allowed: exact, or "
+                "euler with engine fixed or adaptive"
+            )
+            problems.append((("cooling", "integration"), message))
         if self.heating.law == "none":
             for name, law in (("reaction", self.reaction.law), ("cooling", self.cooling.law)):
                 if law != "none":

@@ -31,6 +31,9 @@ MEANING: Final = {
 }
 """One sentence for each law of each submodel."""
 
+CONTACT_TIME: Final = "the same, but elastic within contact_time (s) of either's last impact"
+"""The sentence for constant restitution with a contact time."""
+
 
 def submodels(scene: SceneModel) -> tuple[list[str], list[str]]:
     """Lines on the submodels that the scene uses, and the names of those it leaves out."""
@@ -43,7 +46,8 @@ def submodels(scene: SceneModel) -> tuple[list[str], list[str]]:
             left_out.append(key)
         else:
             name = f"{key}: {law}" if law else key
-            used.append(f"{name:<32}{MEANING[key, law]}{_settings(part)}")
+            meaning = CONTACT_TIME if getattr(part, "contact_time", 0.0) else MEANING[key, law]
+            used.append(f"{name:<32}{meaning}{_settings(part)}")
     return used, left_out
 
 
@@ -59,7 +63,11 @@ def _idle(scene: SceneModel) -> set[str]:
 def _settings(part: Part | str) -> str:
     if isinstance(part, str):
         return ""
-    pairs = [f"{key} {_plain(value)}" for key, value in part if key != "law"]
+    pairs = [
+        f"{key} {_plain(value)}"
+        for key, value in part
+        if key != "law" and (key, value) != ("contact_time", 0.0)
+    ]
     return f"; {', '.join(pairs)}" if pairs else ""
 
 

@@ -8,6 +8,7 @@ from agglom_mpi.campaign.parts import NAMED_OR_NONE, Part, RefusalError
 from agglom_mpi.campaign.quantities import HeatTransfer, Number, Temperature
 
 Integration = Literal["exact", "euler"]
+"""The exact solution, or as published one step per time step of the engine, if it has any."""
 
 
 class Heating(Part):

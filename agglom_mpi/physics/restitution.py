@@ -46,10 +46,11 @@ class ConstantRestitution(NamedTuple):
 
 
 class ContactTimeRestitution(NamedTuple):
-    """As `ConstantRestitution`, but elastic within `contact_time` in s of the last impact of either.
+    """As `ConstantRestitution`, but elastic within `contact_time` in s of either's last impact.
 
     Hard spheres that lose energy can collide infinitely often in finite time; an impact that lasts
-    cannot be told from the next one (Luding & McNamara, Granular Matter 1, 113, 1998: the TC model).
+    cannot be told from the next one: the TC model (Luding & McNamara, Granular Matter 1, 1998,
+    113).
     """
 
     value: float

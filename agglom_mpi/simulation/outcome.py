@@ -11,7 +11,7 @@ REASONS: Final = (
     "",
     "placement: no free place was found for every sphere",
     "non-finite state",
-    "budget of steps exceeded",
+    "budget of steps or events exceeded",
     "exception",
 )
 """Why a sample failed, by the `reason` of its record."""
@@ -40,8 +40,13 @@ COLUMNS: Final = (
     Column("mean_temperature", "f8", "K", "mass-weighted mean temperature at the end"),
     Column("end_time", "f8", "s", "simulated time"),
     Column("particles", "i8", "1", "particles left"),
-    Column("steps", "i8", "1", "time steps taken"),
-    Column("particle_steps", "i8", "1", "sum over the steps of the particles present"),
+    Column("steps", "i8", "1", "time steps taken, or events of the event engine"),
+    Column(
+        "particle_steps",
+        "i8",
+        "1",
+        "particles present, summed over the time steps; 0 with the event engine",
+    ),
     Column("collisions", "i8", "1", "impacts resolved, merges included"),
     Column("merges", "i8", "1", "impacts that bonded"),
     Column("breakups", "i8", "1", "aggregates that fragmented"),

@@ -77,6 +77,9 @@ class Scene(NamedTuple):
 def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = None) -> Scene:
     """Make the typed scene of one parameter string.
 
+    The event engine has no time steps and cools exactly, whatever the scene's `integration` is;
+    the steppers integrate as the scene says.
+
     Parameters
     ----------
     model
@@ -89,12 +92,13 @@ def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = No
     value = dict(zip(NAMES, np.asarray(parameters, dtype=float).tolist(), strict=True))
     radius = 0.5 * value["size_ratio"] * 2.0 * model.half_width / model.particles ** (1.0 / 3.0)
     heats = model.heating.law != "none"
+    chosen = engine or model.engine
     return Scene(
         escape=Periodic() if model.escape == "periodic" else Reentry(),
         velocities=_velocities(model.velocities, value),
         laws=_impact_laws(model, value),
-        cooling=_cooling(model.cooling, value),
-        engine=_engine(engine or model.engine),
+        cooling=_cooling(model.cooling, value, chosen.law != "event"),
+        engine=_engine(chosen),
         particles=model.particles,
         half_width=model.half_width,
         radius=radius,
@@ -116,8 +120,7 @@ def _velocities(model: Any, value: dict[str, float]) -> NamedTuple:
 
 
 def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
-    restitution: Any = model.restitution
-    pressure = restitution.law == "pressure"
+    pressure = model.restitution.law == "pressure"
     durations = {
         "mean_speed": MeanSpeedDuration,
         "compression_recovery": CompressionRecoveryDuration,
@@ -130,7 +133,7 @@ def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
     breaking = breakages.get(model.fragmentation.law)
     reacts = model.reaction.law != "none"
     return ImpactLaws(
-        restitution=(PressureRestitution() if pressure else ConstantRestitution(restitution.value)),
+        restitution=_restitution(model.restitution),
         duration=durations[model.duration.law](model.duration.length_ratio) if pressure else None,
         contact_area=ContactArea(model.contact_area.initial, model.contact_area.final),
         hardness=_hardness(model, value) if pressure else None,
@@ -141,6 +144,16 @@ def _impact_laws(model: "SceneModel", value: dict[str, float]) -> ImpactLaws:
         solver=_solver(model.solver) if pressure else None,
         heat_capacity=value["heat_capacity"] if heating else math.inf,
     )
+
+
+def _restitution(
+    model: Any,
+) -> PressureRestitution | ConstantRestitution | ContactTimeRestitution:
+    if model.law == "pressure":
+        return PressureRestitution()
+    if model.contact_time > 0.0:
+        return ContactTimeRestitution(model.value, model.contact_time)
+    return ConstantRestitution(model.value)
 
 
 def _hardness(model: "SceneModel", value: dict[str, float]) -> ConstantHardness | ArrheniusHardness:
@@ -155,7 +168,9 @@ def _solver(model: Any) -> RootFinder | PublishedIteration:
     return PublishedIteration(model.tolerance, model.cap)
 
 
-def _cooling(model: Any, value: dict[str, float]) -> cool.Exact | cool.ForwardEuler | None:
+def _cooling(
+    model: Any, value: dict[str, float], steps: bool
+) -> cool.Exact | cool.ForwardEuler | None:
     if model.law == "none":
         return None
     law: Submodel
@@ -171,10 +186,12 @@ def _cooling(model: Any, value: dict[str, float]) -> cool.Exact | cool.ForwardEu
         )
     else:
         law = cool.QuarticCooling(value["density"], value["heat_capacity"], value["temperature"])
-    return cool.Exact(law) if model.integration == "exact" else cool.ForwardEuler(law)
+    return cool.ForwardEuler(law) if steps and model.integration == "euler" else cool.Exact(law)
 
 
-def _engine(model: Any) -> FixedSteps | AdaptiveSteps:
+def _engine(model: Any) -> EventDriven | FixedSteps | AdaptiveSteps:
+    if model.law == "event":
+        return EventDriven(model.budget)
     if model.law == "fixed":
         return FixedSteps(model.steps)
     return AdaptiveSteps(model.floor, model.ceiling)

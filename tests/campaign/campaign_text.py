@@ -55,3 +55,14 @@ def edited(*edits: tuple[str, str]) -> str:
 def campaign(*edits: tuple[str, str]) -> Campaign:
     """The campaign of an edited text."""
     return Campaign.from_text(edited(*edits))
+
+
+def constant(contact_time: str | None = None, value: float = 0.9) -> Campaign:
+    """The campaign with constant restitution, of which no hardness decides anything."""
+    lasting = "" if contact_time is None else f", contact_time: {contact_time}"
+    return campaign(
+        ("  restitution", f"  restitution: {{law: constant, value: {value}{lasting}}}"),
+        ("  hardness: a", ""),
+        ("  hardness: [", ""),
+        ("  end_time", "  end_time: 1 ms"),
+    )

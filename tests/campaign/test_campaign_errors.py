@@ -72,6 +72,26 @@ SCENE = [
     ),
     ("  restitution", "  restitution: constant", "7: scene.restitution.value: is missing; the re"),
     (
+        "  restitution",
+        "  restitution: {law: constant, value: 0.9, contact_time: -1 us}",
+        "7: scene.restitution.contact_time: is '-1 us'; must be at least 0",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: constant, value: 0.9, contact_time: 1 um}",
+        "7: scene.restitution.contact_time: wrong unit: 'um' is length, expected time like 's'",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: constant, value: 0, contact_time: 1 us}",
+        "7: scene.restitution.contact_time: is 1e-06 s; must be 0 with value 0, where nothing bou",
+    ),
+    (
+        "  restitution",
+        "  restitution: {law: pressure, contact_time: 1 us}",
+        "7: scene.restitution.contact_time: unknown key 'contact_time'; allowed: law",
+    ),
+    (
         "  contact_area",
         "  contact_area: {initial: 2, final: 1}",
         "8: scene.contact_area.initial: is 2; must be at most final, which is 1",
@@ -110,7 +130,36 @@ SCENE = [
     ),
     ("  end_time", "  end_time: soon", "14: scene.end_time: is 'soon'; must be `characteristic`"),
     ("  end_time", "  end_time: 0 s", "14: scene.end_time: is '0 s'; must be greater than 0 s"),
-    ("  engine", "", "3: scene.engine: is missing; allowed: fixed, adaptive"),
+    (
+        "  engine",
+        "  engine: leapfrog",
+        "15: scene.engine: is 'leapfrog'; allowed: event, fixed, adaptive",
+    ),
+    (
+        "  engine",
+        "  engine: {steps: 50}",
+        "15: scene.engine.law: is missing; allowed: event, fixed, adaptive",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 0}",
+        "15: scene.engine.budget: is 0; must be at least 1",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 10000000000}",
+        "15: scene.engine.budget: is 10000000000; must be at most 1000000000",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, budget: 1e3}",
+        "15: scene.engine.budget: is 1000.0; must be a whole number",
+    ),
+    (
+        "  engine",
+        "  engine: {law: event, steps: 5}",
+        "15: scene.engine.steps: unknown key 'steps'; allowed: law, budget",
+    ),
     (
         "  engine",
         "  engine: {law: fixed, steps: 0}",
@@ -298,6 +347,28 @@ def test_constant_restitution_refuses_what_needs_the_hardness() -> None:
     text = message(("  restitution", "  restitution: {law: constant, value: 0.9}"))
     assert "9: scene.hardness: is 'arrhenius', but constant restitution has no hardness" in text
     assert "14: scene.end_time: is 'characteristic', which needs the critical speed" in text
+
+
+EULER = "cooling: {law: quartic, integration: euler}"
+
+
+@pytest.mark.parametrize("engine", ["  engine: event", "  engine: {law: event, budget: 9}", ""])
+def test_the_event_engine_has_no_steps_to_cool_by(engine: str) -> None:
+    assert message(("  cooling", f"  {EULER}"), ("  engine", engine)) == (
+        "campaign.yaml:13: scene.cooling.integration: is 'euler', which needs time steps, but the "
+        "engine is 'event'; allowed: exact, or euler with engine fixed or adaptive"
+    )
+
+
+@pytest.mark.parametrize("engine", ["fixed", "adaptive"])
+def test_steppers_may_cool_by_steps(engine: str) -> None:
+    loaded = campaign(("  cooling", f"  {EULER}"), ("  engine", f"  engine: {engine}"))
+    assert loaded.scene.cooling.model_dump() == {"law": "quartic", "integration": "euler"}
+
+
+@pytest.mark.parametrize("cooling", ["quartic", "{law: quartic, integration: exact}", "none"])
+def test_the_event_engine_cools_exactly(cooling: str) -> None:
+    campaign(("  cooling", f"  cooling: {cooling}"), ("  engine", "  engine: event"))
 
 
 def test_a_message_stays_on_one_line_and_short() -> None:

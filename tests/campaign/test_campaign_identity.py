@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from campaign_text import campaign
+from campaign_text import campaign, constant
 
 from agglom_mpi.campaign import Campaign
 
@@ -35,6 +35,7 @@ def test_the_same_campaign_has_the_same_identity(edit: tuple[str, str]) -> None:
         (("seed", "seed: 8"), "seed"),
         (("  particles", "  particles: 101"), "scene.particles"),
         (("  engine", "  engine: {law: fixed, steps: 51}"), "scene.engine.steps"),
+        (("  engine", "  engine: event"), "scene.engine.budget"),
         (("  density", "  density: 6000.0000000001"), "variables.density.0"),
         (("objective", "objective: {law: growth_target, ratio: 2.5}"), "objective.ratio"),
         (("search", "search: {population: 14, parents: 4}"), "search.population"),
@@ -47,6 +48,11 @@ def test_what_decides_results_is_in_the_identity(edit: tuple[str, str], key: str
     ours, theirs = campaign().identity(), campaign(edit).identity()
     assert theirs[key] != ours.get(key)
     assert campaign(edit).sha256() != campaign().sha256()
+
+
+def test_the_contact_time_is_in_the_identity() -> None:
+    assert constant("1 us").identity()["scene.restitution.contact_time"] == 1e-6
+    assert constant("0 s").sha256() == constant().sha256() != constant("1 us").sha256()
 
 
 def test_an_identity_survives_json() -> None:
@@ -78,14 +84,24 @@ def test_the_description_separates_used_from_left_out_submodels() -> None:
 
 
 def test_constant_restitution_leaves_out_what_it_does_not_ask() -> None:
-    text = campaign(
-        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
-        ("  hardness: a", ""),
-        ("  hardness: [", ""),
-        ("  end_time", "  end_time: 1"),
-    ).describe()
-    left_out = section(text, "Left out").split()
+    left_out = section(constant().describe(), "Left out").split()
     assert left_out == ["duration", "hardness", "fragmentation", "cooling", "solver"]
+
+
+@pytest.mark.parametrize(
+    ("contact_time", "line"),
+    [
+        ("0", "the same in every impact; value 0.9"),
+        (
+            "2 us",
+            "the same, but elastic within contact_time (s) of either's last impact; "
+            "value 0.9, contact_time 2e-06",
+        ),
+    ],
+)
+def test_a_contact_time_is_described_where_there_is_one(contact_time: str, line: str) -> None:
+    text = constant(contact_time).describe()
+    assert f"  {'restitution: constant':<32}{line}\n" in text
 
 
 def test_the_description_counts_strings_and_samples() -> None:
@@ -116,6 +132,9 @@ def test_the_description_lists_variables_with_units() -> None:
             ("  rule", "  rule: successive_difference\n  quantity: mean_radius"),
             "radius by less",
         ),
+        (("  engine", ""), "event-driven, exact times, at most 20,000 events per grain\n"),
+        (("  engine", "  engine: {law: event, budget: 5}"), "at most 5 events per grain\n"),
+        (("  engine", "  engine: {law: fixed, steps: 60}"), "engine: 60 equal steps [A]\n"),
         (("  engine", "  engine: adaptive"), "adaptive steps, 1e-06 to 0.001 s [B 6.14]"),
         (("  end_time", "  end_time: 10 ms"), "end time: 0.01 s"),
         (("search", "search: {rescale: {every: 4, factor: 0.5}}"), "every 4 generations shrunk by"),

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign_text import campaign, edited
+from campaign_text import campaign, constant, edited
 
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
+EVENT = {"law": "event", "budget": 20_000}
 
 
 @pytest.mark.parametrize(
@@ -59,6 +60,7 @@ def test_short_and_long_forms_are_the_same() -> None:
 def test_defaults_fill_what_is_left_out() -> None:
     scene = campaign().scene
     assert scene.escape == "periodic"
+    assert campaign(("  engine", "")).scene.engine.model_dump() == EVENT
     assert scene.fragmentation.law == "none"
     assert scene.solver.law == "root"
     assert campaign().search.blend == (0.0, 1.0)
@@ -67,14 +69,15 @@ def test_defaults_fill_what_is_left_out() -> None:
 
 
 def test_constant_restitution_has_a_constant_hardness_by_default() -> None:
-    scene = campaign(
-        ("  restitution", "  restitution: {law: constant, value: 0.9}"),
-        ("  hardness: a", ""),
-        ("  hardness: [", ""),
-        ("  end_time", "  end_time: 1 ms"),
-    ).scene
+    scene = constant().scene
     assert scene.hardness.law == "constant"
     assert scene.end_time == 1e-3
+
+
+def test_a_contact_time_takes_units_and_is_off_by_default() -> None:
+    wanted = {"law": "constant", "value": 0.9, "contact_time": 0.0}
+    assert constant().scene.restitution.model_dump() == wanted
+    assert constant("2 us").scene.restitution.model_dump() == wanted | {"contact_time": 2e-6}
 
 
 def test_variables_are_arrays_in_the_canonical_order() -> None:
@@ -143,17 +146,24 @@ def test_engines_have_short_names() -> None:
     adaptive = own.engine("adaptive")
     assert adaptive.model_dump() == {"law": "adaptive", "floor": 1e-6, "ceiling": 1e-3}
     assert own.engine(adaptive) is adaptive
+    assert own.engine("event").model_dump() == EVENT
+    assert own.engine(" event ").model_dump() == EVENT
     other = campaign(("  engine", "  engine: {law: adaptive, floor: 2 us}"))
     assert other.engine("fixed").model_dump() == {"law": "fixed", "steps": 200}
     assert other.engine("adaptive") is other.scene.engine
+    third = campaign(("  engine", "  engine: {law: event, budget: 500}"))
+    assert third.scene.engine.model_dump() == {"law": "event", "budget": 500}
+    assert third.engine("event") is third.scene.engine
+    assert third.engine("fixed").model_dump() == {"law": "fixed", "steps": 200}
 
 
 @pytest.mark.parametrize(
-    "text", ["", "fast", "fixed:", "fixed:0", "fixed:-3", "fixed:²", "adaptive:"]
+    "text",
+    ["", "fast", "fixed:", "fixed:0", "fixed:-3", "fixed:²", "adaptive:", "event:", "event:9"],
 )
 def test_nonsense_engines_are_refused(text: str) -> None:
     with pytest.raises(
-        CampaignError, match=r"engine: is .*; allowed: fixed, fixed:STEPS, adaptive"
+        CampaignError, match=r"engine: is .*; allowed: event, fixed, fixed:STEPS, adaptive$"
     ):
         campaign().engine(text)
 

@@ -53,7 +53,7 @@ def test_the_engine_can_be_another(agglom):
         (["--set", "hardness=soft"], "hardness: "),
         (["--set", "size_ratio=1.5"], "random placement jams"),
         (["--engine", "fixed:0"], "STEPS must be a whole number from 1"),
-        (["--engine", "warp"], "allowed: fixed, fixed:STEPS, adaptive"),
+        (["--engine", "warp"], "allowed: event, fixed, fixed:STEPS, adaptive"),
         (["--string", "1"], "needs a campaign file"),
     ],
 )

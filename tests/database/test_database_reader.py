@@ -76,7 +76,7 @@ def test_samples_table(campaign):
     assert table.groupby("string")["used"].sum().tolist() == [10, 10, 13]
     failed = table[table["state"] == "failed"].iloc[0]
     assert (failed["string"], failed["sample"], failed["used"]) == (2, 12, True)
-    assert failed["reason"] == "budget of steps exceeded"
+    assert failed["reason"] == "budget of steps or events exceeded"
     assert table.attrs["units"]["mean_temperature"] == "K"
 
 

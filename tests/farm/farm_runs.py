@@ -24,9 +24,17 @@ _BIN = Path(sys.executable).parent
 _LAUNCHERS = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "SLURM_", "HYDI_", "PRTE_")
 
 
-def write_campaign(path, max_failures=None, **numbers):
-    """Write the quickstart campaign with other numbers; all variants share compiled kernels."""
+def write_campaign(path, max_failures=None, steps=None, **numbers):
+    """Write the quickstart campaign with other numbers, or with `steps` equal time steps.
+
+    All variants of the same engine share compiled kernels.
+    """
     text = QUICKSTART.read_text()
+    if steps is not None:
+        text = re.sub(r"\n  engine: .*", "", text)
+        engine = f"  engine: {{law: fixed, steps: {steps}}}"
+        text, count = re.subn(r"\n(  end_time: .*)", rf"\n\1\n{engine}", text)
+        assert count == 1
     for name, value in numbers.items():
         text, count = re.subn(rf"\b{name}: [^\s,}}]+", f"{name}: {value}", text)
         assert count == 1, name

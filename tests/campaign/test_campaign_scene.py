@@ -1,0 +1,73 @@
+"""What kernels see of a campaign: the typed scene, where the campaign file leaves a choice."""
+
+import pytest
+from campaign_text import campaign, constant
+
+from agglom_mpi.campaign import Campaign
+from agglom_mpi.physics.cooling import Exact, ForwardEuler, QuarticCooling, RadiativeCooling
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ContactTimeRestitution,
+    PressureRestitution,
+)
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, build_scene
+
+
+def built(loaded: Campaign, engine: str | None = None) -> Scene:
+    return build_scene(loaded.scene, loaded.parameters(), loaded.engine(engine))
+
+
+def test_the_scene_has_the_engine_of_the_campaign_or_another() -> None:
+    own = campaign(("  engine", "  engine: {law: event, budget: 7}"))
+    assert built(own).engine == EventDriven(7)
+    assert built(own, "fixed:20").engine == FixedSteps(20)
+    assert built(own, "adaptive").engine == AdaptiveSteps(1e-6, 1e-3)
+    assert built(campaign(), "event").engine == EventDriven(20_000)
+    assert build_scene(own.scene, own.parameters()).engine == EventDriven(7)
+
+
+LAWS = {
+    "quartic": QuarticCooling,
+    "radiation, emissivity: 0.5, surroundings: 300 K": RadiativeCooling,
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_steppers_cool_as_the_campaign_says_and_the_event_engine_exactly(law: str) -> None:
+    euler = campaign(("  cooling", f"  cooling: {{law: {law}, integration: euler}}"))
+    exact = campaign(("  cooling", f"  cooling: {{law: {law}}}"), ("  engine", "  engine: event"))
+    wanted = {
+        (euler, None): ForwardEuler,
+        (euler, "fixed:10"): ForwardEuler,
+        (euler, "adaptive"): ForwardEuler,
+        (euler, "event"): Exact,
+        (exact, None): Exact,
+        (exact, "event"): Exact,
+        (exact, "fixed"): Exact,
+        (exact, "adaptive"): Exact,
+    }
+    for (loaded, engine), integration in wanted.items():
+        cooling = built(loaded, engine).cooling
+        assert type(cooling) is integration
+        assert type(cooling.law) is LAWS[law]
+
+
+def test_without_cooling_no_engine_cools() -> None:
+    for engine in ("event", "fixed", "adaptive"):
+        assert built(campaign(), engine).cooling is None
+
+
+def test_restitution_has_a_contact_time_only_where_the_campaign_gives_one() -> None:
+    wanted = {
+        campaign(): PressureRestitution(),
+        constant(): ConstantRestitution(0.9),
+        constant("0 s"): ConstantRestitution(0.9),
+        constant(value=0): ConstantRestitution(0.0),
+        constant("0", value=0): ConstantRestitution(0.0),
+        constant("2 us"): ContactTimeRestitution(0.9, 2e-6),
+        constant("2 us", value=1): ContactTimeRestitution(1.0, 2e-6),
+    }
+    for loaded, restitution in wanted.items():
+        found = built(loaded).laws.restitution
+        assert type(found) is type(restitution)
+        assert found == restitution
