@@ -27,15 +27,19 @@ _KERNEL: Final[dict[str, Any]] = {
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
+    "_nrt": True,
 }
 # Inlining saves copying the NamedTuples of arrays at every call: a factor of two and more.
-_STAGE: Final[dict[str, Any]] = {
+_ALLOCATING: Final[dict[str, Any]] = {
     "nogil": True,
     "error_model": "numpy",
     "forceinline": True,
     "no_cfunc_wrapper": True,
     "no_cpython_wrapper": True,
+    "_nrt": True,
 }
+# Without counting references to arrays, which costs more than half of the time of a short loop.
+_STAGE: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -90,8 +94,17 @@ def kernel(function: F) -> F:
 
 
 def stage(function: F) -> F:
-    """Compile a function that only kernels call, which saves the code to call it from Python."""
+    """Compile a function that only kernels call and that makes no arrays.
+
+    The arrays it works on belong to the kernel. It has no code to be called from Python.
+    """
     compiled: F = numba.njit(**_STAGE)(function)
+    return compiled
+
+
+def allocating(function: F) -> F:
+    """Compile a stage that makes arrays, to return or to use for itself."""
+    compiled: F = numba.njit(**_ALLOCATING)(function)
     return compiled
 
 
@@ -126,13 +139,22 @@ class Question:
 
 def question(signature: Callable[..., Any]) -> Any:
     """Make `signature` a formula dispatched on the type of its first argument; see `Question`."""
+    return _ask(signature, {"error_model": "numpy", "_nrt": False})
+
+
+def allocating_question(signature: Callable[..., Any]) -> Any:
+    """Make a `question` whose answers may make arrays for themselves."""
+    return _ask(signature, {"error_model": "numpy", "_nrt": True})
+
+
+def _ask(signature: Callable[..., Any], options: dict[str, Any]) -> Any:
     table = Question(signature)
 
     @functools.wraps(signature)
     def ask(model: Any, *arguments: Any) -> Any:
         return table.table[type(model)](model, *arguments)
 
-    @overload(ask, strict=False, jit_options={"error_model": "numpy"})
+    @overload(ask, strict=False, jit_options=options)
     def choose(model: Any, *arguments: Any) -> Any:
         return table.of_numba_type(model)
 

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.box import separation
 from agglom_mpi.simulation.contact import (
     BONDED,
@@ -66,7 +66,7 @@ def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no
     return time
 
 
-@stage
+@allocating
 def resolve_together(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
     """Let nearest neighbours in contact collide, then merge all that bonded; whether any did."""
     bonded_i = [0 for _ in range(0)]
@@ -95,7 +95,7 @@ def resolve_together(scene, particles, ledger, neighbours, partner, squared, tim
     return len(bonded_i) > 0
 
 
-@stage
+@allocating
 def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):  # type: ignore[no-untyped-def]
     """Merge every chain of bonded pairs into its lowest particle."""
     if len(bonded_i) == 0:

@@ -32,8 +32,11 @@ def inside(escape: Submodel, coordinate: float, half_width: float) -> float:
 
 
 @question
-def nearest_image(escape: Submodel, difference: float, side: float) -> float:
-    """`separation` in m of particles that may be outside the box, of edge `side`; no branch."""
+def nearest_image(escape: Submodel, difference: float, side: float, per_side: float) -> float:
+    """`separation` in m of particles that may be outside the box, without a branch.
+
+    `side` is the edge of the box in m, `per_side` its inverse.
+    """
 
 
 @question
@@ -87,12 +90,12 @@ def _opposite_face(escape, coordinate, half_width):  # type: ignore[no-untyped-d
 
 
 @nearest_image.answer(Periodic)
-def _rounded_image(escape, difference, side):  # type: ignore[no-untyped-def]
-    return difference - side * np.rint(difference / side)
+def _rounded_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
+    return difference - side * np.rint(difference * per_side)
 
 
 @nearest_image.answer(Reentry)
-def _no_image(escape, difference, side):  # type: ignore[no-untyped-def]
+def _no_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
     return difference
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 
 
 @stage
@@ -11,7 +11,7 @@ def cell_of(coordinate, cells, half_width):  # type: ignore[no-untyped-def]
     return min(cells - 1, max(0, int((coordinate + half_width) / (2.0 * half_width) * cells)))
 
 
-@stage
+@allocating
 def sort_into_cells(particles, cells, half_width):  # type: ignore[no-untyped-def]
     """Particles in order of their cells, shape (N,), and where each cell starts in that order.
 

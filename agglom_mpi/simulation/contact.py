@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import question, stage
+from agglom_mpi.compilation import allocating, question, stage
 from agglom_mpi.physics.contact_area import contact_area
 from agglom_mpi.physics.cooling import caught_up
 from agglom_mpi.physics.encounter import Encounter
@@ -222,7 +222,7 @@ def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[
         split(scene, particles, i, pieces)
 
 
-@stage
+@allocating
 def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
     """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
 
@@ -246,7 +246,7 @@ def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
         particles.grains[slot] = grains // pieces + (1 if piece < grains % pieces else 0)
 
 
-@stage
+@allocating
 def packed_sites(count, radius):  # type: ignore[no-untyped-def]
     """Sites in m of touching equal spheres around their centre of mass, shape (3, count).
 

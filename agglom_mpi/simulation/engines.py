@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from agglom_mpi.compilation import Submodel, question
+from agglom_mpi.compilation import Submodel, allocating_question
 from agglom_mpi.simulation.particles import Ledger, Particles
 
 
-@question
+@allocating_question
 def advance(
     engine: Submodel, scene: Submodel, particles: Particles, ledger: Ledger, abort: np.ndarray
 ) -> float:

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.contact import BONDED, collide, merge
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.event_cells import (
@@ -85,19 +85,7 @@ NO_HIT: Final = 3
 def _event_driven(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
     drift = enter_frame(scene, particles)
     events = new_events(particles)
-    budget = engine.budget * particles.size[0]
-    time = 0.0
-    happening = Happening(start_over(scene, particles, events, 0.0), RANGE, NO_HIT, NOBODY, NOBODY)
-    while True:
-        look_around(scene, events, happening, time)
-        time = next_time(events)
-        if time > scene.end_time or aborted(abort):
-            break
-        if ledger.tally[STEPS] >= budget:
-            ledger.tally[EXHAUSTED] = 1
-            break
-        happening = take_event(scene, particles, ledger, events, time)
-    time = min(time, scene.end_time)
+    time = run_events(engine, scene, particles, ledger, events, abort)
     settle_all(scene, particles, events, time)
     compact(particles)
     leave_frame(scene, particles, drift, time)
@@ -105,6 +93,23 @@ def _event_driven(engine, scene, particles, ledger, abort):  # type: ignore[no-u
 
 
 @stage
+def run_events(engine, scene, particles, ledger, events, abort):  # type: ignore[no-untyped-def]
+    """Let one event happen after another until the end; the time reached in s."""
+    budget = engine.budget * particles.size[0]
+    time = 0.0
+    happening = Happening(start_over(scene, particles, events, 0.0), RANGE, NO_HIT, NOBODY, NOBODY)
+    while True:
+        look_around(scene, events, happening, time)
+        time = next_time(events)
+        if time > scene.end_time or aborted(abort):
+            return min(time, scene.end_time)
+        if ledger.tally[STEPS] >= budget:
+            ledger.tally[EXHAUSTED] = 1
+            return time
+        happening = take_event(scene, particles, ledger, events, time)
+
+
+@allocating
 def new_events(particles):  # type: ignore[no-untyped-def]
     """Return empty events for as many particles as there is room for."""
     capacity = particles.mass.size

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.cells import cell_of
 
 FEW: Final = 32
@@ -66,7 +66,7 @@ def most_cells(count):  # type: ignore[no-untyped-def]
     return int(2.0 * count ** (1.0 / 3.0)) + 1
 
 
-@stage
+@allocating
 def new_cells(count, capacity):  # type: ignore[no-untyped-def]
     """Return room for `count` particles at first and at most `capacity`."""
     return Cells(
@@ -75,7 +75,7 @@ def new_cells(count, capacity):  # type: ignore[no-untyped-def]
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
-        np.empty(capacity + 1, np.int32),
+        np.empty(capacity + 1, np.uint32),
         np.zeros(1),
     )
 
@@ -96,7 +96,7 @@ def best_edge(count, diameter, half_width):  # type: ignore[no-untyped-def]
     return (path * CROSSING_COST / (81.0 * density)) ** 0.25
 
 
-@stage
+@allocating
 def choose_cells(scene, particles, cells):  # type: ignore[no-untyped-def]
     """Choose the size of the cells, and with it the giants, for the particles as they are."""
     count = particles.size[0]

@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.cells import cell_of, sort_into_cells
 from agglom_mpi.simulation.neighbours import squared_distance
 from agglom_mpi.simulation.particles import (
@@ -25,14 +23,15 @@ from agglom_mpi.simulation.stepping import largest_radius
 
 @stage
 def total_momentum(particles):  # type: ignore[no-untyped-def]
-    """Momentum in kg m/s, shape (3,), and mass in kg."""
-    momentum = np.zeros(3)
-    mass = 0.0
+    """Momentum in kg m/s, three components, and mass in kg."""
+    m, v = particles.mass, particles.velocity
+    mass, x, y, z = 0.0, 0.0, 0.0, 0.0
     for i in range(particles.size[0]):
-        mass += particles.mass[i]
-        for axis in range(3):
-            momentum[axis] += particles.mass[i] * particles.velocity[axis, i]
-    return momentum, mass
+        mass += m[i]
+        x += m[i] * v[0, i]
+        y += m[i] * v[1, i]
+        z += m[i] * v[2, i]
+    return (x, y, z), mass
 
 
 @stage
@@ -58,7 +57,7 @@ def thermal_energy(particles, heat_capacity, reference):  # type: ignore[no-unty
     return energy
 
 
-@stage
+@allocating
 def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
     """Pairs that overlap by more than rounding."""
     half = scene.half_width

@@ -27,6 +27,7 @@ MOVER: Final = np.dtype(
         ("b", "i4"),
         ("c", "i4"),
         ("giant", "i4"),
+        ("unused", "i8"),
     ],
     align=True,
 )

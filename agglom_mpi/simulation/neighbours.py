@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.box import Periodic, distance_along
 from agglom_mpi.simulation.cells import cell_of, sort_into_cells
 
@@ -73,7 +73,7 @@ BUILT_AT: Final = 2
 """Places in `Neighbours.scale`."""
 
 
-@stage
+@allocating
 def new_neighbours(capacity):  # type: ignore[no-untyped-def]
     """Room for the lists of `capacity` particles, out of date."""
     return Neighbours(
@@ -155,7 +155,7 @@ def rebuild(scene, particles, neighbours, time, wanted):  # type: ignore[no-unty
     list_from_cells(scene, particles, neighbours, max(1, int(width / reach)), reach)
 
 
-@stage
+@allocating
 def list_from_cells(scene, particles, neighbours, cells, reach):  # type: ignore[no-untyped-def]
     """Collect everything within `reach` in m of each particle from the 27 cells around it.
 

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -60,13 +60,13 @@ class Particles(NamedTuple):
     grains: np.ndarray
 
 
-@stage
+@allocating
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
     return Ledger(np.zeros(4), np.zeros(8, np.int64), np.zeros(1))
 
 
-@stage
+@allocating
 def new_particles(size: int, capacity: int, radius: float, mass: float, temperature: float):  # type: ignore[no-untyped-def]
     """Return `size` equal grains, not placed yet, with room for `capacity`."""
     particles = Particles(

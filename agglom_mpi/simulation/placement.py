@@ -4,14 +4,14 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.box import distance_along
 
 ATTEMPTS: Final = 100_000
 """Trials per sphere before a placement counts as jammed; at φ = 0.268 about 70 are the rule."""
 
 
-@stage
+@allocating
 def place(random, escape, position, diameter, half_width):  # type: ignore[no-untyped-def]
     """Place spheres of equal `diameter` in m one after another at free random places.
 

@@ -117,23 +117,23 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
     `barred` is who has just been hit.
     """
     mover = movers[i]
-    side = 2.0 * scene.half_width
+    side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
     u, v, w, radius = mover["u"], mover["v"], mover["w"], mover["radius"]
     hit_time, partner = mover["hit_time"], -1
     for k in range(count):
         j = near[k]
         other = movers[j]
         flight = now - other["time"]
-        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side)
-        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side)
-        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side)
+        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
+        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
+        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
         du, dv, dw = other["u"] - u, other["v"] - v, other["w"] - w
         closing = dx * du + dy * dv + dz * dw
         reach = radius + other["radius"]
         excess = dx * dx + dy * dy + dz * dz - reach * reach
         square = du * du + dv * dv + dw * dw
         discriminant = closing * closing - square * excess
-        if closing < 0.0 and discriminant > 0.0:
+        if min(-closing, discriminant) > 0.0:
             time = now + max(0.0, excess) / (math.sqrt(discriminant) - closing)
             if time < hit_time and time < other["hit_time"] and j != barred:
                 hit_time = time
@@ -153,24 +153,21 @@ def look(scene, cells, movers, tournament, i, now, turn, barred):  # type: ignor
     count = gather(scene, cells, mover, x, y, z, turn)
     hit_time, partner = first_hit(scene, movers, near, count, x, y, z, i, now, barred)
     if partner >= 0:
-        note(movers, tournament, i, partner, hit_time)
-        note(movers, tournament, partner, i, hit_time)
-    if is_periodic(scene.escape) and mover["radius"] + cells.largest[0] > safe_reach(scene, cells):
-        flip = first_flip(scene, cells, movers, count, x, y, z, i, now)
-        if flip < mover["turn_time"]:
-            mover["turn_time"] = flip
-            mover["turn"] = RANGE
+        note(movers, i, partner, hit_time)
+        note(movers, partner, i, hit_time)
+        set_key(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
+    if is_periodic(scene.escape) and cells.shape[GIANTS] > 0:
+        heed_flips(scene, cells, movers, count, x, y, z, i, now)
     set_key(tournament, i, min(mover["hit_time"], mover["turn_time"]))
 
 
 @stage
-def note(movers, tournament, i, partner, hit_time):  # type: ignore[no-untyped-def]
+def note(movers, i, partner, hit_time):  # type: ignore[no-untyped-def]
     """Note that particle i hits `partner` at `hit_time` in s."""
     mover = movers[i]
     mover["hit_time"] = hit_time
     mover["partner"] = partner
     mover["hit_version"] = movers[partner]["version"]
-    set_key(tournament, i, min(hit_time, mover["turn_time"]))
 
 
 @stage
@@ -185,9 +182,21 @@ def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
 
 
 @stage
+def heed_flips(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+    """Let particle i look around again when somebody too large to be safe changes its image."""
+    mover = movers[i]
+    if mover["radius"] + cells.largest[0] > safe_reach(scene, cells):
+        flip = first_flip(scene, cells, movers, count, x, y, z, i, now)
+        if flip < mover["turn_time"]:
+            mover["turn_time"] = flip
+            mover["turn"] = RANGE
+
+
+@stage
 def first_flip(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
     """Time in s when another image of someone too large to be safe becomes the nearest to i."""
     side, half = 2.0 * scene.half_width, scene.half_width
+    per_side = 1.0 / side
     mover = movers[i]
     safe = safe_reach(scene, cells)
     first = np.inf
@@ -196,9 +205,9 @@ def first_flip(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no
         if cells.near[k] == i or mover["radius"] + other["radius"] <= safe:
             continue
         flight = now - other["time"]
-        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side)
-        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side)
-        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side)
+        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
+        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
+        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
         first = min(first, flip_along(dx, other["u"] - mover["u"], half))
         first = min(first, flip_along(dy, other["v"] - mover["v"], half))
         first = min(first, flip_along(dz, other["w"] - mover["w"], half))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import allocating, stage
 
 
 class Tournament(NamedTuple):
@@ -27,13 +27,13 @@ class Tournament(NamedTuple):
     winner: np.ndarray
 
 
-@stage
+@allocating
 def new_tournament(capacity: int) -> Tournament:
     """Return a tournament with room for `capacity` entries, all without an event."""
     entries = 2
     while entries < capacity:
         entries *= 2
-    tournament = Tournament(np.full(entries, np.inf), np.empty(2 * entries, np.int32))
+    tournament = Tournament(np.full(entries, np.inf), np.empty(2 * entries, np.uint32))
     for i in range(entries):
         tournament.winner[entries + i] = i
     for node in range(entries - 1, 0, -1):
@@ -52,11 +52,12 @@ def set_key(tournament: Tournament, i: int, time: float) -> None:
     """Give entry i another time in s."""
     key, winner = tournament.key, tournament.winner
     key[i] = time
-    node = (key.size + i) >> 1
+    node = np.uint64((key.size + i) >> 1)
     while node > 0:
-        left, right = winner[2 * node], winner[2 * node + 1]
-        best = left if key[left] <= key[right] else right
+        child = node << np.uint64(1)
+        upper = key[winner[child | np.uint64(1)]] < key[winner[child]]
+        best = winner[child | np.uint64(upper)]
         if best == winner[node] and best != i:
             break
         winner[node] = best
-        node >>= 1
+        node >>= np.uint64(1)
