@@ -102,6 +102,12 @@ def stage(function: F) -> F:
     return compiled
 
 
+def fused_stage(function: F) -> F:
+    """Compile a stage in which a product and a sum may be rounded once instead of twice."""
+    compiled: F = numba.njit(**_STAGE, fastmath={"contract"})(function)
+    return compiled
+
+
 def allocating(function: F) -> F:
     """Compile a stage that makes arrays, to return or to use for itself."""
     compiled: F = numba.njit(**_ALLOCATING)(function)

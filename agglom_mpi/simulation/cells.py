@@ -34,3 +34,11 @@ def sort_into_cells(particles, cells, half_width):  # type: ignore[no-untyped-de
         order[place] = i
         start[number[i] + 1] = place + 1
     return order, start
+
+
+@stage
+def wrapped_cell(index, cells):  # type: ignore[no-untyped-def]
+    """Index of a cell along one axis, across the face if need be."""
+    if index < 0:
+        return index + cells
+    return index - cells if index >= cells else index

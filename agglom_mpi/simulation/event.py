@@ -12,15 +12,15 @@ from agglom_mpi.simulation.contact import BONDED, collide, merge
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.event_cells import (
     ALONG,
-    FORMER,
     GIANTS,
-    MOST_GIANTS,
     Cells,
-    choose_cells,
-    clear_cells,
+    best_cells,
+    cost_of_look,
     enter,
+    lay_out,
     leave,
     new_cells,
+    padded,
 )
 from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.movers import (
@@ -31,14 +31,23 @@ from agglom_mpi.simulation.movers import (
     load_velocity,
     void,
 )
-from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
+from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, reorder
 from agglom_mpi.simulation.prediction import look
 from agglom_mpi.simulation.scene import EventDriven
 from agglom_mpi.simulation.stepping import aborted
-from agglom_mpi.simulation.tournament import Tournament, earliest, new_tournament, set_key
+from agglom_mpi.simulation.tournament import Tournament, earliest, earliest_time, new_tournament, set_time
 from agglom_mpi.simulation.turns import set_turn, turn
 
 NOBODY: Final = -1
+
+GAIN: Final = 1.5
+"""How much cheaper a look must become for everybody to look around once more."""
+
+MANY: Final = 4096
+"""Particles beyond which they are sorted by their place, for the sake of the caches; measured."""
+
+OVERHEAD: Final = 10.0
+"""Time of a look without any pair, over that of one pair; measured."""
 
 
 class Events(NamedTuple):
@@ -125,7 +134,7 @@ def new_events(particles):  # type: ignore[no-untyped-def]
 @stage
 def next_time(events):  # type: ignore[no-untyped-def]
     """Time of the next event in s."""
-    return events.tournament.key[earliest(events.tournament)]
+    return earliest_time(events.tournament)
 
 
 @stage
@@ -168,7 +177,7 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
         leave(cells, movers, j)
         merge(scene, particles, ledger, i, j, now)
         void(movers[j])
-        set_key(events.tournament, j, np.inf)
+        set_time(events.tournament, j, np.inf)
         events.alive[0] -= 1
         settle_in(scene, particles, events, i, now)
         events.due[0] = i
@@ -203,16 +212,19 @@ def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
 
 @stage
 def tidy(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
-    """Choose new cells if the particles are not those any more that the old ones were chosen for.
+    """Start over if other cells are worth it by now, or empty slots have used up the room.
 
     Returns how many are due: all, after a fresh start, else `due`.
     """
-    alive, shape = events.alive[0], events.cells.shape
-    empty = particles.size[0] - alive
-    crowded = shape[ALONG] > 0 and (2 * alive < shape[FORMER] or shape[GIANTS] > 2 * MOST_GIANTS)
-    if crowded or alive > 2 * shape[FORMER] or empty >= scene.particles:
-        settle_all(scene, particles, events, now)
-        return start_over(scene, particles, events, now)
+    cells, alive = events.cells, events.alive[0]
+    cost = cost_of_look(alive, cells.shape[ALONG], cells.shape[GIANTS])
+    full = particles.size[0] - alive >= scene.particles
+    if cost > cells.limit[0] or full:
+        _, best = best_cells(scene, particles, cells, alive)
+        if full or cost > GAIN * best:
+            settle_all(scene, particles, events, now)
+            return start_over(scene, particles, events, now)
+        cells.limit[0] = GAIN * cost
     return due
 
 
@@ -231,11 +243,35 @@ def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
     compact(particles)
     count = particles.size[0]
     events.alive[0] = count
-    choose_cells(scene, particles, events.cells)
-    clear_cells(events.cells)
+    cells = events.cells
+    along, cost = best_cells(scene, particles, cells, count)
+    cells.limit[0] = GAIN * (cost + OVERHEAD)
+    lay_out(cells, along)
+    if count > MANY:
+        sort_by_place(scene, particles, events)
+        lay_out(cells, along)
     for i in range(count, before):
-        set_key(events.tournament, i, np.inf)
+        set_time(events.tournament, i, np.inf)
     for i in range(count):
         settle_in(scene, particles, events, i, now)
         events.due[i] = i
     return count
+
+
+@stage
+def sort_by_place(scene, particles, events):  # type: ignore[no-untyped-def]
+    """Number the particles in the order of the cells they are in."""
+    movers, cells, order = events.movers, events.cells, events.due
+    for i in range(particles.size[0]):
+        load_mover(movers, particles, i, 0.0)
+        enter(scene, cells, movers, i)
+    count = 0
+    for number in range(padded(cells.shape[ALONG]) ** 3):
+        i = cells.head[number]
+        while i >= 0:
+            order[count] = i
+            count += 1
+            i = cells.following[i]
+    for k in range(cells.shape[GIANTS]):
+        order[count + k] = cells.giants[k]
+    reorder(particles, order)

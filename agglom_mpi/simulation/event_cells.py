@@ -16,11 +16,17 @@ from agglom_mpi.simulation.cells import cell_of
 FEW: Final = 32
 """Particles up to which all pairs are cheaper than cells; measured."""
 
-MOST_GIANTS: Final = 8
-"""Giants that cells are chosen for, and beyond which they are chosen anew."""
+MOST_GIANTS: Final = 48
+"""Giants beside which cells are considered."""
 
 FEWEST_CELLS: Final = 4
 """Cells along an axis from which the nearest image is the only one in reach."""
+
+BLOCK: Final = 4
+"""Cells along an axis of a block."""
+
+WORTH: Final = 0.5
+"""Cost of a look in cells, relative to comparing all, below which cells are worth it."""
 
 CROSSING_COST: Final = 16.0
 """Time of one cell crossing over that of one pair of particles; measured."""
@@ -32,10 +38,14 @@ class Cells(NamedTuple):
     Attributes
     ----------
     shape
-        Cells along an axis (0: everybody is a giant), number of giants, number of particles when
-        the cells were chosen, shape (3,).
+        Cells along an axis (0: everybody is a giant), number of giants, shape (2,).
     head
-        First particle of each cell, else −1; cell (a, b, c) has the number (a·n + b)·n + c.
+        First particle of each cell, else −1. Cell (a, b, c) has the number place[0, n + a] +
+        place[1, n + b] + place[2, n + c].
+    place
+        Shares of the axes in the number of a cell, for indices from −n to 2n − 1, which come back
+        to the box across its faces, shape (3, 3·most). Cells are numbered in blocks of 4³, so
+        that neighbours in space are neighbours in memory.
     following, preceding
         Neighbours in the list of a particle's cell, else −1, shape (capacity,).
     giants
@@ -44,20 +54,26 @@ class Cells(NamedTuple):
         Where the particles to be compared with are gathered, shape (capacity + 1,).
     largest
         Largest radius of a giant in m, shape (1,).
+    limit
+        Cost of a look beyond which other cells are considered, shape (1,).
+    rank
+        Radii of the largest particles in m, descending, shape (MOST_GIANTS + 1,).
     """
 
     shape: np.ndarray
     head: np.ndarray
+    place: np.ndarray
     following: np.ndarray
     preceding: np.ndarray
     giants: np.ndarray
     near: np.ndarray
     largest: np.ndarray
+    limit: np.ndarray
+    rank: np.ndarray
 
 
 ALONG: Final = 0
 GIANTS: Final = 1
-FORMER: Final = 2
 
 
 @stage
@@ -66,17 +82,26 @@ def most_cells(count):  # type: ignore[no-untyped-def]
     return int(2.0 * count ** (1.0 / 3.0)) + 1
 
 
+@stage
+def padded(along):  # type: ignore[no-untyped-def]
+    """Cells along an axis with the last block filled up."""
+    return (along + BLOCK - 1) // BLOCK * BLOCK
+
+
 @allocating
 def new_cells(count, capacity):  # type: ignore[no-untyped-def]
     """Return room for `count` particles at first and at most `capacity`."""
     return Cells(
-        np.zeros(3, np.int64),
-        np.empty(most_cells(count) ** 3, np.int32),
+        np.zeros(2, np.int64),
+        np.empty(padded(most_cells(count)) ** 3, np.int32),
+        np.empty((3, 3 * most_cells(count)), np.int64),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity + 1, np.uint32),
         np.zeros(1),
+        np.zeros(1),
+        np.empty(MOST_GIANTS + 1),
     )
 
 
@@ -96,57 +121,77 @@ def best_edge(count, diameter, half_width):  # type: ignore[no-untyped-def]
     return (path * CROSSING_COST / (81.0 * density)) ** 0.25
 
 
-@allocating
-def choose_cells(scene, particles, cells):  # type: ignore[no-untyped-def]
-    """Choose the size of the cells, and with it the giants, for the particles as they are."""
-    count = particles.size[0]
-    cells.shape[GIANTS] = 0
-    cells.shape[FORMER] = count
-    cells.shape[ALONG] = 0
-    if count <= FEW:
-        return
-    largest = np.zeros(MOST_GIANTS + 1)
-    total = 0.0
-    for i in range(count):
+@stage
+def cost_of_look(count, along, giants):  # type: ignore[no-untyped-def]
+    """Pairs that one particle of `count` has to be compared with, on average."""
+    if along == 0:
+        return float(count)
+    return 27.0 * (count - giants) / along**3 + giants
+
+
+@stage
+def rank_largest(particles, rank):  # type: ignore[no-untyped-def]
+    """Sort the largest radii in m into `rank`, descending; the mean radius of all."""
+    rank[:] = 0.0
+    total, last = 0.0, rank.size - 1
+    for i in range(particles.size[0]):
         radius = particles.radius[i]
         total += radius
-        k = MOST_GIANTS
-        if radius > largest[k]:
-            while k > 0 and largest[k - 1] < radius:
-                largest[k] = largest[k - 1]
+        if radius > rank[last]:
+            k = last
+            while k > 0 and rank[k - 1] < radius:
+                rank[k] = rank[k - 1]
                 k -= 1
-            largest[k] = radius
-    edge = best_edge(count, 2.0 * total / count, scene.half_width)
-    cheapest = float(count)
-    for giants in range(MOST_GIANTS + 1):
-        side = max(edge, 2.0 * largest[giants])
-        along = min(most_cells(count), int(2.0 * scene.half_width / side))
-        along = min(along, round(cells.head.size ** (1.0 / 3.0)))
-        cost = 27.0 * count / max(1, along) ** 3 + giants
-        if along >= FEWEST_CELLS and cost < 0.5 * cheapest:
-            cheapest = cost
-            cells.shape[ALONG] = along
+            rank[k] = radius
+    return total / particles.size[0]
 
 
 @stage
-def clear_cells(cells):  # type: ignore[no-untyped-def]
-    """Empty all cells."""
-    for number in range(cells.shape[ALONG] ** 3):
-        cells.head[number] = -1
+def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
+    """Cells along an axis that make a look cheapest for the `count` particles as they are."""
+    if count <= FEW:
+        return 0, float(count)
+    mean = rank_largest(particles, cells.rank)
+    edge = best_edge(count, 2.0 * mean, scene.half_width)
+    most = min(most_cells(count), cells.place.shape[1] // 3)
+    chosen, cheapest = 0, float(count)
+    for giants in range(MOST_GIANTS + 1):
+        side = max(edge, 2.0 * cells.rank[giants])
+        along = min(most, int(2.0 * scene.half_width / side))
+        cost = cost_of_look(count, along, giants)
+        if along >= FEWEST_CELLS and cost < min(cheapest, WORTH * count):
+            chosen, cheapest = along, cost
+    return chosen, cheapest
+
+
+@stage
+def lay_out(cells, along):  # type: ignore[no-untyped-def]
+    """Number `along`³ empty cells."""
+    cells.shape[ALONG] = along
     cells.shape[GIANTS] = 0
     cells.largest[0] = 0.0
+    blocks = padded(along) // BLOCK
+    for index in range(3 * along):
+        inner = index % along
+        block, rest = inner // BLOCK, inner % BLOCK
+        cells.place[0, index] = (block * blocks * blocks * BLOCK + rest) * BLOCK**2
+        cells.place[1, index] = (block * blocks * BLOCK**2 + rest) * BLOCK
+        cells.place[2, index] = block * BLOCK**3 + rest
+    for number in range(padded(along) ** 3):
+        cells.head[number] = -1
 
 
 @stage
-def cell_number(along, a, b, c):  # type: ignore[no-untyped-def]
-    """Number of the cell (a, b, c) of `along`³."""
-    return (a * along + b) * along + c
+def number_of(cells, mover):  # type: ignore[no-untyped-def]
+    """Number of the cell that a particle is in."""
+    place, along = cells.place, cells.shape[ALONG]
+    return place[0, along + mover["a"]] + place[1, along + mover["b"]] + place[2, along + mover["c"]]
 
 
 @stage
 def link(cells, mover, i):  # type: ignore[no-untyped-def]
     """Put particle i into its cell."""
-    number = cell_number(cells.shape[ALONG], mover["a"], mover["b"], mover["c"])
+    number = number_of(cells, mover)
     first = cells.head[number]
     cells.head[number] = i
     cells.following[i] = first
@@ -162,7 +207,7 @@ def unlink(cells, mover, i):  # type: ignore[no-untyped-def]
     if before >= 0:
         cells.following[before] = after
     else:
-        cells.head[cell_number(cells.shape[ALONG], mover["a"], mover["b"], mover["c"])] = after
+        cells.head[number_of(cells, mover)] = after
     if after >= 0:
         cells.preceding[after] = before
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.box import Periodic, distance_along
-from agglom_mpi.simulation.cells import cell_of, sort_into_cells
+from agglom_mpi.simulation.cells import cell_of, sort_into_cells, wrapped_cell
 
 FEW: Final = 40
 """Up to this many particles it is faster to look at all; by measurement."""
@@ -181,14 +181,6 @@ def list_from_cells(scene, particles, neighbours, cells, reach):  # type: ignore
                     low, high = start[far], start[far + 1]
                     found = add_near(x, y, z, order, low, high, i, half, reach, candidates, found)
         neighbours.found[i] = found if found < ROOM else -1
-
-
-@stage
-def wrapped_cell(index, cells):  # type: ignore[no-untyped-def]
-    """Index of a cell along one axis, across the face if need be."""
-    if index < 0:
-        return index + cells
-    return index - cells if index >= cells else index
 
 
 @stage

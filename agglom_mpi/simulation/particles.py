@@ -122,3 +122,28 @@ def compact(particles: Particles) -> None:
                 copy_slot(particles, i, kept)
             kept += 1
     particles.size[0] = kept
+
+
+@stage
+def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
+    """Let `values[k]` be what `values[order[k]]` was, for the first `count`."""
+    for k in range(count):
+        scratch[k] = values[order[k]]
+    for k in range(count):
+        values[k] = scratch[k]
+
+
+@allocating
+def reorder(particles: Particles, order: np.ndarray) -> None:
+    """Let slot k be what slot `order[k]` was, for all slots in use."""
+    count = particles.size[0]
+    scratch = np.empty(count)
+    for axis in range(3):
+        permute(particles.position[axis], order, count, scratch)
+        permute(particles.velocity[axis], order, count, scratch)
+    permute(particles.radius, order, count, scratch)
+    permute(particles.mass, order, count, scratch)
+    permute(particles.temperature, order, count, scratch)
+    permute(particles.touched, order, count, scratch)
+    permute(particles.struck, order, count, scratch)
+    permute(particles.grains, order, count, np.empty(count, np.int64))

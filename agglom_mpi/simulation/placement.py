@@ -6,6 +6,7 @@ import numpy as np
 
 from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.box import distance_along
+from agglom_mpi.simulation.cells import wrapped_cell
 
 ATTEMPTS: Final = 100_000
 """Trials per sphere before a placement counts as jammed; at φ = 0.268 about 70 are the rule."""
@@ -36,7 +37,15 @@ def place(random, escape, position, diameter, half_width):  # type: ignore[no-un
     head = np.full((cells, cells, cells), -1, np.int64)
     following = np.full(count, -1, np.int64)
     cell = np.empty(3, np.int64)
-    for i in range(count):
+    return fill(random, escape, position, cell, head, following, diameter, half_width)
+
+
+@stage
+def fill(random, escape, position, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
+    """Place the spheres into the cells; False if one found no place."""
+    cells = head.shape[0]
+    width = 2.0 * half_width
+    for i in range(position.shape[1]):
         for attempt in range(ATTEMPTS + 1):
             if attempt == ATTEMPTS:
                 return False
@@ -55,17 +64,29 @@ def place(random, escape, position, diameter, half_width):  # type: ignore[no-un
 def is_free(escape, position, i, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
     """Whether sphere i overlaps none of the placed ones in the cells around it."""
     cells = head.shape[0]
+    if not is_free_of(escape, position, i, head[cell[0], cell[1], cell[2]], following, diameter, half_width):
+        return False
     around = min(1, cells - 1)
     for dx in range(-around, around + 1):
+        a = wrapped_cell(cell[0] + dx, cells)
         for dy in range(-around, around + 1):
+            b = wrapped_cell(cell[1] + dy, cells)
             for dz in range(-around, around + 1):
-                j = head[(cell[0] + dx) % cells, (cell[1] + dy) % cells, (cell[2] + dz) % cells]
-                while j >= 0:
-                    square = 0.0
-                    for axis in range(3):
-                        difference = position[axis, i] - position[axis, j]
-                        square += distance_along(escape, difference, half_width) ** 2
-                    if square < diameter * diameter:
-                        return False
-                    j = following[j]
+                j = head[a, b, wrapped_cell(cell[2] + dz, cells)]
+                if not is_free_of(escape, position, i, j, following, diameter, half_width):
+                    return False
+    return True
+
+
+@stage
+def is_free_of(escape, position, i, j, following, diameter, half_width):  # type: ignore[no-untyped-def]
+    """Whether sphere i overlaps none in the list that starts with j."""
+    while j >= 0:
+        square = 0.0
+        for axis in range(3):
+            difference = position[axis, i] - position[axis, j]
+            square += distance_along(escape, difference, half_width) ** 2
+        if square < diameter * diameter:
+            return False
+        j = following[j]
     return True

@@ -4,30 +4,22 @@ import math
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import fused_stage, stage
 from agglom_mpi.simulation.box import is_periodic, nearest_image
-from agglom_mpi.simulation.event_cells import ALONG, GIANTS, cell_number
+from agglom_mpi.simulation.event_cells import ALONG, GIANTS
 from agglom_mpi.simulation.movers import RANGE
-from agglom_mpi.simulation.tournament import set_key
+from agglom_mpi.simulation.tournament import set_time
 
 
 @stage
-def wrapped(index, along):  # type: ignore[no-untyped-def]
-    """Index of a cell along an axis, from one that may be beyond the box."""
-    if index < 0:
-        return index + along
-    return index - along if index >= along else index
-
-
-@stage
-def first_wrap(scene, along, low):  # type: ignore[no-untyped-def]
-    """Lower end of a range of cells, cut off at a face that contacts do not cross."""
+def low_end(scene, low):  # type: ignore[no-untyped-def]
+    """First cell of a range along an axis, cut off at a face that contacts do not cross."""
     return low if is_periodic(scene.escape) else max(low, 0)
 
 
 @stage
-def last_wrap(scene, along, high):  # type: ignore[no-untyped-def]
-    """Upper end of a range of cells, cut off at a face that contacts do not cross."""
+def high_end(scene, along, high):  # type: ignore[no-untyped-def]
+    """Last cell of a range along an axis, cut off at a face that contacts do not cross."""
     return high if is_periodic(scene.escape) else min(high, along - 1)
 
 
@@ -39,15 +31,16 @@ def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):  # type: ignore[no-untyped
     foresee.
     """
     along = cells.shape[ALONG]
-    near, head, following = cells.near, cells.head, cells.following
-    c0, c1 = first_wrap(scene, along, c0), last_wrap(scene, along, c1)
+    near, head, following, place = cells.near, cells.head, cells.following, cells.place
+    a0, a1 = low_end(scene, a0), high_end(scene, along, a1)
+    b0, b1 = low_end(scene, b0), high_end(scene, along, b1)
+    c0, c1 = low_end(scene, c0), high_end(scene, along, c1)
     count = 0
-    for a in range(first_wrap(scene, along, a0), last_wrap(scene, along, a1) + 1):
-        plane = wrapped(a, along) * along
-        for b in range(first_wrap(scene, along, b0), last_wrap(scene, along, b1) + 1):
-            row = (plane + wrapped(b, along)) * along
-            for c in range(c0, c1 + 1):
-                j = head[row + wrapped(c, along)]
+    for a in range(along + a0, along + a1 + 1):
+        for b in range(along + b0, along + b1 + 1):
+            row = place[0, a] + place[1, b]
+            for c in range(along + c0, along + c1 + 1):
+                j = head[row + place[2, c]]
                 near[count] = j
                 count += 1 if j >= 0 else 0
     k = 0
@@ -108,7 +101,7 @@ def gather(scene, cells, mover, x, y, z, turn):  # type: ignore[no-untyped-def]
     return count + cells.shape[GIANTS]
 
 
-@stage
+@fused_stage
 def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
     """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
 
@@ -155,10 +148,10 @@ def look(scene, cells, movers, tournament, i, now, turn, barred):  # type: ignor
     if partner >= 0:
         note(movers, i, partner, hit_time)
         note(movers, partner, i, hit_time)
-        set_key(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
+        set_time(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
     if is_periodic(scene.escape) and cells.shape[GIANTS] > 0:
         heed_flips(scene, cells, movers, count, x, y, z, i, now)
-    set_key(tournament, i, min(mover["hit_time"], mover["turn_time"]))
+    set_time(tournament, i, min(mover["hit_time"], mover["turn_time"]))
 
 
 @stage

@@ -12,18 +12,19 @@ from agglom_mpi.compilation import allocating, stage
 
 
 class Tournament(NamedTuple):
-    """Time of each entry, and the winner of each match.
+    """Winner of each match, and its time.
+
+    Node 1 is the root, the children of node n are 2n and 2n + 1, and node entries + i is entry i.
 
     Attributes
     ----------
-    key
-        Times in s, inf for entries without an event, shape (entries,), a power of two.
+    time
+        Of the winner at each node in s, inf without an event, shape (2·entries,).
     winner
-        Entry that wins at each node; node 1 is the root, the children of n are 2n and 2n + 1, and
-        node entries + i is entry i itself; shape (2·entries,).
+        Entry that wins at each node, shape (2·entries,), a power of two.
     """
 
-    key: np.ndarray
+    time: np.ndarray
     winner: np.ndarray
 
 
@@ -33,7 +34,7 @@ def new_tournament(capacity: int) -> Tournament:
     entries = 2
     while entries < capacity:
         entries *= 2
-    tournament = Tournament(np.full(entries, np.inf), np.empty(2 * entries, np.uint32))
+    tournament = Tournament(np.full(2 * entries, np.inf), np.empty(2 * entries, np.uint32))
     for i in range(entries):
         tournament.winner[entries + i] = i
     for node in range(entries - 1, 0, -1):
@@ -48,16 +49,23 @@ def earliest(tournament: Tournament) -> int:
 
 
 @stage
-def set_key(tournament: Tournament, i: int, time: float) -> None:
+def earliest_time(tournament: Tournament) -> float:
+    """Time of the earliest entry in s."""
+    return tournament.time[1]
+
+
+@stage
+def set_time(tournament: Tournament, i: int, value: float) -> None:
     """Give entry i another time in s."""
-    key, winner = tournament.key, tournament.winner
-    key[i] = time
-    node = np.uint64((key.size + i) >> 1)
-    while node > 0:
-        child = node << np.uint64(1)
-        upper = key[winner[child | np.uint64(1)]] < key[winner[child]]
-        best = winner[child | np.uint64(upper)]
-        if best == winner[node] and best != i:
+    time, winner = tournament.time, tournament.winner
+    one = np.uint64(1)
+    node = np.uint64(winner.size // 2 + i)
+    time[node] = value
+    while node > one:
+        left = node & ~one
+        best = left + np.uint64(time[left + one] < time[left])
+        node >>= one
+        if winner[node] == winner[best] and winner[best] != i:
             break
-        winner[node] = best
-        node >>= np.uint64(1)
+        winner[node] = winner[best]
+        time[node] = time[best]
