@@ -35,7 +35,13 @@ from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, reorder
 from agglom_mpi.simulation.prediction import look
 from agglom_mpi.simulation.scene import EventDriven
 from agglom_mpi.simulation.stepping import aborted
-from agglom_mpi.simulation.tournament import Tournament, earliest, earliest_time, new_tournament, set_time
+from agglom_mpi.simulation.tournament import (
+    Tournament,
+    earliest,
+    earliest_time,
+    new_tournament,
+    set_time,
+)
 from agglom_mpi.simulation.turns import set_turn, turn
 
 NOBODY: Final = -1
@@ -73,10 +79,20 @@ class Events(NamedTuple):
 
 
 class Happening(NamedTuple):
-    """An event: what it was, the slots it hit, and how many are due to look around.
+    """An event.
 
-    `face` is the one that the only particle due came through, or `RANGE`. After a bounce the two
-    slots do not look at each other. The slots are `NOBODY` if it was no hit.
+    Attributes
+    ----------
+    due
+        How many have to look around now; `Events.due` says who.
+    face
+        The face through which the only one due came into its cell, or `RANGE`: look everywhere.
+    kind
+        What `collide` returned, or `NO_HIT`.
+    i, j
+        The slots that were hit, i < j, or −1.
+    parted
+        Whether the two go on as two, and so do not look at each other.
     """
 
     due: int
@@ -84,6 +100,7 @@ class Happening(NamedTuple):
     kind: int
     i: int
     j: int
+    parted: bool
 
 
 NO_HIT: Final = 3
@@ -106,7 +123,7 @@ def run_events(engine, scene, particles, ledger, events, abort):  # type: ignore
     """Let one event happen after another until the end; the time reached in s."""
     budget = engine.budget * particles.size[0]
     time = 0.0
-    happening = Happening(start_over(scene, particles, events, 0.0), RANGE, NO_HIT, NOBODY, NOBODY)
+    happening = nothing_hit(start_over(scene, particles, events, 0.0), RANGE)
     while True:
         look_around(scene, events, happening, time)
         time = next_time(events)
@@ -138,11 +155,19 @@ def next_time(events):  # type: ignore[no-untyped-def]
 
 
 @stage
+def nothing_hit(due, face):  # type: ignore[no-untyped-def]
+    """Return an event that is no hit."""
+    return Happening(due, face, NO_HIT, NOBODY, NOBODY, False)
+
+
+@stage
 def look_around(scene, events, happening, now):  # type: ignore[no-untyped-def]
     """Let all that are due after an event find what they hit next."""
     for k in range(happening.due):
         i = events.due[k]
-        barred = happening.j if i == happening.i else happening.i
+        barred = NOBODY
+        if happening.parted:
+            barred = happening.j if i == happening.i else happening.i
         look(scene, events.cells, events.movers, events.tournament, i, now, happening.face, barred)
 
 
@@ -156,11 +181,11 @@ def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untype
     events.due[0] = i
     if mover["turn_time"] <= mover["hit_time"]:
         face = turn(scene, particles, events.cells, events.movers, i, now)
-        return Happening(1, face, NO_HIT, NOBODY, NOBODY)
+        return nothing_hit(1, face)
     if events.movers[j]["version"] != mover["hit_version"]:
         mover["hit_time"] = np.inf
         mover["partner"] = NOBODY
-        return Happening(1, RANGE, NO_HIT, NOBODY, NOBODY)
+        return nothing_hit(1, RANGE)
     return hit(scene, particles, ledger, events, min(i, j), max(i, j), now)
 
 
@@ -181,7 +206,7 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
         events.alive[0] -= 1
         settle_in(scene, particles, events, i, now)
         events.due[0] = i
-        return Happening(tidy(scene, particles, events, 1, now), RANGE, kind, NOBODY, NOBODY)
+        return Happening(tidy(scene, particles, events, 1, now), RANGE, kind, i, j, False)
     if particles.size[0] > size:
         leave(cells, movers, i)
         leave(cells, movers, j)
@@ -193,13 +218,13 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
             settle_in(scene, particles, events, k, now)
             events.due[2 + k - size] = k
         due = 2 + particles.size[0] - size
-        return Happening(tidy(scene, particles, events, due, now), RANGE, kind, NOBODY, NOBODY)
+        return Happening(tidy(scene, particles, events, due, now), RANGE, kind, i, j, False)
     load_velocity(movers, particles, i)
     load_velocity(movers, particles, j)
     set_turn(scene, cells, movers, i)
     set_turn(scene, cells, movers, j)
     events.due[0], events.due[1] = i, j
-    return Happening(2, RANGE, kind, i, j)
+    return Happening(2, RANGE, kind, i, j, True)
 
 
 @stage

@@ -185,7 +185,9 @@ def lay_out(cells, along):  # type: ignore[no-untyped-def]
 def number_of(cells, mover):  # type: ignore[no-untyped-def]
     """Number of the cell that a particle is in."""
     place, along = cells.place, cells.shape[ALONG]
-    return place[0, along + mover["a"]] + place[1, along + mover["b"]] + place[2, along + mover["c"]]
+    return (
+        place[0, along + mover["a"]] + place[1, along + mover["b"]] + place[2, along + mover["c"]]
+    )
 
 
 @stage

@@ -113,12 +113,12 @@ def out_of_date(scene, particles, neighbours, time):  # type: ignore[no-untyped-
     width = 2.0 * scene.half_width
     x, y, z = particles.position[0], particles.position[1], particles.position[2]
     u, v, w = neighbours.home[0], neighbours.home[1], neighbours.home[2]
-    drift = neighbours.drift * elapsed
+    drift = neighbours.drift
     worst = 0.0
     for i in range(count):
-        dx = unwrapped(x[i] - u[i] - drift[0], width)
-        dy = unwrapped(y[i] - v[i] - drift[1], width)
-        dz = unwrapped(z[i] - w[i] - drift[2], width)
+        dx = unwrapped(x[i] - u[i] - drift[0] * elapsed, width)
+        dy = unwrapped(y[i] - v[i] - drift[1] * elapsed, width)
+        dz = unwrapped(z[i] - w[i] - drift[2] * elapsed, width)
         worst = max(worst, dx * dx + dy * dy + dz * dz)
     return worst > (0.5 * neighbours.scale[SLACK]) ** 2
 

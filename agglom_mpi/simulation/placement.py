@@ -64,7 +64,9 @@ def fill(random, escape, position, cell, head, following, diameter, half_width):
 def is_free(escape, position, i, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
     """Whether sphere i overlaps none of the placed ones in the cells around it."""
     cells = head.shape[0]
-    if not is_free_of(escape, position, i, head[cell[0], cell[1], cell[2]], following, diameter, half_width):
+    if not is_free_of(
+        escape, position, i, head[cell[0], cell[1], cell[2]], following, diameter, half_width
+    ):
         return False
     around = min(1, cells - 1)
     for dx in range(-around, around + 1):
