@@ -6,7 +6,6 @@ from agglom_mpi.compilation import stage
 from agglom_mpi.simulation.box import is_periodic
 from agglom_mpi.simulation.event_cells import ALONG, link, unlink
 from agglom_mpi.simulation.movers import RANGE, catch_up_position, void
-from agglom_mpi.simulation.prediction import range_of
 
 
 @stage
@@ -46,7 +45,7 @@ def set_turn(scene, cells, movers, i):  # type: ignore[no-untyped-def]
         earlier_turn(mover, y, v, -half, half, 2)
         earlier_turn(mover, z, w, -half, half, 4)
     if is_periodic(scene.escape) or cells.shape[ALONG] > 0:
-        reach = range_of(scene, cells)
+        reach = cells.range[0]
         earlier_turn(mover, x, u, x - reach, x + reach, RANGE)
         earlier_turn(mover, y, v, y - reach, y + reach, RANGE)
         earlier_turn(mover, z, w, z - reach, z + reach, RANGE)
