@@ -70,10 +70,6 @@ def turn(scene, particles, cells, movers, i, now):  # type: ignore[no-untyped-de
     face = np.int64(mover["turn"])
     if face == RANGE:
         catch_up_position(scene, particles, movers, i, now)
-        if mover["giant"] >= 0:
-            mover["x"] = particles.position[0, i]
-            mover["y"] = particles.position[1, i]
-            mover["z"] = particles.position[2, i]
     else:
         beyond = 1 if face & 1 else -1
         if mover["giant"] < 0:
