@@ -102,6 +102,15 @@ def stage(function: F) -> F:
     return compiled
 
 
+def rare_stage(function: F) -> F:
+    """Compile a stage that is done rarely, and so is not copied into every place that calls it.
+
+    Copies are what compilation takes its time for.
+    """
+    compiled: F = numba.njit(**{**_STAGE, "forceinline": False})(function)
+    return compiled
+
+
 def fused_stage(function: F) -> F:
     """Compile a stage in which a product and a sum may be rounded once instead of twice."""
     compiled: F = numba.njit(**_STAGE, fastmath={"contract"})(function)

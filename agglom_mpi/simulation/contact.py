@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, question, stage
+from agglom_mpi.compilation import allocating, question, rare_stage, stage
 from agglom_mpi.physics.contact_area import contact_area
 from agglom_mpi.physics.cooling import caught_up
 from agglom_mpi.physics.encounter import Encounter
@@ -276,7 +276,7 @@ def packed_sites(count, radius):  # type: ignore[no-untyped-def]
     return sites
 
 
-@stage
+@rare_stage
 def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
     pair, _, _ = meet(scene, particles, ledger, i, j, time)

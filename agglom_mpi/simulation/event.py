@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, stage
+from agglom_mpi.compilation import allocating, rare_stage, stage
 from agglom_mpi.simulation.contact import BONDED, collide, merge
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.event_cells import (
@@ -228,7 +228,7 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
     return Happening(2, RANGE, kind, i, j, True)
 
 
-@stage
+@rare_stage
 def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
     """Start particle i, which is new in its place or its size, at `now` in s."""
     load_mover(events.movers, particles, i, now)
@@ -254,7 +254,7 @@ def tidy(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
     return due
 
 
-@stage
+@rare_stage
 def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
     """Move everybody to where they are at `now` in s."""
     for i in range(particles.size[0]):
@@ -262,7 +262,7 @@ def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
             catch_up_position(scene, particles, events.movers, i, now)
 
 
-@stage
+@rare_stage
 def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
     """Close the gaps, choose cells, forget all predictions; how many are due: all."""
     before = particles.size[0]
@@ -285,7 +285,7 @@ def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
     return count
 
 
-@stage
+@rare_stage
 def sort_by_place(scene, particles, events):  # type: ignore[no-untyped-def]
     """Sort the particles by the cells they are in."""
     movers, cells, order = events.movers, events.cells, events.due

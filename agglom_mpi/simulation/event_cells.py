@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, stage
+from agglom_mpi.compilation import allocating, rare_stage, stage
 from agglom_mpi.simulation.cells import cell_of
 
 FEW: Final = 32
@@ -157,7 +157,7 @@ def rank_largest(particles, rank):  # type: ignore[no-untyped-def]
     return total / particles.size[0]
 
 
-@stage
+@rare_stage
 def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
     """Cells along an axis that make a look cheapest for the `count` particles as they are."""
     if count <= FEW:
@@ -175,7 +175,7 @@ def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
     return chosen, cheapest
 
 
-@stage
+@rare_stage
 def lay_out(cells, along):  # type: ignore[no-untyped-def]
     """Lay out `along`³ empty cells and number them."""
     cells.shape[ALONG] = along

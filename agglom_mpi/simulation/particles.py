@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, stage
+from agglom_mpi.compilation import allocating, rare_stage, stage
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -112,7 +112,7 @@ def empty_slot(particles: Particles, i: int) -> None:
         particles.position[axis, i] = np.inf
 
 
-@stage
+@rare_stage
 def compact(particles: Particles) -> None:
     """Close the gaps that merged particles left, keeping the order of the others."""
     kept = 0
@@ -124,7 +124,7 @@ def compact(particles: Particles) -> None:
     particles.size[0] = kept
 
 
-@stage
+@rare_stage
 def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
     """Let `values[k]` be what `values[order[k]]` was, for the first `count`."""
     for k in range(count):
