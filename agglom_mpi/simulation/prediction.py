@@ -1,6 +1,7 @@
 """When does a particle hit another?  Roots of a quadratic, since motion is ballistic."""
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -9,6 +10,9 @@ from agglom_mpi.simulation.box import is_periodic, nearest_image
 from agglom_mpi.simulation.event_cells import ALONG, GIANTS
 from agglom_mpi.simulation.movers import RANGE
 from agglom_mpi.simulation.tournament import set_time
+
+SLACK: Final = 1e-9
+"""Share of b² by which b² − ac may be negative from rounding, for whom c is not far above b²/a."""
 
 
 @stage
@@ -94,12 +98,19 @@ def gather(scene, cells, mover, x, y, z, turn):  # type: ignore[no-untyped-def]
 
 
 @fused_stage
+def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
+    """Square of the cross product of two vectors."""
+    return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
+
+
+@fused_stage
 def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
     """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
 
     Only hits that come before what the other has in mind count: otherwise the other turns to i
     again when that has happened. Overlapping and approaching is a hit now; receding is none.
-    `barred` is who has just been hit.
+    `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
+    is judged by the distance at which the two would pass each other, which loses fewer digits.
     """
     mover = movers[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
@@ -117,10 +128,17 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
         reach = radius + other["radius"]
         excess = dx * dx + dy * dy + dz * dz - reach * reach
         square = du * du + dv * dv + dw * dw
-        discriminant = closing * closing - square * excess
-        if min(-closing, discriminant) > 0.0:
-            time = now + max(0.0, excess) / (math.sqrt(discriminant) - closing)
-            if time < hit_time and time < other["hit_time"] and j != barred:
+        likely = (1.0 + SLACK) * closing * closing - square * excess
+        if min(-closing, likely) > 0.0:
+            miss = squared_cross(dx, dy, dz, du, dv, dw)
+            discriminant = square * reach * reach - miss
+            time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
+            if (
+                discriminant > 0.0
+                and time < hit_time
+                and time < other["hit_time"]
+                and j != barred
+            ):
                 hit_time = time
                 partner = j
     return hit_time, partner

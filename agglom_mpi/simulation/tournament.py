@@ -43,7 +43,7 @@ def new_tournament(capacity: int) -> Tournament:
 
 
 @stage
-def earliest(tournament: Tournament) -> int:
+def earliest(tournament: Tournament) -> np.int64:
     """Entry with the smallest time; the lowest of equals."""
     return np.int64(tournament.winner[1])
 
