@@ -16,7 +16,7 @@ import numba
 from numba.extending import overload
 
 _PACKAGE: Final = Path(__file__).parent
-_KERNEL_SOURCES: Final = ("compilation.py", "physics/*.py", "simulation/*.py")
+_KERNEL_SOURCES: Final = ("compilation.py", "physics/*.py", "simulation/**/*.py")
 
 Submodel: TypeAlias = Any
 """A NamedTuple of numbers that says by its type which law a scene has."""
@@ -162,7 +162,7 @@ def allocating_question(signature: Callable[..., Any]) -> Any:
     return _ask(signature, {"error_model": "numpy", "_nrt": True})
 
 
-def _ask(signature: Callable[..., Any], options: dict[str, Any]) -> Any:
+def _ask(signature: Callable[..., Any], options: Any) -> Any:
     table = Question(signature)
 
     @functools.wraps(signature)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import agglom_mpi.simulation.adaptive
-import agglom_mpi.simulation.event
+import agglom_mpi.simulation.events.engine
 import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.simulation import outcome as result

@@ -4,8 +4,8 @@ import numpy as np
 
 from agglom_mpi.compilation import stage
 from agglom_mpi.simulation.box import is_periodic
-from agglom_mpi.simulation.event_cells import ALONG, link, unlink
-from agglom_mpi.simulation.movers import RANGE, catch_up_position, void
+from agglom_mpi.simulation.events.cells import ALONG, link, unlink
+from agglom_mpi.simulation.events.movers import RANGE, catch_up_position, void
 
 
 @stage

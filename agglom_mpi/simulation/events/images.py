@@ -1,0 +1,62 @@
+"""When may another image of somebody large be touched?  In a small periodic box, before long."""
+
+import numpy as np
+
+from agglom_mpi.compilation import stage
+from agglom_mpi.simulation.box import nearest_image
+from agglom_mpi.simulation.events.cells import ALONG
+from agglom_mpi.simulation.events.movers import RANGE
+
+
+@stage
+def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
+    """Sum of two radii in m up to which the nearest image stays the only one until the next look.
+
+    Both move by their range or by a cell at most; the next image is at least D away along an axis.
+    """
+    along = cells.shape[ALONG]
+    edge = 2.0 * scene.half_width / along if along > 0 else cells.range[0]
+    return scene.half_width - edge - cells.range[0]
+
+
+@stage
+def heed_images(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+    """Let particle i look around again before it may touch another image of somebody large."""
+    mover = movers[i]
+    if mover["radius"] + cells.largest[0] > safe_reach(scene, cells):
+        time = first_image(scene, cells, movers, count, x, y, z, i, now)
+        if time < mover["turn_time"]:
+            mover["turn_time"] = time
+            mover["turn"] = RANGE
+
+
+@stage
+def first_image(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+    """Time in s from which another image of someone too large to be safe may touch i."""
+    side, half = 2.0 * scene.half_width, scene.half_width
+    per_side = 1.0 / side
+    mover = movers[i]
+    safe = safe_reach(scene, cells)
+    first = np.inf
+    for k in range(count):
+        other = movers[cells.near[k]]
+        reach = mover["radius"] + other["radius"]
+        if cells.near[k] == i or reach <= safe:
+            continue
+        flight = now - other["time"]
+        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
+        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
+        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
+        end = max(side - reach, half * (1.0 + 1e-9))
+        first = min(first, time_beyond(dx, other["u"] - mover["u"], end))
+        first = min(first, time_beyond(dy, other["v"] - mover["v"], end))
+        first = min(first, time_beyond(dz, other["w"] - mover["w"], end))
+    return now + first
+
+
+@stage
+def time_beyond(difference, velocity, end):  # type: ignore[no-untyped-def]
+    """Time in s until a difference in m that is within ±`end` is there."""
+    if velocity > 0.0:
+        return (end - difference) / velocity
+    return (end + difference) / -velocity if velocity < 0.0 else np.inf

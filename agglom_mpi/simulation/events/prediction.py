@@ -1,0 +1,85 @@
+"""When does a particle hit another?  Roots of a quadratic, since motion is ballistic."""
+
+import math
+from typing import Final
+
+from agglom_mpi.compilation import fused_stage, stage
+from agglom_mpi.simulation.box import is_periodic, nearest_image
+from agglom_mpi.simulation.events.cells import GIANTS
+from agglom_mpi.simulation.events.gather import gather
+from agglom_mpi.simulation.events.images import heed_images
+from agglom_mpi.simulation.events.tournament import set_time
+
+SLACK: Final = 1e-9
+"""Share of b² by which b² − ac may be negative from rounding, for whom c is not far above b²/a."""
+
+
+@fused_stage
+def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
+    """Square of the cross product of two vectors."""
+    return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
+
+
+@fused_stage
+def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
+    """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
+
+    Only hits that come before what the other has in mind count: otherwise the other turns to i
+    again when that has happened. Overlapping and approaching is a hit now; receding is none.
+    `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
+    is judged by the distance at which the two would pass each other, which loses fewer digits.
+    """
+    mover = movers[i]
+    side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
+    u, v, w, radius = mover["u"], mover["v"], mover["w"], mover["radius"]
+    hit_time, partner = mover["hit_time"], -1
+    for k in range(count):
+        j = near[k]
+        other = movers[j]
+        flight = now - other["time"]
+        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
+        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
+        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
+        du, dv, dw = other["u"] - u, other["v"] - v, other["w"] - w
+        closing = dx * du + dy * dv + dz * dw
+        reach = radius + other["radius"]
+        excess = dx * dx + dy * dy + dz * dz - reach * reach
+        square = du * du + dv * dv + dw * dw
+        likely = (1.0 + SLACK) * closing * closing - square * excess
+        if min(-closing, likely) > 0.0:
+            miss = squared_cross(dx, dy, dz, du, dv, dw)
+            discriminant = square * reach * reach - miss
+            time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
+            if discriminant > 0.0 and time < hit_time and time < other["hit_time"] and j != barred:
+                hit_time = time
+                partner = j
+    return hit_time, partner
+
+
+@stage
+def look(scene, cells, movers, tournament, i, now, face, barred):  # type: ignore[no-untyped-def]
+    """Find whether particle i hits something before what it has in mind, and tell whom it hits."""
+    mover = movers[i]
+    flight = now - mover["time"]
+    x = mover["x"] + mover["u"] * flight
+    y = mover["y"] + mover["v"] * flight
+    z = mover["z"] + mover["w"] * flight
+    near = cells.near
+    count = gather(scene, cells, mover, x, y, z, face)
+    hit_time, partner = first_hit(scene, movers, near, count, x, y, z, i, now, barred)
+    if partner >= 0:
+        note(movers, i, partner, hit_time)
+        note(movers, partner, i, hit_time)
+        set_time(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
+    if is_periodic(scene.escape) and cells.shape[GIANTS] > 0:
+        heed_images(scene, cells, movers, count, x, y, z, i, now)
+    set_time(tournament, i, min(mover["hit_time"], mover["turn_time"]))
+
+
+@stage
+def note(movers, i, partner, hit_time):  # type: ignore[no-untyped-def]
+    """Note that particle i hits `partner` at `hit_time` in s."""
+    mover = movers[i]
+    mover["hit_time"] = hit_time
+    mover["partner"] = partner
+    mover["hit_version"] = movers[partner]["version"]

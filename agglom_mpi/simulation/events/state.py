@@ -1,0 +1,142 @@
+"""What the event engine keeps beside the particles, and how it starts over."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import allocating, rare_stage
+from agglom_mpi.simulation.events.cell_size import best_cells, choose_range, cost_of_look
+from agglom_mpi.simulation.events.cells import (
+    ALONG,
+    GIANTS,
+    Cells,
+    enter,
+    lay_out,
+    new_cells,
+    padded,
+)
+from agglom_mpi.simulation.events.movers import MOVER, catch_up_position, load_mover
+from agglom_mpi.simulation.events.tournament import Tournament, new_tournament, set_time
+from agglom_mpi.simulation.events.turns import set_turn
+from agglom_mpi.simulation.particles import compact, reorder
+from agglom_mpi.simulation.stepping import largest_radius
+
+GAIN: Final = 1.5
+"""How much cheaper a look must become for everybody to look around once more."""
+
+MANY: Final = 4096
+"""Particles beyond which they are sorted by their place, for the sake of the caches; measured."""
+
+OVERHEAD: Final = 10.0
+"""Time of a look without any pair, over that of one pair; measured."""
+
+
+class Events(NamedTuple):
+    """What the event engine keeps beside the particles.
+
+    Attributes
+    ----------
+    movers
+        Records of `MOVER`, shape (capacity,).
+    cells, tournament
+        Who is near whom, and who is next.
+    due
+        Who has to look around after the last event, shape (capacity,).
+    alive
+        Particles there are, shape (1,).
+    """
+
+    movers: np.ndarray
+    cells: Cells
+    tournament: Tournament
+    due: np.ndarray
+    alive: np.ndarray
+
+
+@allocating
+def new_events(particles):  # type: ignore[no-untyped-def]
+    """Return empty events for as many particles as there is room for."""
+    capacity = particles.mass.size
+    return Events(
+        np.zeros(capacity, MOVER),
+        new_cells(particles.size[0], capacity),
+        new_tournament(capacity),
+        np.empty(capacity, np.int64),
+        np.zeros(1, np.int64),
+    )
+
+
+@rare_stage
+def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
+    """Start particle i, which is new in its place or its size, at `now` in s."""
+    load_mover(events.movers, particles, i, now)
+    enter(scene, events.cells, events.movers, i)
+    set_turn(scene, events.cells, events.movers, i)
+
+
+@rare_stage
+def tidy(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
+    """Start over if other cells are worth it by now, or empty slots have used up the room.
+
+    Returns how many are due: all, after a fresh start, else `due`.
+    """
+    cells, alive = events.cells, events.alive[0]
+    cost = cost_of_look(alive, cells.shape[ALONG], cells.shape[GIANTS])
+    full = particles.size[0] - alive >= scene.particles
+    if cost > cells.limit[0] or full:
+        _, best = best_cells(scene, particles, cells, alive)
+        if full or cost > GAIN * best:
+            settle_all(scene, particles, events, now)
+            return start_over(scene, particles, events, now)
+        cells.limit[0] = GAIN * cost
+    return due
+
+
+@rare_stage
+def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
+    """Move everybody to where they are at `now` in s."""
+    for i in range(particles.size[0]):
+        if particles.mass[i] > 0.0:
+            catch_up_position(scene, particles, events.movers, i, now)
+
+
+@rare_stage
+def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
+    """Close the gaps, choose cells, forget all predictions; how many are due: all."""
+    before = particles.size[0]
+    compact(particles)
+    count = particles.size[0]
+    events.alive[0] = count
+    cells = events.cells
+    along, cost = best_cells(scene, particles, cells, count)
+    cells.limit[0] = GAIN * (cost + OVERHEAD)
+    lay_out(cells, along)
+    choose_range(cells, largest_radius(particles), scene.half_width)
+    if count > MANY:
+        sort_by_place(scene, particles, events)
+        lay_out(cells, along)
+    for i in range(count, before):
+        set_time(events.tournament, i, np.inf)
+    for i in range(count):
+        settle_in(scene, particles, events, i, now)
+        events.due[i] = i
+    return count
+
+
+@rare_stage
+def sort_by_place(scene, particles, events):  # type: ignore[no-untyped-def]
+    """Sort the particles by the cells they are in."""
+    movers, cells, order = events.movers, events.cells, events.due
+    for i in range(particles.size[0]):
+        load_mover(movers, particles, i, 0.0)
+        enter(scene, cells, movers, i)
+    count = 0
+    for number in range(padded(cells.shape[ALONG]) ** 3):
+        i = cells.head[number]
+        while i >= 0:
+            order[count] = i
+            count += 1
+            i = cells.following[i]
+    for k in range(cells.shape[GIANTS]):
+        order[count + k] = cells.giants[k]
+    reorder(particles, order)
