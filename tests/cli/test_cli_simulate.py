@@ -46,15 +46,17 @@ def test_the_engine_can_be_another(agglom):
     assert json.loads(agglom(*words, "fixed").stdout)["measured"]["steps"]["mean"] == 200
 
 
+def physical(report):
+    """Everything of a report that does not depend on how fast the computer is."""
+    measured = {name: value for name, value in report["measured"].items() if name != "seconds"}
+    return measured, report["ledger"], report["objective"]
+
+
 def test_the_event_engine_takes_events_for_steps_and_closes_the_ledger(agglom):
     words = ("simulate", "tiny.yaml", "--samples", 3, "--json")
     report = json.loads(agglom(*words, "--engine", "event").stdout)
-    assert report["measured"] == json.loads(agglom(*words).stdout)["measured"]
-    stepped = json.loads(agglom(*words, "--engine", "fixed:100").stdout)
-    measured = report["measured"]
-    assert measured["steps"]["mean"] > measured["collisions"]["mean"] > 0
-    assert stepped["measured"]["steps"]["mean"] == 100 != measured["steps"]["mean"]
-    assert report["ledger"]["overlaps"] < stepped["ledger"]["overlaps"] + 1
+    assert physical(report) == physical(json.loads(agglom(*words).stdout))
+    assert report["measured"]["steps"]["mean"] > report["measured"]["collisions"]["mean"] > 0
     assert report["ledger"]["momentum_error"] <= 1e-12
     assert abs(report["ledger"]["energy_error"]) <= 1e-10
 
@@ -71,8 +73,7 @@ def test_the_event_engine_cools_exactly_what_the_file_cools_by_euler_steps(agglo
         json.loads(agglom("simulate", tmp_path / name, *words).stdout)
         for name in ("exact.yaml", "euler.yaml")
     )
-    assert found["measured"] == wanted["measured"]
-    assert found["ledger"] == wanted["ledger"]
+    assert physical(found) == physical(wanted)
     assert found["measured"]["steps"]["mean"] != 200
 
 
