@@ -1,8 +1,9 @@
 import json
+import re
 
 import h5py
 import pytest
-from farm_runs import SMALL, write_campaign
+from farm_runs import QUICKSTART, SMALL, write_campaign
 
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.report import forward as module
@@ -43,6 +44,37 @@ def test_the_engine_can_be_another(agglom):
     report = json.loads(agglom(*words, "fixed:100").stdout)
     assert report["measured"]["steps"]["mean"] == 100
     assert json.loads(agglom(*words, "fixed").stdout)["measured"]["steps"]["mean"] == 200
+
+
+def physical(report):
+    """Everything of a report that does not depend on how fast the computer is."""
+    measured = {name: value for name, value in report["measured"].items() if name != "seconds"}
+    return measured, report["ledger"], report["objective"]
+
+
+def test_the_event_engine_takes_events_for_steps_and_closes_the_ledger(agglom):
+    words = ("simulate", "tiny.yaml", "--samples", 3, "--json")
+    report = json.loads(agglom(*words, "--engine", "event").stdout)
+    assert physical(report) == physical(json.loads(agglom(*words).stdout))
+    assert report["measured"]["steps"]["mean"] > report["measured"]["collisions"]["mean"] > 0
+    assert report["ledger"]["momentum_error"] <= 1e-12
+    assert abs(report["ledger"]["energy_error"]) <= 1e-10
+
+
+def test_the_event_engine_cools_exactly_what_the_file_cools_by_euler_steps(agglom, tmp_path):
+    exact = (QUICKSTART.parent / "accretion_2003.yaml").read_text()
+    stepped = exact.replace("integration: exact", "integration: euler")
+    stepped, count = re.subn(r"engine: event", "engine: {law: fixed, steps: 200}", stepped)
+    assert (count, stepped.count("integration: euler")) == (1, 1)
+    (tmp_path / "exact.yaml").write_text(exact)
+    (tmp_path / "euler.yaml").write_text(stepped)
+    words = ("--samples", 2, "--json", "--engine", "event")
+    wanted, found = (
+        json.loads(agglom("simulate", tmp_path / name, *words).stdout)
+        for name in ("exact.yaml", "euler.yaml")
+    )
+    assert physical(found) == physical(wanted)
+    assert found["measured"]["steps"]["mean"] != 200
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,24 @@ def test_stopping_does_not_wait_for_the_end_of_a_long_sample(tmp_path):
     assert thread.take(0.0) is None
 
 
+def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
+    path = write_campaign(tmp_path / "endless.yaml", **SMALL)
+    endless = "end_time: 1e9 s\n  engine: {law: event, budget: 1000000000}"
+    path.write_text(path.read_text().replace("end_time: characteristic", endless))
+    campaign = load_campaign(path)
+    simulator = Simulator(campaign, 0)
+    simulator.warm_up(campaign.parameters())
+    batch = tasks(campaign)
+    batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
+    thread = SimulatorThread(simulator)
+    thread.put(batch)
+    assert thread.take(0.5) is None
+    begin = time.monotonic()
+    thread.stop()
+    assert time.monotonic() - begin < 1.0
+    assert thread.take(0.0) is None
+
+
 def test_of_a_long_traceback_the_end_travels():
     text = "ä" * 1000 + "\nValueError: the end"
     record = failed_sample(1, 2, 3, text)

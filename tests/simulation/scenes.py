@@ -13,23 +13,24 @@ from agglom_mpi.physics.cooling import (
     equilibrium_temperature,
 )
 from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
-from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
+from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
-from agglom_mpi.physics.solvers import RootFinder
-from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (both register their engines)
+from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
+from agglom_mpi.simulation import adaptive, event, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.particles import Ledger, Particles
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
+from agglom_mpi.simulation.particles import EXHAUSTED, Ledger, Particles
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities
 
 HALF = 0.01
 DENSITY = 5000.0
 FLOOR, CEILING = 1e-6, 1e-3
+BUDGET = 20_000
 
 CONSTANT = ImpactLaws(
     restitution=ConstantRestitution(1.0),
@@ -96,6 +97,16 @@ def adaptive_reentry(restitution, floor=FLOOR, ceiling=CEILING, **options):
     return make_scene(laws, AdaptiveSteps(floor, ceiling), Reentry(), **options)
 
 
+def event_periodic(restitution, budget=BUDGET, **options):
+    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
+    return make_scene(laws, EventDriven(budget), Periodic(), **options)
+
+
+def event_reentry(restitution, budget=BUDGET, **options):
+    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
+    return make_scene(laws, EventDriven(budget), Reentry(), **options)
+
+
 def merging_fixed_reentry(hardness, steps, **options):
     laws = MERGING._replace(duration=MeanSpeedDuration(1e-6), hardness=ConstantHardness(hardness))
     return make_scene(laws, FixedSteps(steps), Reentry(), **options)
@@ -106,6 +117,18 @@ def merging_adaptive_periodic(hardness, floor=FLOOR, ceiling=CEILING, **options)
         duration=CompressionRecoveryDuration(1.0), hardness=ConstantHardness(hardness)
     )
     return make_scene(laws, AdaptiveSteps(floor, ceiling), Periodic(), **options)
+
+
+def merging_event_periodic(hardness, **options):
+    laws = MERGING._replace(
+        duration=CompressionRecoveryDuration(1.0), hardness=ConstantHardness(hardness)
+    )
+    return make_scene(laws, EventDriven(BUDGET), Periodic(), **options)
+
+
+def merging_event_reentry(hardness, **options):
+    laws = MERGING._replace(duration=MeanSpeedDuration(1e-6), hardness=ConstantHardness(hardness))
+    return make_scene(laws, EventDriven(BUDGET), Reentry(), **options)
 
 
 def radiation():
@@ -125,6 +148,30 @@ def breaking_adaptive_reentry(floor=FLOOR, ceiling=CEILING, **options):
     engine = AdaptiveSteps(floor, ceiling)
     cooling = ForwardEuler(radiation())
     return make_scene(laws, engine, Reentry(), cooling=cooling, **options)
+
+
+def breaking_event_periodic(**options):
+    """Return the scene of `breaking_fixed_periodic` without its steps."""
+    return breaking_fixed_periodic(1, **options)._replace(engine=EventDriven(BUDGET))
+
+
+def breaking_event_reentry(**options):
+    """Return the scene of `breaking_adaptive_reentry` without steps, and so cooled exactly."""
+    scene = breaking_adaptive_reentry(**options)
+    return scene._replace(engine=EventDriven(BUDGET), cooling=Exact(radiation()))
+
+
+def with_own_energies(scene, surface_energy):
+    """Return a scene as [B] prints it: each sphere by its own kinetic energy, and no cooling."""
+    laws = scene.laws._replace(
+        heating=OwnEnergy(), fragmentation=OwnEnergyFragmentation(surface_energy)
+    )
+    return scene._replace(laws=laws, cooling=None)
+
+
+def with_published_iteration(scene, tolerance, cap):
+    """Return a scene whose restitution is iterated as published."""
+    return scene._replace(laws=scene.laws._replace(solver=PublishedIteration(tolerance, cap)))
 
 
 def image(difference, periodic):
@@ -166,7 +213,7 @@ def state(scene, positions, velocities, radii=None):
 
 
 def empty_ledger():
-    return Ledger(np.zeros(4), np.zeros(7, np.int64), np.zeros(1))
+    return Ledger(np.zeros(4), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
 
 
 @kernel
