@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agglom_mpi.compilation import fused_stage, stage
-from agglom_mpi.simulation.box import is_periodic, nearest_image
+from agglom_mpi.simulation.box import drawn_in, is_periodic, nearest_image
 from agglom_mpi.simulation.event_cells import ALONG, GIANTS
 from agglom_mpi.simulation.movers import RANGE
 from agglom_mpi.simulation.tournament import set_time
@@ -54,8 +54,12 @@ def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):  # type: ignore[no-untyped
 
 @stage
 def span_of_giant(scene, cells, coordinate, radius):  # type: ignore[no-untyped-def]
-    """First and last cell along an axis where a giant may be touched before its range ends."""
+    """First and last cell along an axis where a giant may be touched before its range ends.
+
+    Hits renew its range, so that it may be far outside a periodic box by now.
+    """
     along = cells.shape[ALONG]
+    coordinate = drawn_in(scene.escape, coordinate, scene.half_width)
     edge = 2.0 * scene.half_width / along
     reach = radius + 0.5 * edge + range_of(scene, cells)
     low = math.floor((coordinate - reach + scene.half_width) / edge)
