@@ -166,7 +166,7 @@ def state(scene, positions, velocities, radii=None):
 
 
 def empty_ledger():
-    return Ledger(np.zeros(4), np.zeros(7, np.int64), np.zeros(1))
+    return Ledger(np.zeros(4), np.zeros(8, np.int64), np.zeros(1))
 
 
 @kernel
