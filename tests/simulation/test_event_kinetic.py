@@ -25,8 +25,7 @@ def gas(scene, seed):
     generator = np.random.default_rng(seed)
     position = np.empty((3, NUMBER))
     assert put(generator, scene.escape, position, 2.0 * scene.radius, HALF)
-    particles = state(scene, position.T, theory.maxwellian(np.ones(NUMBER), 1.0, generator))
-    return particles
+    return state(scene, position.T, theory.maxwellian(np.ones(NUMBER), 1.0, generator))
 
 
 def elastic(fraction, end_time=1e9):
