@@ -15,6 +15,7 @@ from agglom_mpi.simulation.event_cells import (
     GIANTS,
     Cells,
     best_cells,
+    choose_range,
     cost_of_look,
     enter,
     lay_out,
@@ -34,7 +35,7 @@ from agglom_mpi.simulation.movers import (
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, reorder
 from agglom_mpi.simulation.prediction import look
 from agglom_mpi.simulation.scene import EventDriven
-from agglom_mpi.simulation.stepping import aborted
+from agglom_mpi.simulation.stepping import aborted, largest_radius
 from agglom_mpi.simulation.tournament import (
     Tournament,
     earliest,
@@ -272,6 +273,7 @@ def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
     along, cost = best_cells(scene, particles, cells, count)
     cells.limit[0] = GAIN * (cost + OVERHEAD)
     lay_out(cells, along)
+    choose_range(cells, largest_radius(particles), scene.half_width)
     if count > MANY:
         sort_by_place(scene, particles, events)
         lay_out(cells, along)
@@ -285,7 +287,7 @@ def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
 
 @stage
 def sort_by_place(scene, particles, events):  # type: ignore[no-untyped-def]
-    """Number the particles in the order of the cells they are in."""
+    """Sort the particles by the cells they are in."""
     movers, cells, order = events.movers, events.cells, events.due
     for i in range(particles.size[0]):
         load_mover(movers, particles, i, 0.0)

@@ -22,6 +22,9 @@ MOST_GIANTS: Final = 48
 FEWEST_CELLS: Final = 4
 """Cells along an axis from which the nearest image is the only one in reach."""
 
+ROOM_TO_GROW: Final = 2.0 ** (1.0 / 3.0)
+"""Radius after two equals have merged, over that of one."""
+
 BLOCK: Final = 4
 """Cells along an axis of a block."""
 
@@ -54,6 +57,8 @@ class Cells(NamedTuple):
         Where the particles to be compared with are gathered, shape (capacity + 1,).
     largest
         Largest radius of a giant in m, shape (1,).
+    range
+        Distance in m along an axis that a giant moves before it looks around again, shape (1,).
     limit
         Cost of a look beyond which other cells are considered, shape (1,).
     rank
@@ -68,6 +73,7 @@ class Cells(NamedTuple):
     giants: np.ndarray
     near: np.ndarray
     largest: np.ndarray
+    range: np.ndarray
     limit: np.ndarray
     rank: np.ndarray
 
@@ -101,24 +107,29 @@ def new_cells(count, capacity):  # type: ignore[no-untyped-def]
         np.empty(capacity + 1, np.uint32),
         np.zeros(1),
         np.zeros(1),
+        np.zeros(1),
         np.empty(MOST_GIANTS + 1),
     )
 
 
 @stage
 def best_edge(count, diameter, half_width):  # type: ignore[no-untyped-def]
-    """Edge in m of the cells that cost least, for many equal particles.
+    """Edge s in m of the cells that cost least, for many equal particles.
 
-    A collision costs two to three searches of 27 cells, and as many crossings of cell walls as fit
-    into the mean free path λ = 1/(√2 π n d² χ). The sum, 81 n s³ pairs and 3λ/s crossings per
-    collision, is least at s⁴ = λ CROSSING_COST/(81 n).
+    A collision costs three searches of 27 cells, and as many crossings as cells fit into the mean
+    free path λ = 1/(√2 π n d² χ), each with a search of nine. In pairs, with C = CROSSING_COST and
+    n particles per volume, that is 81 n s³ + 3 λ/s (C + 9 n s³), least at the root of
+    81 n s⁴ + 18 λ n s³ = λ C, which Newton's method approaches from above.
     """
-    volume = 8.0 * half_width**3
-    density = count / volume
+    density = count / (8.0 * half_width**3)
     fraction = min(0.5, density * math.pi / 6.0 * diameter**3)
-    crowding = (1.0 - 0.5 * fraction) / (1.0 - fraction) ** 3
-    path = 1.0 / (math.sqrt(2.0) * math.pi * density * diameter**2 * crowding)
-    return (path * CROSSING_COST / (81.0 * density)) ** 0.25
+    contact_value = (1.0 - 0.5 * fraction) / (1.0 - fraction) ** 3
+    path = 1.0 / (math.sqrt(2.0) * math.pi * density * diameter**2 * contact_value)
+    edge = (CROSSING_COST / (18.0 * density)) ** (1.0 / 3.0)
+    for _ in range(20):
+        excess = (81.0 * edge + 18.0 * path) * density * edge**3 - path * CROSSING_COST
+        edge -= excess / ((324.0 * edge + 54.0 * path) * density * edge**2)
+    return edge
 
 
 @stage
@@ -166,7 +177,7 @@ def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
 
 @stage
 def lay_out(cells, along):  # type: ignore[no-untyped-def]
-    """Number `along`³ empty cells."""
+    """Lay out `along`³ empty cells and number them."""
     cells.shape[ALONG] = along
     cells.shape[GIANTS] = 0
     cells.largest[0] = 0.0
@@ -182,8 +193,21 @@ def lay_out(cells, along):  # type: ignore[no-untyped-def]
 
 
 @stage
+def choose_range(cells, largest, half_width):  # type: ignore[no-untyped-def]
+    """Let giants look around often enough for the nearest image to be the only one in reach.
+
+    That holds for sums of radii up to D minus what two of them move; `largest` radius in m, which
+    may grow by a merge. Beyond, `heed_images` takes care.
+    """
+    spare = 0.5 * (half_width - 2.0 * ROOM_TO_GROW * largest)
+    cells.range[0] = min(max(0.125 * half_width, spare), 0.25 * half_width)
+    if cells.shape[ALONG] > 0:
+        cells.range[0] = min(cells.range[0], 2.0 * half_width / cells.shape[ALONG])
+
+
+@stage
 def number_of(cells, mover):  # type: ignore[no-untyped-def]
-    """Number of the cell that a particle is in."""
+    """Return the number of the cell that a particle is in."""
     place, along = cells.place, cells.shape[ALONG]
     return (
         place[0, along + mover["a"]] + place[1, along + mover["b"]] + place[2, along + mover["c"]]

@@ -75,13 +75,20 @@ def void(mover):  # type: ignore[no-untyped-def]
 
 @stage
 def catch_up_position(scene, particles, movers, i, now):  # type: ignore[no-untyped-def]
-    """Move particle i to where it is at `now` in s."""
+    """Move particle i to where it is at `now` in s.
+
+    A giant comes back into the box. Who lives in a cell stays on the side of the face where the
+    cell is, by rounding at most outside.
+    """
     mover = movers[i]
+    r, half = particles.position, scene.half_width
     flight = now - mover["time"]
     mover["x"] += mover["u"] * flight
     mover["y"] += mover["v"] * flight
     mover["z"] += mover["w"] * flight
     mover["time"] = now
-    particles.position[0, i] = drawn_in(scene.escape, mover["x"], scene.half_width)
-    particles.position[1, i] = drawn_in(scene.escape, mover["y"], scene.half_width)
-    particles.position[2, i] = drawn_in(scene.escape, mover["z"], scene.half_width)
+    r[0, i] = drawn_in(scene.escape, mover["x"], half)
+    r[1, i] = drawn_in(scene.escape, mover["y"], half)
+    r[2, i] = drawn_in(scene.escape, mover["z"], half)
+    if mover["giant"] >= 0:
+        mover["x"], mover["y"], mover["z"] = r[0, i], r[1, i], r[2, i]

@@ -61,20 +61,12 @@ def span_of_giant(scene, cells, coordinate, radius):  # type: ignore[no-untyped-
     along = cells.shape[ALONG]
     coordinate = drawn_in(scene.escape, coordinate, scene.half_width)
     edge = 2.0 * scene.half_width / along
-    reach = radius + 0.5 * edge + range_of(scene, cells)
+    reach = radius + 0.5 * edge + cells.range[0]
     low = math.floor((coordinate - reach + scene.half_width) / edge)
     high = math.floor((coordinate + reach + scene.half_width) / edge)
     if high - low + 1 >= along:
         return 0, along - 1
     return low, high
-
-
-@stage
-def range_of(scene, cells):  # type: ignore[no-untyped-def]
-    """Distance in m along an axis that a giant moves before it is looked at again."""
-    along = cells.shape[ALONG]
-    quarter = 0.25 * scene.half_width
-    return quarter if along == 0 else min(quarter, 2.0 * scene.half_width / along)
 
 
 @stage
@@ -154,7 +146,7 @@ def look(scene, cells, movers, tournament, i, now, turn, barred):  # type: ignor
         note(movers, partner, i, hit_time)
         set_time(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
     if is_periodic(scene.escape) and cells.shape[GIANTS] > 0:
-        heed_flips(scene, cells, movers, count, x, y, z, i, now)
+        heed_images(scene, cells, movers, count, x, y, z, i, now)
     set_time(tournament, i, min(mover["hit_time"], mover["turn_time"]))
 
 
@@ -174,24 +166,24 @@ def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
     Both move by their range or by a cell at most; the next image is at least D away along an axis.
     """
     along = cells.shape[ALONG]
-    edge = 2.0 * scene.half_width / along if along > 0 else range_of(scene, cells)
-    return scene.half_width - edge - range_of(scene, cells)
+    edge = 2.0 * scene.half_width / along if along > 0 else cells.range[0]
+    return scene.half_width - edge - cells.range[0]
 
 
 @stage
-def heed_flips(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
-    """Let particle i look around again when somebody too large to be safe changes its image."""
+def heed_images(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+    """Let particle i look around again before it may touch another image of somebody large."""
     mover = movers[i]
     if mover["radius"] + cells.largest[0] > safe_reach(scene, cells):
-        flip = first_flip(scene, cells, movers, count, x, y, z, i, now)
-        if flip < mover["turn_time"]:
-            mover["turn_time"] = flip
+        time = first_image(scene, cells, movers, count, x, y, z, i, now)
+        if time < mover["turn_time"]:
+            mover["turn_time"] = time
             mover["turn"] = RANGE
 
 
 @stage
-def first_flip(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
-    """Time in s when another image of someone too large to be safe becomes the nearest to i."""
+def first_image(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+    """Time in s from which another image of someone too large to be safe may touch i."""
     side, half = 2.0 * scene.half_width, scene.half_width
     per_side = 1.0 / side
     mover = movers[i]
@@ -199,22 +191,23 @@ def first_flip(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no
     first = np.inf
     for k in range(count):
         other = movers[cells.near[k]]
-        if cells.near[k] == i or mover["radius"] + other["radius"] <= safe:
+        reach = mover["radius"] + other["radius"]
+        if cells.near[k] == i or reach <= safe:
             continue
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        first = min(first, flip_along(dx, other["u"] - mover["u"], half))
-        first = min(first, flip_along(dy, other["v"] - mover["v"], half))
-        first = min(first, flip_along(dz, other["w"] - mover["w"], half))
+        end = max(side - reach, half * (1.0 + 1e-9))
+        first = min(first, time_beyond(dx, other["u"] - mover["u"], end))
+        first = min(first, time_beyond(dy, other["v"] - mover["v"], end))
+        first = min(first, time_beyond(dz, other["w"] - mover["w"], end))
     return now + first
 
 
 @stage
-def flip_along(difference, velocity, half):  # type: ignore[no-untyped-def]
-    """Time in s until a difference in m leaves the nearest image along its axis, a hair beyond."""
-    beyond = half * (1.0 + 1e-9)
+def time_beyond(difference, velocity, end):  # type: ignore[no-untyped-def]
+    """Time in s until a difference in m that is within ±`end` is there."""
     if velocity > 0.0:
-        return (beyond - difference) / velocity
-    return (beyond + difference) / -velocity if velocity < 0.0 else np.inf
+        return (end - difference) / velocity
+    return (end + difference) / -velocity if velocity < 0.0 else np.inf

@@ -6,7 +6,6 @@ from agglom_mpi.compilation import stage
 from agglom_mpi.simulation.box import is_periodic
 from agglom_mpi.simulation.event_cells import ALONG, link, unlink
 from agglom_mpi.simulation.movers import RANGE, catch_up_position, void
-from agglom_mpi.simulation.prediction import range_of
 
 
 @stage
@@ -46,7 +45,7 @@ def set_turn(scene, cells, movers, i):  # type: ignore[no-untyped-def]
         earlier_turn(mover, y, v, -half, half, 2)
         earlier_turn(mover, z, w, -half, half, 4)
     if is_periodic(scene.escape) or cells.shape[ALONG] > 0:
-        reach = range_of(scene, cells)
+        reach = cells.range[0]
         earlier_turn(mover, x, u, x - reach, x + reach, RANGE)
         earlier_turn(mover, y, v, y - reach, y + reach, RANGE)
         earlier_turn(mover, z, w, z - reach, z + reach, RANGE)
@@ -71,10 +70,6 @@ def turn(scene, particles, cells, movers, i, now):  # type: ignore[no-untyped-de
     face = np.int64(mover["turn"])
     if face == RANGE:
         catch_up_position(scene, particles, movers, i, now)
-        if mover["giant"] >= 0:
-            mover["x"] = particles.position[0, i]
-            mover["y"] = particles.position[1, i]
-            mover["z"] = particles.position[2, i]
     else:
         beyond = 1 if face & 1 else -1
         if mover["giant"] < 0:
