@@ -20,9 +20,10 @@ from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
 from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
-from agglom_mpi.simulation import adaptive, event, fixed  # noqa: F401  (register their engines)
+from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.events import engine  # noqa: F401  (registers its engine)
 from agglom_mpi.simulation.particles import EXHAUSTED, Ledger, Particles
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities
