@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+import agglom_mpi.simulation.events.engine  # noqa: F401  (registers its engine)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.physics.contact_area import ContactArea
 from agglom_mpi.physics.cooling import (
@@ -23,7 +24,6 @@ from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.events import engine  # noqa: F401  (registers its engine)
 from agglom_mpi.simulation.particles import EXHAUSTED, Ledger, Particles
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities
