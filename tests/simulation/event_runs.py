@@ -51,12 +51,13 @@ def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
     shape[0, 0], shape[0, 1] = events.cells.shape[ALONG], events.cells.shape[GIANTS]
     while hits < times.size:
         for k in range(happening.due):
-            mover = events.movers[events.due[k]]
-            flight = time - mover["time"]
-            x = mover["x"] + mover["u"] * flight
-            y = mover["y"] + mover["v"] * flight
-            z = mover["z"] + mover["w"] * flight
-            shape[2, 0] += gather(scene, events.cells, mover, x, y, z, happening.face)
+            path = events.movers.path[events.due[k]]
+            plan = events.movers.plan[events.due[k]]
+            flight = time - path["time"]
+            x = path["x"] + path["u"] * flight
+            y = path["y"] + path["v"] * flight
+            z = path["z"] + path["w"] * flight
+            shape[2, 0] += gather(scene, events.cells, path, plan, x, y, z, happening.face)
         look_around(scene, events, happening, time)
         following = next_time(events)
         if following > scene.end_time:

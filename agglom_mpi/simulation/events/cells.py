@@ -114,18 +114,16 @@ def lay_out(cells, along):  # type: ignore[no-untyped-def]
 
 
 @stage
-def number_of(cells, mover):  # type: ignore[no-untyped-def]
+def number_of(cells, plan):  # type: ignore[no-untyped-def]
     """Return the number of the cell that a particle is in."""
     place, along = cells.place, cells.shape[ALONG]
-    return (
-        place[0, along + mover["a"]] + place[1, along + mover["b"]] + place[2, along + mover["c"]]
-    )
+    return place[0, along + plan["a"]] + place[1, along + plan["b"]] + place[2, along + plan["c"]]
 
 
 @stage
-def link(cells, mover, i):  # type: ignore[no-untyped-def]
+def link(cells, plan, i):  # type: ignore[no-untyped-def]
     """Put particle i into its cell."""
-    number = number_of(cells, mover)
+    number = number_of(cells, plan)
     first = cells.head[number]
     cells.head[number] = i
     cells.following[i] = first
@@ -135,13 +133,13 @@ def link(cells, mover, i):  # type: ignore[no-untyped-def]
 
 
 @stage
-def unlink(cells, mover, i):  # type: ignore[no-untyped-def]
+def unlink(cells, plan, i):  # type: ignore[no-untyped-def]
     """Take particle i out of its cell."""
     before, after = cells.preceding[i], cells.following[i]
     if before >= 0:
         cells.following[before] = after
     else:
-        cells.head[number_of(cells, mover)] = after
+        cells.head[number_of(cells, plan)] = after
     if after >= 0:
         cells.preceding[after] = before
 
@@ -149,29 +147,29 @@ def unlink(cells, mover, i):  # type: ignore[no-untyped-def]
 @stage
 def enter(scene, cells, movers, i):  # type: ignore[no-untyped-def]
     """Put particle i where its position and its size want it: into a cell, or among the giants."""
-    mover = movers[i]
+    path, plan = movers.path[i], movers.plan[i]
     along = cells.shape[ALONG]
-    if mover["radius"] * along <= scene.half_width and along > 0:
-        mover["giant"] = -1
-        mover["a"] = cell_of(mover["x"], along, scene.half_width)
-        mover["b"] = cell_of(mover["y"], along, scene.half_width)
-        mover["c"] = cell_of(mover["z"], along, scene.half_width)
-        link(cells, mover, i)
+    if path["radius"] * along <= scene.half_width and along > 0:
+        plan["giant"] = -1
+        plan["a"] = cell_of(path["x"], along, scene.half_width)
+        plan["b"] = cell_of(path["y"], along, scene.half_width)
+        plan["c"] = cell_of(path["z"], along, scene.half_width)
+        link(cells, plan, i)
     else:
-        mover["giant"] = cells.shape[GIANTS]
+        plan["giant"] = cells.shape[GIANTS]
         cells.giants[cells.shape[GIANTS]] = i
-        cells.largest[0] = max(cells.largest[0], mover["radius"])
+        cells.largest[0] = max(cells.largest[0], path["radius"])
         cells.shape[GIANTS] += 1
 
 
 @stage
 def leave(cells, movers, i):  # type: ignore[no-untyped-def]
     """Take particle i out of its cell or of the giants."""
-    place = movers[i]["giant"]
+    place = movers.plan[i]["giant"]
     if place < 0:
-        unlink(cells, movers[i], i)
+        unlink(cells, movers.plan[i], i)
         return
     cells.shape[GIANTS] -= 1
     last = cells.giants[cells.shape[GIANTS]]
     cells.giants[place] = last
-    movers[last]["giant"] = place
+    movers.plan[last]["giant"] = place

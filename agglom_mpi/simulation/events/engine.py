@@ -115,15 +115,15 @@ def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untype
     """Let the next event happen."""
     ledger.tally[STEPS] += 1
     i = earliest(events.tournament)
-    mover = events.movers[i]
-    j = np.int64(mover["partner"])
+    plan = events.movers.plan[i]
+    j = np.int64(plan["partner"])
     events.due[0] = i
-    if mover["turn_time"] <= mover["hit_time"]:
+    if plan["turn_time"] <= plan["hit_time"]:
         face = turn(scene, particles, events.cells, events.movers, i, now)
         return nothing_hit(1, face)
-    if events.movers[j]["version"] != mover["hit_version"]:
-        mover["hit_time"] = np.inf
-        mover["partner"] = NOBODY
+    if events.movers.plan[j]["version"] != plan["hit_version"]:
+        plan["hit_time"] = np.inf
+        plan["partner"] = NOBODY
         return nothing_hit(1, RANGE)
     return hit(scene, particles, ledger, events, min(i, j), max(i, j), now)
 
@@ -147,7 +147,7 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
     due = 2 + particles.size[0] - size
     if kind == BONDED:
         merge(scene, particles, ledger, i, j, now)
-        void(movers[j])
+        void(movers.plan[j])
         set_time(events.tournament, j, np.inf)
         due = 1
     for k in range(2, due):

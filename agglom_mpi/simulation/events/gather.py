@@ -64,21 +64,21 @@ def span_of_giant(scene, cells, coordinate, radius):  # type: ignore[no-untyped-
 
 
 @stage
-def gather(scene, cells, mover, x, y, z, face):  # type: ignore[no-untyped-def]
+def gather(scene, cells, path, plan, x, y, z, face):  # type: ignore[no-untyped-def]
     """Write whom a particle at (x, y, z) in m may hit into `near`; how many.
 
     `face` is `RANGE` for everybody, or the face through which the particle came into its cell: then
     the nine cells that it had not beside it before, and the giants.
     """
     count = 0
-    if mover["giant"] >= 0:
+    if plan["giant"] >= 0:
         if cells.shape[ALONG] > 0:
-            a0, a1 = span_of_giant(scene, cells, x, mover["radius"])
-            b0, b1 = span_of_giant(scene, cells, y, mover["radius"])
-            c0, c1 = span_of_giant(scene, cells, z, mover["radius"])
+            a0, a1 = span_of_giant(scene, cells, x, path["radius"])
+            b0, b1 = span_of_giant(scene, cells, y, path["radius"])
+            c0, c1 = span_of_giant(scene, cells, z, path["radius"])
             count = gather_box(scene, cells, a0, a1, b0, b1, c0, c1)
     else:
-        a, b, c = np.int64(mover["a"]), np.int64(mover["b"]), np.int64(mover["c"])
+        a, b, c = np.int64(plan["a"]), np.int64(plan["b"]), np.int64(plan["c"])
         a0 = a + 1 if face == 1 else a - 1
         a1 = a - 1 if face == 0 else a + 1
         b0 = b + 1 if face == 3 else b - 1

@@ -22,12 +22,12 @@ def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
 @stage
 def heed_images(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
     """Let particle i look around again before it may touch another image of somebody large."""
-    mover = movers[i]
-    if mover["radius"] + cells.largest[0] > safe_reach(scene, cells):
+    path, plan = movers.path[i], movers.plan[i]
+    if path["radius"] + cells.largest[0] > safe_reach(scene, cells):
         time = first_image(scene, cells, movers, count, x, y, z, i, now)
-        if time < mover["turn_time"]:
-            mover["turn_time"] = time
-            mover["turn"] = RANGE
+        if time < plan["turn_time"]:
+            plan["turn_time"] = time
+            plan["turn"] = RANGE
 
 
 @stage
@@ -35,12 +35,12 @@ def first_image(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[n
     """Time in s from which another image of someone too large to be safe may touch i."""
     side, half = 2.0 * scene.half_width, scene.half_width
     per_side = 1.0 / side
-    mover = movers[i]
+    path = movers.path[i]
     safe = safe_reach(scene, cells)
     first = np.inf
     for k in range(count):
-        other = movers[cells.near[k]]
-        reach = mover["radius"] + other["radius"]
+        other = movers.path[cells.near[k]]
+        reach = path["radius"] + other["radius"]
         if cells.near[k] == i or reach <= safe:
             continue
         flight = now - other["time"]
@@ -48,9 +48,9 @@ def first_image(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[n
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
         end = max(side - reach, half * (1.0 + 1e-9))
-        first = min(first, time_beyond(dx, other["u"] - mover["u"], end))
-        first = min(first, time_beyond(dy, other["v"] - mover["v"], end))
-        first = min(first, time_beyond(dz, other["w"] - mover["w"], end))
+        first = min(first, time_beyond(dx, other["u"] - path["u"], end))
+        first = min(first, time_beyond(dy, other["v"] - path["v"], end))
+        first = min(first, time_beyond(dz, other["w"] - path["w"], end))
     return now + first
 
 

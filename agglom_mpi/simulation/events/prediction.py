@@ -29,13 +29,13 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
     `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
     is judged by the distance at which the two would pass each other, which loses fewer digits.
     """
-    mover = movers[i]
+    path, plan = movers.path[i], movers.plan[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
-    u, v, w, radius = mover["u"], mover["v"], mover["w"], mover["radius"]
-    hit_time, partner = mover["hit_time"], -1
+    u, v, w, radius = path["u"], path["v"], path["w"], path["radius"]
+    hit_time, partner = plan["hit_time"], -1
     for k in range(count):
         j = near[k]
-        other = movers[j]
+        other = movers.path[j]
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
@@ -50,7 +50,8 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
             miss = squared_cross(dx, dy, dz, du, dv, dw)
             discriminant = square * reach * reach - miss
             time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
-            if discriminant > 0.0 and time < hit_time and time < other["hit_time"] and j != barred:
+            in_mind = min(hit_time, movers.plan[j]["hit_time"])
+            if discriminant > 0.0 and time < in_mind and j != barred:
                 hit_time = time
                 partner = j
     return hit_time, partner
@@ -59,27 +60,27 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
 @stage
 def look(scene, cells, movers, tournament, i, now, face, barred):  # type: ignore[no-untyped-def]
     """Find whether particle i hits something before what it has in mind, and tell whom it hits."""
-    mover = movers[i]
-    flight = now - mover["time"]
-    x = mover["x"] + mover["u"] * flight
-    y = mover["y"] + mover["v"] * flight
-    z = mover["z"] + mover["w"] * flight
+    path, plan = movers.path[i], movers.plan[i]
+    flight = now - path["time"]
+    x = path["x"] + path["u"] * flight
+    y = path["y"] + path["v"] * flight
+    z = path["z"] + path["w"] * flight
     near = cells.near
-    count = gather(scene, cells, mover, x, y, z, face)
+    count = gather(scene, cells, path, plan, x, y, z, face)
     hit_time, partner = first_hit(scene, movers, near, count, x, y, z, i, now, barred)
     if partner >= 0:
         note(movers, i, partner, hit_time)
         note(movers, partner, i, hit_time)
-        set_time(tournament, partner, min(hit_time, movers[partner]["turn_time"]))
+        set_time(tournament, partner, min(hit_time, movers.plan[partner]["turn_time"]))
     if is_periodic(scene.escape) and cells.shape[GIANTS] > 0:
         heed_images(scene, cells, movers, count, x, y, z, i, now)
-    set_time(tournament, i, min(mover["hit_time"], mover["turn_time"]))
+    set_time(tournament, i, min(plan["hit_time"], plan["turn_time"]))
 
 
 @stage
 def note(movers, i, partner, hit_time):  # type: ignore[no-untyped-def]
     """Note that particle i hits `partner` at `hit_time` in s."""
-    mover = movers[i]
-    mover["hit_time"] = hit_time
-    mover["partner"] = partner
-    mover["hit_version"] = movers[partner]["version"]
+    plan = movers.plan[i]
+    plan["hit_time"] = hit_time
+    plan["partner"] = partner
+    plan["hit_version"] = movers.plan[partner]["version"]

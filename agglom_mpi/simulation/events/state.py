@@ -15,7 +15,7 @@ from agglom_mpi.simulation.events.cells import (
     new_cells,
     padded,
 )
-from agglom_mpi.simulation.events.movers import MOVER, catch_up_position, load_mover
+from agglom_mpi.simulation.events.movers import PATH, PLAN, Movers, catch_up_position, load_mover
 from agglom_mpi.simulation.events.tournament import Tournament, new_tournament, set_time
 from agglom_mpi.simulation.events.turns import set_turn
 from agglom_mpi.simulation.particles import compact, reorder
@@ -36,17 +36,15 @@ class Events(NamedTuple):
 
     Attributes
     ----------
-    movers
-        Records of `MOVER`, shape (capacity,).
-    cells, tournament
-        Who is near whom, and who is next.
+    movers, cells, tournament
+        Who flies where, who is near whom, and who is next.
     due
         Who has to look around after the last event, shape (capacity,).
     alive
         Particles there are, shape (1,).
     """
 
-    movers: np.ndarray
+    movers: Movers
     cells: Cells
     tournament: Tournament
     due: np.ndarray
@@ -58,7 +56,7 @@ def new_events(particles):  # type: ignore[no-untyped-def]
     """Return empty events for as many particles as there is room for."""
     capacity = particles.mass.size
     return Events(
-        np.zeros(capacity, MOVER),
+        Movers(np.zeros(capacity, PATH), np.zeros(capacity, PLAN)),
         new_cells(particles.size[0], capacity),
         new_tournament(capacity),
         np.empty(capacity, np.int64),

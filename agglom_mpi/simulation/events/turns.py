@@ -17,38 +17,38 @@ def time_to_leave(coordinate, velocity, low, high):  # type: ignore[no-untyped-d
 
 
 @stage
-def earlier_turn(mover, coordinate, velocity, low, high, face):  # type: ignore[no-untyped-def]
+def earlier_turn(path, plan, coordinate, velocity, low, high, face):  # type: ignore[no-untyped-def]
     """Take leaving [low, high] along an axis as the next turn, if it comes first."""
-    time = mover["time"] + time_to_leave(coordinate, velocity, low, high)
-    if time < mover["turn_time"]:
-        mover["turn_time"] = time
-        mover["turn"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
+    time = path["time"] + time_to_leave(coordinate, velocity, low, high)
+    if time < plan["turn_time"]:
+        plan["turn_time"] = time
+        plan["turn"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
 
 
 @stage
 def set_turn(scene, cells, movers, i):  # type: ignore[no-untyped-def]
     """Find when particle i leaves its cell, or a giant its range or a box with real faces."""
-    mover = movers[i]
+    path, plan = movers.path[i], movers.plan[i]
     half = scene.half_width
-    mover["turn_time"] = np.inf
-    x, y, z = mover["x"], mover["y"], mover["z"]
-    u, v, w = mover["u"], mover["v"], mover["w"]
-    if mover["giant"] < 0:
+    plan["turn_time"] = np.inf
+    x, y, z = path["x"], path["y"], path["z"]
+    u, v, w = path["u"], path["v"], path["w"]
+    if plan["giant"] < 0:
         edge = 2.0 * half / cells.shape[ALONG]
-        x0, y0, z0 = mover["a"] * edge - half, mover["b"] * edge - half, mover["c"] * edge - half
-        earlier_turn(mover, x, u, x0, x0 + edge, 0)
-        earlier_turn(mover, y, v, y0, y0 + edge, 2)
-        earlier_turn(mover, z, w, z0, z0 + edge, 4)
+        x0, y0, z0 = plan["a"] * edge - half, plan["b"] * edge - half, plan["c"] * edge - half
+        earlier_turn(path, plan, x, u, x0, x0 + edge, 0)
+        earlier_turn(path, plan, y, v, y0, y0 + edge, 2)
+        earlier_turn(path, plan, z, w, z0, z0 + edge, 4)
         return
     if not is_periodic(scene.escape):
-        earlier_turn(mover, x, u, -half, half, 0)
-        earlier_turn(mover, y, v, -half, half, 2)
-        earlier_turn(mover, z, w, -half, half, 4)
+        earlier_turn(path, plan, x, u, -half, half, 0)
+        earlier_turn(path, plan, y, v, -half, half, 2)
+        earlier_turn(path, plan, z, w, -half, half, 4)
     if is_periodic(scene.escape) or cells.shape[ALONG] > 0:
         reach = cells.range[0]
-        earlier_turn(mover, x, u, x - reach, x + reach, RANGE)
-        earlier_turn(mover, y, v, y - reach, y + reach, RANGE)
-        earlier_turn(mover, z, w, z - reach, z + reach, RANGE)
+        earlier_turn(path, plan, x, u, x - reach, x + reach, RANGE)
+        earlier_turn(path, plan, y, v, y - reach, y + reach, RANGE)
+        earlier_turn(path, plan, z, w, z - reach, z + reach, RANGE)
 
 
 @stage
@@ -66,16 +66,16 @@ def turn(scene, particles, cells, movers, i, now):  # type: ignore[no-untyped-de
     A cell's face is where the nine cells behind it come into reach. After a jump to the opposite
     face of the box, or at the end of a range, everybody may be.
     """
-    mover = movers[i]
-    face = np.int64(mover["turn"])
+    plan = movers.plan[i]
+    face = np.int64(plan["turn"])
     if face == RANGE:
         catch_up_position(scene, particles, movers, i, now)
     else:
         beyond = 1 if face & 1 else -1
-        if mover["giant"] < 0:
-            unlink(cells, mover, i)
-            beyond = step_cell(mover, face, cells.shape[ALONG])
-            link(cells, mover, i)
+        if plan["giant"] < 0:
+            unlink(cells, plan, i)
+            beyond = step_cell(plan, face, cells.shape[ALONG])
+            link(cells, plan, i)
         if beyond != 0:
             face = cross_face(scene, particles, movers, i, face, beyond, now)
     set_turn(scene, cells, movers, i)
@@ -83,37 +83,37 @@ def turn(scene, particles, cells, movers, i, now):  # type: ignore[no-untyped-de
 
 
 @stage
-def step_cell(mover, face, along):  # type: ignore[no-untyped-def]
+def step_cell(plan, face, along):  # type: ignore[no-untyped-def]
     """Put a particle into the cell behind a face; ±1 if the box ended there, else 0."""
     if face < 2:
-        mover["a"], beyond = next_cell(mover["a"], face, along)
+        plan["a"], beyond = next_cell(plan["a"], face, along)
     elif face < 4:
-        mover["b"], beyond = next_cell(mover["b"], face, along)
+        plan["b"], beyond = next_cell(plan["b"], face, along)
     else:
-        mover["c"], beyond = next_cell(mover["c"], face, along)
+        plan["c"], beyond = next_cell(plan["c"], face, along)
     return beyond
 
 
 @stage
 def cross_face(scene, particles, movers, i, face, beyond, now):  # type: ignore[no-untyped-def]
     """Take particle i across a face of the box; through which face the look around is due."""
-    mover = movers[i]
+    path, plan = movers.path[i], movers.plan[i]
     if is_periodic(scene.escape):
         shift = -2.0 * scene.half_width * beyond
         if face < 2:
-            mover["x"] += shift
+            path["x"] += shift
         elif face < 4:
-            mover["y"] += shift
+            path["y"] += shift
         else:
-            mover["z"] += shift
+            path["z"] += shift
         return face
     catch_up_position(scene, particles, movers, i, now)
     opposite = -scene.half_width * beyond
     if face < 2:
-        mover["x"] = opposite
+        path["x"] = opposite
     elif face < 4:
-        mover["y"] = opposite
+        path["y"] = opposite
     else:
-        mover["z"] = opposite
-    void(mover)
+        path["z"] = opposite
+    void(plan)
     return RANGE
