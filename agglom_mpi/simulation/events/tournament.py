@@ -56,16 +56,23 @@ def earliest_time(tournament: Tournament) -> float:
 
 @stage
 def set_time(tournament: Tournament, i: int, value: float) -> None:
-    """Give entry i another time in s."""
+    """Give entry i another time in s.
+
+    The winner so far is carried along, and chosen without a branch: who wins cannot be foreseen.
+    """
     time, winner = tournament.time, tournament.winner
     one = np.uint64(1)
-    node = np.uint64(winner.size // 2 + i)
+    entry = np.uint64(i)
+    best = entry
+    node = np.uint64(winner.size // 2) + entry
     time[node] = value
     while node > one:
-        left = node & ~one
-        best = left + np.uint64(time[left + one] < time[left])
+        rival = node ^ one
+        lost = np.uint64((time[rival] < value) | ((time[rival] == value) & (rival < node)))
+        best += lost * (winner[rival] - best)
+        value = min(time[rival], value)
         node >>= one
-        if winner[node] == winner[best] and winner[best] != i:
+        if winner[node] == best and best != entry:
             break
-        winner[node] = winner[best]
-        time[node] = time[best]
+        winner[node] = best
+        time[node] = value
