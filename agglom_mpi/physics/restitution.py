@@ -48,6 +48,9 @@ class ConstantRestitution(NamedTuple):
 class ContactTimeRestitution(NamedTuple):
     """As `ConstantRestitution`, but elastic within `contact_time` in s of either's last impact.
 
+    Elastic means without friction and reaction too. With time steps, all impacts of one step have
+    the same time, so that the second of a particle in a step is elastic.
+
     Hard spheres that lose energy can collide infinitely often in finite time; an impact that lasts
     cannot be told from the next one: the TC model (Luding & McNamara, Granular Matter 1, 1998,
     113).

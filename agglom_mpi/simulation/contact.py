@@ -142,8 +142,6 @@ def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         dot(velocity_j, tangent),
         time - max(particles.struck[i], particles.struck[j]),
     )
-    particles.struck[i] = time
-    particles.struck[j] = time
     return pair, normal, tangent
 
 
@@ -157,6 +155,8 @@ def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-de
     if not dot(relative_velocity(particles, i, j), normal) > 0.0:
         return RECEDING
     pair, normal, tangent = meet(scene, particles, ledger, i, j, time)
+    particles.struck[i] = time
+    particles.struck[j] = time
     impact = solve_impact(scene.laws, pair)
     if impact.bonds:
         return BONDED

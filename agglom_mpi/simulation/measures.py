@@ -3,7 +3,7 @@
 import math
 
 from agglom_mpi.compilation import allocating, stage
-from agglom_mpi.simulation.cells import cell_of, sort_into_cells
+from agglom_mpi.simulation.cells import cell_of, sort_into_cells, wrapped_cell
 from agglom_mpi.simulation.neighbours import squared_distance
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
@@ -57,31 +57,58 @@ def thermal_energy(particles, heat_capacity, reference):  # type: ignore[no-unty
     return energy
 
 
+@stage
+def cell_edge(particles):  # type: ignore[no-untyped-def]
+    """Edge in m of cells for most of the spheres: the largest diameter, or twice the mean one."""
+    total = 0.0
+    for i in range(particles.size[0]):
+        total += particles.radius[i]
+    return 2.0 * min(largest_radius(particles), 2.0 * total / particles.size[0])
+
+
 @allocating
 def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
-    """Pairs that overlap by more than rounding."""
+    """Pairs that overlap by more than rounding; who is too large for cells is met by everybody."""
     half = scene.half_width
-    x, y, z = particles.position[0], particles.position[1], particles.position[2]
     count = particles.size[0]
     most = int((2.0 * count) ** (1.0 / 3.0)) + 1
-    diameter = 2.0 * largest_radius(particles)
-    cells = max(1, min(most, int(min(1e6, 2.0 * half / diameter))))
-    order, start = sort_into_cells(particles, cells, half)
-    span = 1 if cells > 2 else 0
-    if cells <= 2:
-        cells = 1
-        start[1] = count
+    edge = cell_edge(particles)
+    cells = max(1, min(most, int(min(1e6, 2.0 * half / edge))))
     found = 0
     for i in range(count):
-        a, b, c = cell_of(x[i], cells, half), cell_of(y[i], cells, half), cell_of(z[i], cells, half)
-        for p in range(a - span, a + span + 1):
-            for q in range(b - span, b + span + 1):
-                layer = (p % cells * cells + q % cells) * cells
-                for r in range(c - span, c + span + 1):
-                    cell = layer + r % cells
-                    for k in range(start[cell], start[cell + 1]):
-                        if order[k] > i:
-                            found += overlap(scene, particles, i, order[k])
+        if 2.0 * particles.radius[i] > edge:
+            for j in range(count):
+                if 2.0 * particles.radius[j] <= edge or j > i:
+                    found += overlap(scene, particles, i, j)
+    order, start = sort_into_cells(particles, cells, half)
+    for i in range(count):
+        if 2.0 * particles.radius[i] <= edge:
+            found += overlaps_around(scene, particles, cells, order, start, edge, i)
+    return found
+
+
+@stage
+def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ignore[no-untyped-def]
+    """Pairs of sphere i and a later one that fits into cells too and that it overlaps."""
+    half, r = scene.half_width, particles.position
+    a, b, c = (
+        cell_of(r[0, i], cells, half),
+        cell_of(r[1, i], cells, half),
+        cell_of(r[2, i], cells, half),
+    )
+    low, high = (-1, 1) if cells > 2 else (0, cells - 1)
+    if cells <= 2:
+        a, b, c = 0, 0, 0
+    found = 0
+    for p in range(a + low, a + high + 1):
+        for q in range(b + low, b + high + 1):
+            layer = (wrapped_cell(p, cells) * cells + wrapped_cell(q, cells)) * cells
+            for s in range(c + low, c + high + 1):
+                cell = layer + wrapped_cell(s, cells)
+                for k in range(start[cell], start[cell + 1]):
+                    j = order[k]
+                    if j > i and 2.0 * particles.radius[j] <= edge:
+                        found += overlap(scene, particles, i, j)
     return found
 
 

@@ -49,7 +49,7 @@ class AdaptiveSteps(NamedTuple):
 
 
 class EventDriven(NamedTuple):
-    """Exact times, one event after another; at most `budget` events per grain."""
+    """Exact times; at most `budget` events per grain, crossings of cells included."""
 
     budget: int
 

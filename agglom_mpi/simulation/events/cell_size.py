@@ -18,6 +18,9 @@ ROOM_TO_GROW: Final = 2.0 ** (1.0 / 3.0)
 WORTH: Final = 0.5
 """Cost of a look in cells, relative to comparing all, below which cells are worth it."""
 
+BARELY: Final = 1.0 - 1e-12
+"""Share of the cells that fit into the box, lest rounding make giants of who fits into a cell."""
+
 CROSSING_COST: Final = 16.0
 """Time of one cell crossing over that of one pair of particles; measured."""
 
@@ -51,8 +54,8 @@ def cost_of_look(count, along, giants):  # type: ignore[no-untyped-def]
 
 
 @stage
-def rank_largest(particles, rank):  # type: ignore[no-untyped-def]
-    """Sort the largest radii in m into `rank`, descending; the mean radius of all."""
+def rank_largest(particles, rank, count):  # type: ignore[no-untyped-def]
+    """Sort the largest radii in m into `rank`, descending; the mean radius of `count` particles."""
     rank[:] = 0.0
     total, last = 0.0, rank.size - 1
     for i in range(particles.size[0]):
@@ -64,7 +67,7 @@ def rank_largest(particles, rank):  # type: ignore[no-untyped-def]
                 rank[k] = rank[k - 1]
                 k -= 1
             rank[k] = radius
-    return total / particles.size[0]
+    return total / count
 
 
 @rare_stage
@@ -72,13 +75,13 @@ def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
     """Cells along an axis that make a look cheapest for the `count` particles as they are."""
     if count <= FEW:
         return 0, float(count)
-    mean = rank_largest(particles, cells.rank)
+    mean = rank_largest(particles, cells.rank, count)
     edge = best_edge(count, 2.0 * mean, scene.half_width)
     most = min(most_cells(count), cells.place.shape[1] // 3)
     chosen, cheapest = 0, float(count)
     for giants in range(MOST_GIANTS + 1):
         side = max(edge, 2.0 * cells.rank[giants])
-        along = min(most, int(2.0 * scene.half_width / side))
+        along = min(most, int(BARELY * 2.0 * scene.half_width / side))
         cost = cost_of_look(count, along, giants)
         if along >= FEWEST_CELLS and cost < min(cheapest, WORTH * count):
             chosen, cheapest = along, cost

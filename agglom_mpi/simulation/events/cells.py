@@ -13,7 +13,7 @@ from agglom_mpi.compilation import allocating, rare_stage, stage
 from agglom_mpi.simulation.cells import cell_of
 
 MOST_GIANTS: Final = 48
-"""Giants beside which cells are considered."""
+"""Giants beside which cells are considered; more are rarely the cheapest choice."""
 
 BLOCK: Final = 4
 """Cells along an axis of a block."""
@@ -44,7 +44,8 @@ class Cells(NamedTuple):
     range
         Distance in m along an axis that a giant moves before it looks around again, shape (1,).
     limit
-        Cost of a look beyond which other cells are considered, shape (1,).
+        Cost of a look beyond which other cells are considered, and number of particles below which
+        they are, shape (2,).
     rank
         Radii of the largest particles in m, descending, shape (MOST_GIANTS + 1,).
     """
@@ -91,7 +92,7 @@ def new_cells(count, capacity):  # type: ignore[no-untyped-def]
         np.empty(capacity + 1, np.uint32),
         np.zeros(1),
         np.zeros(1),
-        np.zeros(1),
+        np.zeros(2),
         np.empty(MOST_GIANTS + 1),
     )
 

@@ -1,5 +1,7 @@
 """When may another image of somebody large be touched?  In a small periodic box, before long."""
 
+from typing import Final
+
 import numpy as np
 
 from agglom_mpi.compilation import stage
@@ -7,12 +9,16 @@ from agglom_mpi.simulation.box import nearest_image
 from agglom_mpi.simulation.events.cells import ALONG
 from agglom_mpi.simulation.events.movers import RANGE
 
+BEYOND: Final = 1.0 + 1e-9
+"""Share of D at which the nearest image is another one for certain, so that a look finds it."""
+
 
 @stage
 def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
     """Sum of two radii in m up to which the nearest image stays the only one until the next look.
 
-    Both move by their range or by a cell at most; the next image is at least D away along an axis.
+    One moves by its range, the other by its range or a cell at most; the next image is at least D
+    away along an axis.
     """
     along = cells.shape[ALONG]
     edge = 2.0 * scene.half_width / along if along > 0 else cells.range[0]
@@ -47,7 +53,7 @@ def first_image(scene, cells, movers, count, x, y, z, i, now):  # type: ignore[n
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        end = max(side - reach, half * (1.0 + 1e-9))
+        end = max(side - reach, half * BEYOND)
         first = min(first, time_beyond(dx, other["u"] - path["u"], end))
         first = min(first, time_beyond(dy, other["v"] - path["v"], end))
         first = min(first, time_beyond(dz, other["w"] - path["w"], end))

@@ -25,7 +25,7 @@ PLAN: Final = np.dtype(
         ("b", "i4"),
         ("c", "i4"),
         ("giant", "i4"),
-        ("unused", "i8"),
+        ("padding", "i8"),
     ]
 )
 """What a particle does next.
@@ -33,7 +33,7 @@ PLAN: Final = np.dtype(
 Its earliest known hit: when, with which `partner`, and the `version` the partner had then; a
 particle's version changes with its path, so that a hit noted before is known to be void. Its next
 `turn`, the face of its cell that it leaves or `RANGE`, and when. The cell (a, b, c), or its place
-in the list of giants, else −1.
+in the list of giants, else −1. Padded to a cache line.
 """
 
 

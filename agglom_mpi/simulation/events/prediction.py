@@ -3,6 +3,8 @@
 import math
 from typing import Final
 
+import numpy as np
+
 from agglom_mpi.compilation import fused_stage, stage
 from agglom_mpi.simulation.box import is_periodic, nearest_image
 from agglom_mpi.simulation.events.cells import GIANTS
@@ -25,7 +27,8 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
     """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
 
     Only hits that come before what the other has in mind count: otherwise the other turns to i
-    again when that has happened. Overlapping and approaching is a hit now; receding is none.
+    again when that has happened. Overlapping and approaching is a hit now; receding is none. Of
+    hits at the same time, that of the lowest slot is taken.
     `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
     is judged by the distance at which the two would pass each other, which loses fewer digits.
     """
@@ -50,10 +53,10 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
             miss = squared_cross(dx, dy, dz, du, dv, dw)
             discriminant = square * reach * reach - miss
             time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
-            in_mind = min(hit_time, movers.plan[j]["hit_time"])
-            if discriminant > 0.0 and time < in_mind and j != barred:
+            first = time < hit_time or (time == hit_time and j < partner)
+            if first and discriminant > 0.0 and time < movers.plan[j]["hit_time"] and j != barred:
                 hit_time = time
-                partner = j
+                partner = np.int64(j)
     return hit_time, partner
 
 

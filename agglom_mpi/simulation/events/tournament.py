@@ -62,17 +62,16 @@ def set_time(tournament: Tournament, i: int, value: float) -> None:
     """
     time, winner = tournament.time, tournament.winner
     one = np.uint64(1)
-    entry = np.uint64(i)
-    best = entry
-    node = np.uint64(winner.size // 2) + entry
+    best = np.int64(i)
+    node = np.uint64(winner.size // 2 + i)
     time[node] = value
     while node > one:
         rival = node ^ one
-        lost = np.uint64((time[rival] < value) | ((time[rival] == value) & (rival < node)))
-        best += lost * (winner[rival] - best)
+        lost = np.int64((time[rival] < value) | ((time[rival] == value) & (rival < node)))
+        best += lost * (np.int64(winner[rival]) - best)
         value = min(time[rival], value)
         node >>= one
-        if winner[node] == best and best != entry:
+        if np.int64(winner[node]) == best and best != i:
             break
         winner[node] = best
         time[node] = value
