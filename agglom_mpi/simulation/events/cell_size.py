@@ -90,12 +90,12 @@ def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
 
 @stage
 def choose_range(cells, largest, half_width):  # type: ignore[no-untyped-def]
-    """Let giants look around often enough for the nearest image to be the only one in reach.
+    """Choose how far giants move before they look into the cells around them again.
 
-    That holds for sums of radii up to D minus what two of them move; `largest` radius in m, which
-    may grow by a merge. Beyond, `heed_images` takes care.
+    At most by a cell; and, with the `largest` radius in m, so little that the nearest image stays
+    the only one in reach, where an eighth of D is enough for that.
     """
-    spare = 0.5 * (half_width - 2.0 * ROOM_TO_GROW * largest)
-    cells.range[0] = min(max(0.125 * half_width, spare), 0.25 * half_width)
     if cells.shape[ALONG] > 0:
-        cells.range[0] = min(cells.range[0], 2.0 * half_width / cells.shape[ALONG])
+        spare = 0.5 * (half_width - 2.0 * ROOM_TO_GROW * largest)
+        edge = 2.0 * half_width / cells.shape[ALONG]
+        cells.range[0] = min(edge, max(0.125 * half_width, min(0.25 * half_width, spare)))

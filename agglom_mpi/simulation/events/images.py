@@ -17,12 +17,15 @@ BEYOND: Final = 1.0 + 1e-9
 def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
     """Sum of two radii in m up to which the nearest image stays the only one until the next look.
 
+    Without cells none is safe: nobody looks again before an image says so.
+
     One moves by its range, the other by its range or a cell at most; the next image is at least D
     away along an axis.
     """
     along = cells.shape[ALONG]
-    edge = 2.0 * scene.half_width / along if along > 0 else cells.range[0]
-    return scene.half_width - edge - cells.range[0]
+    if along == 0:
+        return -np.inf
+    return scene.half_width - 2.0 * scene.half_width / along - cells.range[0]
 
 
 @stage

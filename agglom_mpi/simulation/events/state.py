@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.compilation import allocating, rare_stage
-from agglom_mpi.simulation.events.cell_size import best_cells, choose_range, cost_of_look
+from agglom_mpi.simulation.events.cell_size import FEW, best_cells, choose_range, cost_of_look
 from agglom_mpi.simulation.events.cells import (
     ALONG,
     GIANTS,
@@ -112,7 +112,7 @@ def start_over(scene, particles, events, now):  # type: ignore[no-untyped-def]
     cells = events.cells
     along, cost = best_cells(scene, particles, cells, count)
     cells.limit[0] = GAIN * (cost + OVERHEAD)
-    cells.limit[1] = count / FEWER
+    cells.limit[1] = max(FEW + 1, count / FEWER)
     lay_out(cells, along)
     choose_range(cells, largest_radius(particles), scene.half_width)
     if count > MANY:

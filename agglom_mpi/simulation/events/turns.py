@@ -27,7 +27,10 @@ def earlier_turn(path, plan, coordinate, velocity, low, high, face):  # type: ig
 
 @stage
 def set_turn(scene, cells, movers, i):  # type: ignore[no-untyped-def]
-    """Find when particle i leaves its cell, or a giant its range or a box with real faces."""
+    """Find when particle i leaves its cell, or a giant its range or a box with real faces.
+
+    Without cells nothing ranges: in a periodic box the images say when to look again.
+    """
     path, plan = movers.path[i], movers.plan[i]
     half = scene.half_width
     plan["turn_time"] = np.inf
@@ -44,7 +47,7 @@ def set_turn(scene, cells, movers, i):  # type: ignore[no-untyped-def]
         earlier_turn(path, plan, x, u, -half, half, 0)
         earlier_turn(path, plan, y, v, -half, half, 2)
         earlier_turn(path, plan, z, w, -half, half, 4)
-    if is_periodic(scene.escape) or cells.shape[ALONG] > 0:
+    if cells.shape[ALONG] > 0:
         reach = cells.range[0]
         earlier_turn(path, plan, x, u, x - reach, x + reach, RANGE)
         earlier_turn(path, plan, y, v, y - reach, y + reach, RANGE)
