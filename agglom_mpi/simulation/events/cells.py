@@ -42,7 +42,7 @@ class Cells(NamedTuple):
     largest
         Largest radius of a giant in m, shape (1,).
     range
-        Distance in m along an axis that a giant beside cells moves before it looks again, shape (1,).
+        Distance in m along an axis that a giant beside cells moves between looks, shape (1,).
     limit
         Cost of a look beyond which other cells are considered, and number of particles below which
         they are, shape (2,).
