@@ -15,7 +15,7 @@ from agglom_mpi.database.reader import open_campaign
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 SMALL = {"generations": 3, "max_samples": 30}
-SLOW = {"generations": 3, "max_samples": 30, "steps": 800}
+SLOW = {"generations": 3, "max_samples": 30, "steps": 6000}
 """The same scene for longer, to be interrupted; some three seconds of work."""
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}
 TIMEOUT = 120.0
