@@ -7,7 +7,7 @@ from agglom_mpi.compilation import rare_stage, stage
 from agglom_mpi.simulation.events.cells import ALONG, MOST_GIANTS, most_cells
 
 FEW: Final = 32
-"""Particles up to which all pairs are cheaper than cells; measured."""
+"""Particles up to which all pairs are as cheap as cells; measured, anything from 12 to 48 is."""
 
 FEWEST_CELLS: Final = 4
 """Cells along an axis from which the nearest image is the only one in reach."""
@@ -16,13 +16,13 @@ ROOM_TO_GROW: Final = 2.0 ** (1.0 / 3.0)
 """Radius after two equals have merged, over that of one."""
 
 WORTH: Final = 0.5
-"""Cost of a look in cells, relative to comparing all, below which cells are worth it."""
+"""Cost of a look in cells, relative to comparing all, below which cells are worth it; a guess."""
 
 BARELY: Final = 1.0 - 1e-12
 """Share of the cells that fit into the box, lest rounding make giants of who fits into a cell."""
 
 CROSSING_COST: Final = 16.0
-"""Time of one cell crossing over that of one pair of particles; measured."""
+"""Time of one cell crossing over that of one pair of particles; 16 to 24 measured fastest."""
 
 
 @stage
