@@ -3,7 +3,6 @@
 import time
 from typing import Final, NamedTuple
 
-from agglom_mpi.campaign import Campaign
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
@@ -12,15 +11,7 @@ from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Crew, Delivery
 from agglom_mpi.farm.messages import POLL
 from agglom_mpi.farm.scheduler import Scheduler
-from agglom_mpi.search import (
-    Ensemble,
-    GeneticSearch,
-    Inversion,
-    SearchSpace,
-    Target,
-    make_objective,
-    make_rule,
-)
+from agglom_mpi.farm.work import Work
 from agglom_mpi.simulation.outcome import EXCEPTION, FAILED, REASONS
 
 TICK: Final = 0.5
@@ -35,57 +26,27 @@ class End(NamedTuple):
     reason: str
 
 
-def make_inversion(campaign: Campaign, stored: Stored, books: Books) -> Inversion:
-    """Set up the search of a campaign, at its very beginning."""
-    search, stopping = campaign.search, campaign.stopping
-    rescale = search.rescale
-    objective = make_objective(campaign.objective, campaign.scene.particles)
-    rule = make_rule(campaign.ensemble)
-    return Inversion(
-        GeneticSearch(
-            SearchSpace(campaign.variables.lower, campaign.variables.upper),
-            campaign.seed,
-            population=search.population,
-            parents=search.parents,
-            blend=search.blend,
-            rescale=None if rescale is None else (rescale.every, rescale.factor),
-        ),
-        lambda: Ensemble(
-            rule,
-            objective,
-            campaign.scene.particles,
-            campaign.ensemble.min_samples,
-            campaign.ensemble.max_samples,
-        ),
-        stopping.generations,
-        None if stopping.target is None else Target(stopping.target.top, stopping.target.objective),
-        stored.restore,
-        books,
-    )
-
-
 class Master:
-    """One leg of a campaign.
+    """One leg of a campaign, or of other work.
 
     Parameters
     ----------
-    campaign, file, writer
+    work, file, writer
         What to run, and where it is kept.
     watcher
         Shown how it goes.
     """
 
     def __init__(
-        self, campaign: Campaign, file: CampaignFile, writer: CampaignWriter, watcher: Watcher
+        self, work: Work, file: CampaignFile, writer: CampaignWriter, watcher: Watcher
     ) -> None:
-        self._campaign = campaign
+        self._work = work
         self._writer = writer
         self._watcher = watcher
         self._stored = Stored(file)
         self._failing: set[int] = set()
-        top = campaign.stopping.target.top if campaign.stopping.target else campaign.search.parents
-        self.books = Books(writer, self._stored, watcher, top)
-        self.inversion = make_inversion(campaign, self._stored, self.books)
+        self.books = Books(writer, self._stored, watcher, work.top)
+        self.inversion = work.inversion(self._stored.restore, self.books)
 
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
@@ -104,7 +65,7 @@ class Master:
         while not self.inversion.finished:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)
-            if self.books.failures >= self._campaign.stopping.max_failures:
+            if self.books.failures >= self._work.max_failures:
                 return End(FAILURE, "failed", f"{self.books.failures} samples raised errors")
             self._hand_out(crew, scheduler)
             for delivery in crew.deliveries(POLL):
@@ -167,7 +128,4 @@ class Master:
     @property
     def finished_because(self) -> str:
         """Why the search ended, in words."""
-        if self.inversion.stop_reason == "target" and self._campaign.stopping.target is not None:
-            target = self._campaign.stopping.target
-            return f"the mean objective of the best {target.top} is at most {target.objective:g}"
-        return f"all {self._campaign.stopping.generations} generations are done"
+        return self._work.finished_because(self.inversion)

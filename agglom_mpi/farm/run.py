@@ -1,13 +1,14 @@
-"""A whole run, from the command line's options to the exit code, on every rank."""
+"""A whole run, from what is asked to the exit code, on every rank."""
 
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
+from agglom_mpi.campaign import CampaignError, load_campaign
 from agglom_mpi.database.access import NotACampaign
 from agglom_mpi.database.lock import CampaignInUse, CampaignLock
 from agglom_mpi.database.reader import open_campaign
@@ -19,7 +20,8 @@ from agglom_mpi.farm.launch import warms_first
 from agglom_mpi.farm.master import End, Master
 from agglom_mpi.farm.simulator import Simulator
 from agglom_mpi.farm.store import StoreError, leg_fields, output_path, prepare
-from agglom_mpi.farm.worker import work
+from agglom_mpi.farm.work import CampaignWork, Work
+from agglom_mpi.farm.worker import work as serve
 from agglom_mpi.report.display import Display
 from agglom_mpi.report.summary import summarise
 
@@ -41,12 +43,64 @@ class Options(NamedTuple):
     accept_code_change: bool = False
 
 
+class Order(NamedTuple):
+    """Work, the file that keeps it, and whether samples of other sources may be in there."""
+
+    work: Work
+    path: Path
+    accept_code_change: bool
+
+
 def invert(options: Options, world: "Intracomm | None") -> int:
-    """Run a campaign on all ranks; the exit code. Any other error ends the whole job."""
+    """Run a campaign on all ranks; the exit code."""
+    display = Display(options.quiet)
+
+    def finish(order: Order) -> None:
+        if not options.quiet:
+            display.table(summarise(open_campaign(order.path)))
+
+    return carry_out(
+        lambda: read_order(options), display, finish, world, max_walltime=options.max_walltime
+    )
+
+
+def read_order(options: Options) -> Order:
+    """Campaign and output file that the options name; raises the user's mistakes."""
+    campaign = load_campaign(options.campaign)
+    if options.generations is not None:
+        campaign = campaign.with_generations(options.generations)
+    campaign.check_searchable()
+    path = output_path(campaign, options.output)
+    return Order(CampaignWork(campaign), path, options.accept_code_change)
+
+
+def carry_out(
+    read: Callable[[], Order],
+    display: Display,
+    finish: Callable[[Order], None],
+    world: "Intracomm | None",
+    *,
+    max_walltime: float | None = None,
+) -> int:
+    """Run an order on all ranks; the exit code. Any error but the user's ends the whole job.
+
+    Parameters
+    ----------
+    read
+        Says what to run; called on rank 0 only, may raise the user's mistakes.
+    display
+        Shows how it goes.
+    finish
+        Called on rank 0 when all is done.
+    world
+        The MPI world; None for a plain run.
+    max_walltime
+        Seconds after which to stop cleanly.
+    """
     try:
         if world is not None and world.rank > 0:
             return follow(world)
-        return lead(options, world)
+        return lead(read, display, finish, StopRequest(max_walltime), world)
     except BaseException:
         if world is None:
             raise
@@ -58,47 +112,50 @@ def invert(options: Options, world: "Intracomm | None") -> int:
 def follow(world: "Intracomm") -> int:
     """Be a worker."""
     ignore_signals()
-    code, text, name = world.bcast(None, root=0)
-    if code is not None:
+    code, work = world.bcast(None, root=0)
+    if work is None:
         return int(code)
-    campaign = Campaign.from_text(text, name)
-    simulator = Simulator(campaign, world.rank)
-    warm_up(simulator, campaign, world)
-    return work(world, simulator)
+    simulator = Simulator(work, world.rank)
+    warm_up(simulator, world)
+    return serve(world, simulator)
 
 
-def tell(world: "Intracomm | None", code: int | None, campaign: Campaign | None = None) -> None:
+def tell(world: "Intracomm | None", code: int, work: Work | None = None) -> None:
     """Let the workers begin, or go home with an exit code before anything began."""
     if world is not None:
-        known = (campaign.text, campaign.name) if campaign is not None else ("", "")
-        world.bcast((code, *known), root=0)
+        world.bcast((code, work), root=0)
 
 
-def lead(options: Options, world: "Intracomm | None") -> int:
+def lead(
+    read: Callable[[], Order],
+    display: Display,
+    finish: Callable[[Order], None],
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> int:
     """Be rank 0."""
-    display = Display(options.quiet)
-    stop = StopRequest(options.max_walltime)
     stop.listen()
     with ExitStack() as stack:
         try:
-            campaign, path = read_campaign(options)
+            order = read()
+            work, path = order.work, order.path
             stack.enter_context(CampaignLock(path))
-            file = prepare(path, campaign, options.accept_code_change)
+            file = prepare(path, work, order.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
         except MISTAKES as error:
             display.error(str(error))
             tell(world, BAD_INPUT)
             return BAD_INPUT
-        master = Master(campaign, file, writer, display)
+        master = Master(work, file, writer, display)
         if master.replay():
             tell(world, FINISHED)
             if file.status().state != "finished":  # killed just after the last generation
                 writer.set_status("finished", master.finished_because)
             display.message(f"{path} is finished already: nothing to do")
         else:
-            tell(world, None, campaign)
+            tell(world, FINISHED, work)
             try:
-                end = run_leg(campaign, path, writer, master, display, stop, world)
+                end = run_leg(work, path, writer, master, display, stop, world)
             except OSError as error:
                 display.error(f"{error}; everything written before is whole, run again to go on")
                 writer.give_up(str(error))
@@ -109,22 +166,12 @@ def lead(options: Options, world: "Intracomm | None") -> int:
                 show = display.error if end.code == FAILURE else display.message
                 show(f"stopped: {end.reason}; everything simulated so far is in {path}")
                 return end.code
-    if not options.quiet:
-        display.table(summarise(open_campaign(path)))
+    finish(order)
     return FINISHED
 
 
-def read_campaign(options: Options) -> tuple[Campaign, Path]:
-    """Campaign and output file that the options name; raises the user's mistakes."""
-    campaign = load_campaign(options.campaign)
-    if options.generations is not None:
-        campaign = campaign.with_generations(options.generations)
-    campaign.check_searchable()
-    return campaign, output_path(campaign, options.output)
-
-
 def run_leg(
-    campaign: Campaign,
+    work: Work,
     path: Path,
     writer: CampaignWriter,
     master: Master,
@@ -134,9 +181,9 @@ def run_leg(
 ) -> End:
     """Simulate on all ranks, and record this start and stop of the program."""
     ranks = 1 if world is None else world.size
-    display.begin(campaign, str(path), ranks, master.inversion)
-    simulator = Simulator(campaign, 0)
-    warm_up(simulator, campaign, world)
+    display.begin(work, str(path), ranks, master.inversion)
+    simulator = Simulator(work, 0)
+    warm_up(simulator, world)
     leg = writer.begin_leg(**leg_fields(ranks, mpi_version(world)))
     writer.set_status("running")
     crew = Crew(simulator, world)
@@ -155,17 +202,16 @@ def run_leg(
     return end
 
 
-def warm_up(simulator: Simulator, campaign: Campaign, world: "Intracomm | None") -> None:
+def warm_up(simulator: Simulator, world: "Intracomm | None") -> None:
     """Compile on one rank of each node, then let the others load what it compiled."""
-    parameters = campaign.parameters()
     if world is None:
-        simulator.warm_up(parameters)
+        simulator.warm_up()
         return
     if warms_first(world.rank):
-        simulator.warm_up(parameters)
+        simulator.warm_up()
     wait(world.Ibarrier())
     if not warms_first(world.rank):
-        simulator.warm_up(parameters)
+        simulator.warm_up()
 
 
 def wait(request: Any) -> None:

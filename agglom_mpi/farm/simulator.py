@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.campaign import Campaign
 from agglom_mpi.farm.messages import RESULT, failed_sample
+from agglom_mpi.farm.work import Setup, Work
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME
 from agglom_mpi.simulation.sample import random_stream, simulate_scene
@@ -20,17 +20,17 @@ from agglom_mpi.simulation.scene import Scene, build_scene
 class Simulator:
     """Turn tasks into results; the same on every rank, and what `campaign.simulate` does."""
 
-    def __init__(self, campaign: Campaign, rank: int) -> None:
+    def __init__(self, work: Work, rank: int) -> None:
         self.abort = np.zeros(1, np.uint8)
-        self._campaign = campaign
-        self._objective = make_objective(campaign.objective, campaign.scene.particles)
+        self._work = work
         self._rank = rank
-        self._scene: tuple[bytes, Scene] | None = None
+        self._scene: tuple[tuple[int, bytes], Scene] | None = None
 
-    def warm_up(self, parameters: NDArray[np.float64]) -> None:
-        """Compile, or load from the cache, all that a sample of this campaign needs."""
-        scene = build_scene(self._campaign.scene, parameters)._replace(particles=2)
-        simulate_scene(scene, random_stream(0, parameters, 0), np.ones(1, np.uint8))
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, all that a sample of this work needs."""
+        for setup, parameters in self._work.kinds():
+            scene = scene_of(setup, parameters)._replace(particles=2)
+            simulate_scene(scene, random_stream(0, parameters, 0), np.ones(1, np.uint8))
 
     def simulate(self, task: np.void) -> tuple[NDArray[np.void], NDArray[np.void] | None]:
         """Return the result of one task, shape (1,), and a `FAILED_SAMPLE` if it raised."""
@@ -41,12 +41,16 @@ class Simulator:
         begin = time.perf_counter()
         try:
             parameters = np.array(task["parameters"])
-            random = random_stream(self._campaign.seed, parameters, int(task["sample"]))
-            record, _ = simulate_scene(self._scene_of(parameters), random, self.abort)
+            setup = self._work.setup(int(task["string"]))
+            sample = setup.first_sample + int(task["sample"])
+            scene = self._scene_of(int(task["string"]), setup, parameters)
+            random = random_stream(setup.campaign.seed, parameters, sample)
+            record, _ = simulate_scene(scene, random, self.abort)
             for name in OUTCOME.names or ():
                 result[name] = record[name]
             if record["state"] == COMPLETED:
-                result["objective"] = self._objective.of_sample(float(record["mean_radius_ratio"]))
+                objective = make_objective(setup.campaign.objective, scene.particles)
+                result["objective"] = objective.of_sample(float(record["mean_radius_ratio"]))
         except Exception:
             result["state"], result["reason"] = FAILED, EXCEPTION
             failure = failed_sample(
@@ -55,11 +59,16 @@ class Simulator:
         result["seconds"] = time.perf_counter() - begin
         return result, failure
 
-    def _scene_of(self, parameters: NDArray[np.float64]) -> Scene:
-        key = parameters.tobytes()
+    def _scene_of(self, string: int, setup: Setup, parameters: NDArray[np.float64]) -> Scene:
+        key = string, parameters.tobytes()
         if self._scene is None or self._scene[0] != key:
-            self._scene = key, build_scene(self._campaign.scene, parameters)
+            self._scene = key, scene_of(setup, parameters)
         return self._scene[1]
+
+
+def scene_of(setup: Setup, parameters: NDArray[np.float64]) -> Scene:
+    """Typed scene of one parameter string in a set-up."""
+    return build_scene(setup.campaign.scene, parameters, setup.engine)
 
 
 class SimulatorThread:

@@ -15,6 +15,7 @@ from agglom_mpi.campaign import Campaign
 from agglom_mpi.compilation import sources_digest
 from agglom_mpi.database.create import create_campaign_file, grow_campaign_file
 from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.farm.work import Work
 
 
 class StoreError(ValueError):
@@ -30,6 +31,12 @@ def output_path(campaign: Campaign, output: str | None) -> Path:
         If the file or its directory cannot be written.
     """
     path = Path(output or campaign.output.file or f"{Path(campaign.name).stem}.h5")
+    check_writable(path)
+    return path
+
+
+def check_writable(path: Path) -> None:
+    """Raise a StoreError unless a file can be written there."""
     if path.is_dir():
         raise StoreError(f"{path}: is a directory; give the name of a file")
     if not path.parent.is_dir():
@@ -38,10 +45,9 @@ def output_path(campaign: Campaign, output: str | None) -> Path:
         raise StoreError(f"{path}: the directory {path.parent} cannot be written")
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(f"{path}: is read-only; --output names another file")
-    return path
 
 
-def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> CampaignFile:
+def prepare(path: Path, work: Work, accept_code_change: bool) -> CampaignFile:
     """Open the campaign's file for a resume, or make it.
 
     Raises
@@ -49,35 +55,33 @@ def prepare(path: Path, campaign: Campaign, accept_code_change: bool) -> Campaig
     NotACampaign
         If something else lies there.
     StoreError
-        If it belongs to another campaign or to other simulation sources.
+        If it belongs to other work or to other simulation sources.
     """
+    room, campaign = work.room, work.campaign
     if not path.exists():
         create_campaign_file(
             path,
             campaign_text=campaign.text,
-            campaign_sha256=campaign.sha256(),
-            identity=campaign.identity(),
+            campaign_sha256=work.sha256(),
+            identity=work.identity(),
             seed=campaign.seed,
             title=campaign.title,
             code_version=__version__,
             sources_sha256=deciding_sources(),
             lower=campaign.variables.lower,
             upper=campaign.variables.upper,
-            strings=campaign.most_strings,
-            max_samples=campaign.ensemble.max_samples,
-            generations=campaign.stopping.generations,
-            population=campaign.search.population,
+            **room._asdict(),
         )
         return open_campaign(path)
     stored = open_campaign(path)
-    check_same_campaign(path, stored.identity, campaign.identity())
+    check_same_campaign(path, stored.identity, work.identity())
     if last_sources(stored) != deciding_sources() and not accept_code_change:
         raise StoreError(
             f"{path}: was computed by other simulation sources (version "
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
-    grow_campaign_file(path, campaign.most_strings, campaign.stopping.generations)
+    grow_campaign_file(path, room.strings, room.generations)
     return stored
 
 

@@ -1,14 +1,16 @@
 """What a run shows: a live line on a terminal, log lines elsewhere, nothing but errors if quiet."""
 
 from types import TracebackType
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from agglom_mpi.campaign import Campaign
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.search import GenerationSummary, Inversion
+
+if TYPE_CHECKING:
+    from agglom_mpi.farm.work import Work
 
 WIDEST: Final = 88
 """Columns that a table of six strings takes; files and pipes get them all."""
@@ -47,13 +49,13 @@ class Display:
         """Show a result."""
         print_wide(content)
 
-    def begin(self, campaign: Campaign, path: str, ranks: int, inversion: Inversion) -> None:
+    def begin(self, work: "Work", path: str, ranks: int, inversion: Inversion) -> None:
         """Say what runs, and prepare the live line."""
-        self._generations = campaign.stopping.generations
+        self._generations = work.room.generations
         done = len(inversion.results)
         continued = f", {done} of them judged before" if done else ""
         self.message(
-            f"{campaign.title or campaign.name}: at most {campaign.most_strings} strings"
+            f"{work.campaign.title or work.campaign.name}: {work.largest}"
             f"{continued}, {ranks} rank{'s' if ranks > 1 else ''}, into {path}"
         )
         if self._log.is_terminal and not self._quiet:

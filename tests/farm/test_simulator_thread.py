@@ -9,6 +9,7 @@ from agglom_mpi.campaign import load_campaign
 from agglom_mpi.farm import simulator as module
 from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
 from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
 
 
@@ -42,7 +43,7 @@ class Fake:
 
 
 def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
-    result, failure = Simulator(campaign, 2).simulate(tasks(campaign)[0])
+    result, failure = Simulator(CampaignWork(campaign), 2).simulate(tasks(campaign)[0])
     outcome = campaign.simulate(campaign.parameters(), 0)
     assert failure is None
     assert result["state"] == COMPLETED
@@ -57,7 +58,7 @@ def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkey
         raise ArithmeticError("grains on strike")
 
     monkeypatch.setattr(module, "simulate_scene", raise_at_once)
-    thread = SimulatorThread(Simulator(campaign, 2))
+    thread = SimulatorThread(Simulator(CampaignWork(campaign), 2))
     thread.put(tasks(campaign, 2))
     results, failures = thread.take(20.0)
     thread.stop()
@@ -119,8 +120,8 @@ def test_stopping_abandons_what_runs_and_what_is_queued():
 def test_stopping_does_not_wait_for_the_end_of_a_long_sample(tmp_path):
     path = write_campaign(tmp_path / "long.yaml", **SMALL | {"steps": 5_000_000})
     campaign = load_campaign(path)
-    simulator = Simulator(campaign, 0)
-    simulator.warm_up(campaign.parameters())
+    simulator = Simulator(CampaignWork(campaign), 0)
+    simulator.warm_up()
     thread = SimulatorThread(simulator)
     thread.put(tasks(campaign))
     time.sleep(0.1)
@@ -135,8 +136,8 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     endless = "end_time: 1e9 s\n  engine: {law: event, budget: 1000000000}"
     path.write_text(path.read_text().replace("end_time: characteristic", endless))
     campaign = load_campaign(path)
-    simulator = Simulator(campaign, 0)
-    simulator.warm_up(campaign.parameters())
+    simulator = Simulator(CampaignWork(campaign), 0)
+    simulator.warm_up()
     batch = tasks(campaign)
     batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
     thread = SimulatorThread(simulator)

@@ -12,6 +12,7 @@ from agglom_mpi.farm.store import (
     prepare,
     versions,
 )
+from agglom_mpi.farm.work import CampaignWork
 
 
 @pytest.fixture
@@ -68,17 +69,17 @@ def test_every_difference_between_two_campaigns_is_shown(campaign, tmp_path):
 
 
 def test_a_stored_campaign_is_found_again_with_all_its_identity(campaign, tmp_path):
-    made = prepare(tmp_path / "x.h5", campaign, accept_code_change=False)
-    again = prepare(tmp_path / "x.h5", campaign, accept_code_change=False)
+    made = prepare(tmp_path / "x.h5", CampaignWork(campaign), accept_code_change=False)
+    again = prepare(tmp_path / "x.h5", CampaignWork(campaign), accept_code_change=False)
     assert made.identity == again.identity == campaign.identity()
     assert again.campaign_text == campaign.text
 
 
 def test_more_generations_make_room_for_more_strings(campaign, tmp_path):
-    prepare(tmp_path / "x.h5", campaign, accept_code_change=False)
+    prepare(tmp_path / "x.h5", CampaignWork(campaign), accept_code_change=False)
     longer = campaign.with_generations(9)
-    prepare(tmp_path / "x.h5", longer, accept_code_change=False)
-    again = prepare(tmp_path / "x.h5", campaign, accept_code_change=False)
+    prepare(tmp_path / "x.h5", CampaignWork(longer), accept_code_change=False)
+    again = prepare(tmp_path / "x.h5", CampaignWork(campaign), accept_code_change=False)
     assert again.attributes["strings"] == longer.most_strings
 
 

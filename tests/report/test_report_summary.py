@@ -11,6 +11,7 @@ from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.schema import sample_dtype
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.store import leg_fields, prepare
+from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.report.display import Display, print_wide
 from agglom_mpi.report.summary import as_text, collect_summary, summarise
 from agglom_mpi.search import GenerationSummary
@@ -26,7 +27,7 @@ def path(tmp_path):
         "\n".join([f"title: '{TITLE}'", *text.splitlines()[2:]]) + "\n"
     )
     path = tmp_path / "out[red]:100:.h5"
-    prepare(path, load_campaign(tmp_path / "small.yaml"), accept_code_change=False)
+    prepare(path, CampaignWork(load_campaign(tmp_path / "small.yaml")), accept_code_change=False)
     return path
 
 
@@ -143,7 +144,7 @@ def test_a_terminal_shows_a_live_line(monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "120")
     campaign = load_campaign(write_campaign(tmp_path / "small.yaml", **SMALL))
     display = Display()
-    display.begin(campaign, "small.h5", 2, type("Inversion", (), {"results": {}})())
+    display.begin(CampaignWork(campaign), "small.h5", 2, type("Inversion", (), {"results": {}})())
     with display:
         display.tick(321, 1500.0, 0.9, 7)
         display.generation(GenerationSummary(0, 3, 0.1, 0.02, 0.2, np.arange(4), 4, 20), 330, 99.0)
