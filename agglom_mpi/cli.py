@@ -87,26 +87,32 @@ def invert_command(**options: Any) -> int:
     Started by mpirun it uses all ranks; without, this process. Exit codes: 0 finished, 2 bad input,
     75 stopped early (signal or --max-walltime; run the same command again), 1 anything else.
     """
-    from agglom_mpi.farm.launch import LaunchError, connect, is_first_rank
 
-    try:
-        world = connect()
-    except LaunchError as error:
-        if is_first_rank():
-            click.echo(str(error), err=True)
-        return BAD_INPUT
-    from agglom_mpi.farm.run import Options, invert
+    def run(world: Any) -> int:
+        from agglom_mpi.farm.run import Options, invert
 
-    return invert(Options(**options), world)
+        return invert(Options(**options), world)
+
+    return _connected(run)
 
 
 def invert() -> None:
-    """Run `agglom-invert`; under MPI only the first rank shows help and usage errors."""
+    """Run `agglom-invert`."""
+    _launch(invert_command)
+
+
+def agglom() -> None:
+    """Run `agglom`."""
+    _launch(main)
+
+
+def _launch(command: click.Command) -> None:
+    """Run a command; under MPI only the first rank shows help and usage errors."""
     from agglom_mpi.farm.launch import is_first_rank
 
     try:
         with nullcontext() if is_first_rank() else redirect_stdout(None):
-            code = invert_command(standalone_mode=False)
+            code = command(standalone_mode=False)
     except click.ClickException as error:
         if is_first_rank():
             error.show()
@@ -115,12 +121,25 @@ def invert() -> None:
         click.echo("interrupted; run the same command again to go on", err=True)
         code = STOPPED
     except OSError as error:
-        click.echo(f"agglom-invert: {error}", err=True)
+        click.echo(f"{command.name}: {error}", err=True)
         code = FAILURE
     sys.exit(code)
 
 
-@click.group(context_settings={"max_content_width": 100})
+def _connected(run: Callable[[Any], int]) -> int:
+    """Run on all ranks that the launcher started, or say why they do not find each other."""
+    from agglom_mpi.farm.launch import LaunchError, connect, is_first_rank
+
+    try:
+        world = connect()
+    except LaunchError as error:
+        if is_first_rank():
+            click.echo(str(error), err=True)
+        return BAD_INPUT
+    return run(world)
+
+
+@click.group("agglom", context_settings={"max_content_width": 100})
 @click.version_option(__version__)
 def main() -> None:
     """Look at campaigns and campaign files, and simulate single strings."""
@@ -210,6 +229,56 @@ def simulate(
         return code
 
     sys.exit(_finish(run))
+
+
+@main.command(
+    epilog="Examples:  agglom accuracy jobs/quickstart.yaml --quick --out accuracy   "
+    "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --history accretion_2003.h5 --out study"
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option("--out", "-o", required=True, metavar="DIR", help="Directory of the report.")
+@click.option("--quick", is_flag=True, help="Few set-ups and samples, under a minute.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A variable, with or without unit.",
+)
+@click.option(
+    "--samples", type=click.IntRange(2, 10**6), help="Samples of each set-up instead of the usual."
+)
+@click.option(
+    "--history", metavar="FILE.h5", help="Campaign file whose best strings to estimate again."
+)
+@click.option(
+    "--max-walltime",
+    callback=_seconds,
+    metavar="TIME",
+    help="Stop cleanly after this long (90, 30m, 2h, 1:30:00); run again to go on.",
+)
+@click.option("--quiet", "-q", is_flag=True, help="Show nothing but errors.")
+@click.option(
+    "--accept-code-change",
+    is_flag=True,
+    help="Continue a study that other simulation sources computed.",
+)
+def accuracy(settings: tuple[str, ...], **options: Any) -> None:
+    """Measure error against run time, and write a report with figures and tables.
+
+    SOURCE is a scene or campaign, which is measured knob by knob (time steps, impact solver,
+    cooling, ensembles, box), or a directory of extreme scenes, which are run as they are and as
+    published. Variables that are ranges and not --set take the middle of their range. Started by
+    mpirun it uses all ranks; run again, it goes on.
+    """
+
+    def run(world: Any) -> int:
+        from agglom_mpi.accuracy.plan import Options
+        from agglom_mpi.accuracy.run import accuracy
+
+        return accuracy(Options(settings=_assignments(settings), **options), world)
+
+    sys.exit(_connected(run))
 
 
 def _assignments(settings: tuple[str, ...]) -> dict[str, float | str]:

@@ -28,12 +28,14 @@ def print_wide(content: RenderableType) -> None:
 class Display:
     """Shows a run on standard error and its result on standard output."""
 
+    unit = "generations"
+
     def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
         self._log = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         self._progress: Progress | None = None
         self._task = TaskID(0)
-        self._generations = 0
+        self._total = 0
 
     def error(self, text: str) -> None:
         """Show a mistake, also if quiet."""
@@ -51,7 +53,7 @@ class Display:
 
     def begin(self, work: "Work", path: str, ranks: int, inversion: Inversion) -> None:
         """Say what runs, and prepare the live line."""
-        self._generations = work.room.generations
+        self._total = self.total(work)
         done = len(inversion.results)
         continued = f", {done} of them judged before" if done else ""
         self.message(
@@ -66,24 +68,39 @@ class Display:
                 TimeElapsedColumn(),
                 console=self._log,
             )
-            self._task = self._progress.add_task("generations", total=self._generations, status="")
+            self._task = self._progress.add_task(self.unit, total=self._total, status="")
+
+    def total(self, work: "Work") -> int:
+        """Count the generations."""
+        return work.room.generations
+
+    @property
+    def live(self) -> bool:
+        """Whether there is a live line."""
+        return self._progress is not None
+
+    def progress(self, done: int | None, status: str | None = None) -> None:
+        """Refresh the live line, if there is one."""
+        if self._progress:
+            self._progress.update(self._task, completed=done)
+            if status is not None:
+                self._progress.update(self._task, status=status)
 
     def generation(self, summary: GenerationSummary, samples: int, rate: float) -> None:
         """Show a finished generation."""
         best = with_error(summary.objective, summary.standard_error)
         self.message(
-            f"generation {summary.generation + 1}/{self._generations}: best {best} (string "
+            f"generation {summary.generation + 1}/{self._total}: best {best} (string "
             f"{summary.best}), mean of top {summary.mean_of_top:.3g}, {summary.evaluations} "
             f"strings, {samples} samples, {rate:.0f}/s"
         )
-        if self._progress:
-            self._progress.update(self._task, completed=summary.generation + 1)
+        self.progress(summary.generation + 1)
 
     def tick(self, samples: int, rate: float, busy: float, live: int) -> None:
         """Refresh the live line."""
-        if self._progress:
-            status = f"{samples} samples, {rate:.0f}/s, {busy:.0%} busy, {live} strings open"
-            self._progress.update(self._task, status=status)
+        self.progress(
+            None, f"{samples} samples, {rate:.0f}/s, {busy:.0%} busy, {live} strings open"
+        )
 
     def __enter__(self) -> Self:
         if self._progress:

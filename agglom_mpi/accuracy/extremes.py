@@ -1,0 +1,152 @@
+"""Stiff and extreme scenes: what the published method does with them, and what ours does."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.accuracy.published import as_published
+from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.accuracy.statistics import Estimate, completed, estimate
+from agglom_mpi.accuracy.trials import Trial, with_scene
+from agglom_mpi.accuracy.words import measured, percent, time
+from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.simulation.outcome import REASONS
+
+Rows = NDArray[np.void]
+
+CLOSED: Final = 1e-9
+"""Energy error up to which a sample's ledger counts as closed."""
+
+
+def read_scenes(directory: Path) -> dict[str, Campaign]:
+    """Scenes of a directory by file stem; a CampaignError if one is wrong."""
+    return {path.stem: load_campaign(path) for path in sorted(directory.glob("*.yaml"))}
+
+
+def published_name(scene: str) -> str:
+    """Name of the trial that runs a scene as published."""
+    return f"{scene}, as published"
+
+
+def trials(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Trial]:
+    """Every scene with its own method, and with the published one."""
+    chosen = {}
+    for name, campaign in scenes.items():
+        parameters = campaign.parameters()
+        published = campaign.scene.__class__, as_published(campaign.scene)
+        chosen[name] = Trial(campaign, parameters, samples)
+        chosen[published_name(name)] = Trial(
+            with_scene(campaign, **dict(published[1])), parameters, samples
+        )
+    return chosen
+
+
+def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
+    """Section on extreme scenes; `samples` as for `trials`."""
+    import pandas as pd
+
+    rows = []
+    for name, campaign in scenes.items():
+        row = {"scene": name, "what": campaign.title}
+        row |= {f"ours: {key}": value for key, value in _summary(samples[name]).items()}
+        published = _summary(samples[published_name(name)])
+        row |= {f"published: {key}": value for key, value in published.items()}
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    return Section(
+        title="Stiff and extreme scenes",
+        problem=(
+            "Where a method can break, does it, and does it say so? Each scene pushes one thing to "
+            "an extreme; its file says which and what is to be expected."
+        ),
+        reference=(
+            "What any sample must keep: every sample completes, the ledger closes (energy error "
+            f"up to {CLOSED:g} of what flowed), no temperature is sent below zero, no impact is "
+            "left unsolved, no grains overlap more than their growth forces them to."
+        ),
+        setups=(
+            "Ours: the scene as its file has it. As published: the same scene with the published "
+            "impact iteration (cap 100), cooling by forward Euler, and time steps: 200 equal ones "
+            "[A], or adaptive ones with [B]'s limits in proportion to the end time."
+        ),
+        figures=(),
+        tables=(Table("extremes", "One row is one scene.", frame, SHOWN),),
+        failures=tuple(_failures(frame)),
+        conclusions=tuple(_conclusions(frame)),
+    )
+
+
+def _summary(rows: Rows) -> dict[str, Any]:
+    good = completed(rows)
+    growth = estimate(good["mean_radius_ratio"])
+    failed = rows[rows["reason"] > 0]
+    collisions = float(np.sum(good["collisions"]))
+    return {
+        "samples": len(rows),
+        "failed": len(rows) - len(good),
+        "reason": REASONS[int(failed["reason"][0])] if len(failed) else "",
+        "mean b/b0": growth.mean,
+        "standard error": growth.error,
+        "collisions per sample": collisions / max(1, len(good)),
+        "unsolved impacts": float(np.sum(good["capped_iterations"])) / max(1.0, collisions),
+        "temperatures below zero": float(np.mean(good["floored_temperatures"])) if len(good) else 0,
+        "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
+        "energy error": float(np.max(np.abs(good["energy_error"]))) if len(good) else np.nan,
+        "momentum error": float(np.max(good["momentum_error"])) if len(good) else np.nan,
+        "seconds per sample (s)": float(np.mean(rows["seconds"])),
+    }
+
+
+def _troubles(row: Any, whose: str) -> list[str]:
+    """Say what went wrong with a scene in one method."""
+    troubles = []
+    if row[f"{whose}: failed"]:
+        troubles.append(
+            f"{row[f'{whose}: failed']} of {row[f'{whose}: samples']} samples failed "
+            f"({row[f'{whose}: reason']})"
+        )
+    if row[f"{whose}: unsolved impacts"] > 0:
+        troubles.append(f"{percent(row[f'{whose}: unsolved impacts'])} of impacts unsolved")
+    if row[f"{whose}: temperatures below zero"] > 0:
+        troubles.append("temperatures below zero")
+    if row[f"{whose}: energy error"] > CLOSED:
+        troubles.append(f"energy error {row[f'{whose}: energy error']:.1g}")
+    if row[f"{whose}: overlaps per sample"] >= 0.5:
+        troubles.append(f"{row[f'{whose}: overlaps per sample']:.2g} overlaps")
+    return troubles
+
+
+def _growth(row: Any, whose: str) -> str:
+    good = row[f"{whose}: samples"] - row[f"{whose}: failed"]
+    return measured(Estimate(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good))
+
+
+SHOWN: Final = (
+    Shown("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
+    Shown("ours: b/b⁰", lambda row: _growth(row, "ours")),
+    Shown("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
+    Shown("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
+    Shown("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
+    Shown("time", lambda row: time(row["ours: seconds per sample (s)"])),
+    Shown("published: b/b⁰", lambda row: _growth(row, "published")),
+    Shown("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
+)
+
+
+def _failures(frame: Any) -> Iterator[str]:
+    for _, row in frame.iterrows():
+        for whose in ("ours", "published"):
+            troubles = _troubles(row, whose)
+            if troubles:
+                yield f"`{row['scene']}`, {whose}: {'; '.join(troubles)}."
+
+
+def _conclusions(frame: Any) -> Iterator[str]:
+    for whose, name in (("ours", "Our method"), ("published", "The published method")):
+        sound = sum(not _troubles(row, whose) for _, row in frame.iterrows())
+        yield f"{name} is sound in {sound} of {len(frame)} extreme scenes."
+    worst = frame["ours: energy error"].max()
+    yield f"The largest energy error of ours in any of them is {worst:.1g} of what flowed."
