@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def strings(rows: np.ndarray, results: np.ndarray, variables: np.ndarray) -> "pd.DataFrame":
-    """Tabulate strings, the variables in use and their judgement: nan or 0 if there is none."""
+def strings(
+    rows: np.ndarray, results: np.ndarray, variables: np.ndarray, samples: np.ndarray
+) -> "pd.DataFrame":
+    """Tabulate strings, the variables in use and their judgement: nan or 0 if there is none.
+
+    `seconds` is the processor time of all samples of a string.
+    """
     pandas = _pandas()
     unused = set(NAMES) - set(_used_names(variables))
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
@@ -34,7 +39,14 @@ def strings(rows: np.ndarray, results: np.ndarray, variables: np.ndarray) -> "pd
     second["hit_maximum"] = second["hit_maximum"] == 1
     for name in ("samples_used", "failed"):
         second[name] = second[name].fillna(0).astype(np.int64)
-    return _with_units(pandas.concat([first, second], axis=1), STRINGS.fields + RESULTS.fields)
+    second["seconds"] = processor_seconds(samples, len(rows))[rows["string"]]
+    fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
+    return _with_units(pandas.concat([first, second], axis=1), fields)
+
+
+def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
+    """Processor time in s that the samples of each string took, used or not, shape (strings,)."""
+    return np.bincount(samples["string"], samples["seconds"], minlength=strings)
 
 
 def samples(rows: np.ndarray, results: np.ndarray) -> "pd.DataFrame":

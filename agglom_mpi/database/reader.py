@@ -111,8 +111,10 @@ class CampaignFile:
 
     @property
     def strings(self) -> "pd.DataFrame":
-        """One row for each string: origin, parameters and judgement."""
-        return frames.strings(self.string_rows(), self.result_rows(), self.variable_rows())
+        """One row for each string: origin, parameters, judgement and processor time."""
+        return frames.strings(
+            self.string_rows(), self.result_rows(), self.variable_rows(), self.all_sample_rows()
+        )
 
     @property
     def samples(self) -> "pd.DataFrame":

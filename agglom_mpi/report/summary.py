@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from agglom_mpi.database.frames import processor_seconds
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -38,6 +39,7 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
     finite = results[np.isfinite(results["objective"])]
     ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
     parameters = {int(row["string"]): row for row in file.string_rows()}
+    cost = processor_seconds(samples, max(parameters, default=-1) + 1)
     generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
     seconds = float((whole["stopped"] - whole["started"]).sum())
@@ -56,11 +58,14 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
         hit_maximum=int(results["hit_maximum"].sum()),
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
-        best=[_entry(row, parameters[int(row["string"])]) for row in ranked],
+        best=[
+            _entry(row, parameters[int(row["string"])], float(cost[row["string"]]))
+            for row in ranked
+        ],
     )
 
 
-def _entry(result: np.void, string: np.void) -> dict[str, Any]:
+def _entry(result: np.void, string: np.void, seconds: float) -> dict[str, Any]:
     entry: dict[str, Any] = {"string": int(result["string"])}
     for name in NAMES:
         if not np.isnan(string[name]):
@@ -69,6 +74,7 @@ def _entry(result: np.void, string: np.void) -> dict[str, Any]:
         entry[name] = float(result[name])
     entry["mean_grains"] = float(result["mean_grains"])
     entry["samples"] = int(result["samples_used"])
+    entry["processor_seconds"] = seconds
     return entry
 
 
@@ -92,6 +98,7 @@ def summarise(file: CampaignFile) -> RenderableType:
         ("growth_number", "(mean b/b0)^3", ".4g"),
         ("mean_grains", "grains per particle", ".4g"),
         ("samples", "samples", "d"),
+        ("processor_seconds", "processor s", ".3g"),
     ):
         _add_row(table, label, summary.best, name, style)
     return Group(table, *_footer(summary))

@@ -57,6 +57,7 @@ def test_strings_table(campaign):
         "samples_used",
         "failed",
         "hit_maximum",
+        "seconds",
     ]
     assert len(table) == 5
     assert set(table["origin"]) == {"offspring"}

@@ -57,6 +57,7 @@ def begun(path):
         rows = np.zeros(12, sample_dtype)
         rows["sample"], rows["state"] = np.arange(12), 1
         rows["state"][3] = 2
+        rows["seconds"] = 0.25
         writer.put_samples(rows)
         put(writer, 1, 0.25, standard_error=np.nan, hit_maximum=True)
         put(writer, 0, 0.125, failed=1)
@@ -88,6 +89,17 @@ def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
     assert summary.samples_simulated == 12
     assert (summary.failed, summary.hit_maximum) == (1, 1)
     assert "surface_energy" not in summary.best[0]
+
+
+def test_a_string_is_shown_with_the_processor_time_of_its_samples(begun):
+    file = open_campaign(begun)
+    rows = file.all_sample_rows()
+    for entry in collect_summary(file).best:
+        own = rows[rows["string"] == entry["string"]]
+        assert entry["processor_seconds"] == pytest.approx(own["seconds"].sum(), rel=1e-12)
+        table = file.strings
+        assert table["seconds"][entry["string"]] == entry["processor_seconds"]
+    assert sum(rows["seconds"]) > 0.0
 
 
 def test_at_most_so_many_strings_are_shown(begun):
