@@ -143,7 +143,7 @@ def lead(
             file = prepare(path, work, order.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
         except MISTAKES as error:
-            display.error(str(error))
+            display.error(in_words(error))
             tell(world, BAD_INPUT)
             return BAD_INPUT
         master = Master(work, file, writer, display)
@@ -168,6 +168,13 @@ def lead(
                 return end.code
     finish(order)
     return FINISHED
+
+
+def in_words(error: Exception) -> str:
+    """Text of a mistake of the user's; of one with a file, the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def run_leg(

@@ -1,0 +1,20 @@
+"""Sample rows made up for tests of what the report computes from them."""
+
+import numpy as np
+
+from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED
+
+
+def made_up(ratios, seconds=1e-3, failed=(), **columns):
+    """Rows of samples 0, 1, 2, … with given growth; those in `failed` did not complete."""
+    rows = np.zeros(len(ratios), sample_dtype)
+    rows["sample"] = np.arange(len(ratios))
+    rows["state"] = COMPLETED
+    rows["mean_radius_ratio"] = ratios
+    rows["seconds"] = seconds
+    rows["particles"] = 10
+    for name, values in columns.items():
+        rows[name] = values
+    rows["state"][list(failed)] = FAILED
+    return rows

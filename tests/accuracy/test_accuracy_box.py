@@ -1,0 +1,51 @@
+"""Control volume and end time."""
+
+import numpy as np
+import pytest
+from accuracy_rows import made_up
+
+from agglom_mpi.accuracy import box as module
+from agglom_mpi.accuracy.time_integration import EVENT
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.simulation.scene import build_scene
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return load_campaign("jobs/quickstart.yaml")
+
+
+def test_another_number_of_particles_changes_nothing_but_the_control_volume(campaign):
+    own = build_scene(campaign.scene, campaign.parameters())
+    trials = module.trials(campaign, campaign.parameters(), 9, quick=False)
+    for number in module.numbers(campaign, quick=False):
+        trial = trials[module.name_of_number(number)]
+        scene = build_scene(trial.campaign.scene, trial.parameters, trial.engine)
+        assert scene.particles == number
+        assert scene.radius == pytest.approx(own.radius, rel=1e-14)
+        assert scene.mass == pytest.approx(own.mass, rel=1e-14)
+        assert scene.end_time == own.end_time
+        density = scene.particles / scene.half_width**3
+        assert density == pytest.approx(own.particles / own.half_width**3, rel=1e-13)
+
+
+def test_another_end_time_changes_nothing_but_the_end(campaign):
+    own = build_scene(campaign.scene, campaign.parameters())
+    trials = module.trials(campaign, campaign.parameters(), 9, quick=True)
+    for factor in module.QUICK_TIMES:
+        trial = trials[module.name_of_time(factor)]
+        scene = build_scene(trial.campaign.scene, trial.parameters, trial.engine)
+        assert scene == own._replace(end_time=factor * own.end_time)
+
+
+def test_differences_are_judged_by_their_errors(campaign):
+    random = np.random.default_rng(2)
+    names = [EVENT, *module.trials(campaign, campaign.parameters(), 1, quick=True)]
+    samples = {name: made_up(2.0 + 0.1 * random.normal(size=100)) for name in names}
+    samples[module.name_of_time(2.0)] = made_up(2.5 + 0.1 * random.normal(size=100), 3e-3)
+    found = module.box(campaign, campaign.parameters(), samples, quick=True)
+    changes = {text.split(" times ")[0]: text for text in found.conclusions[2:]}
+    assert "within the error" in changes["0.5"]
+    assert "beyond the error" in changes["2"]
+    assert "at 3 times the time of a sample" in changes["2"]
+    assert [len(table.frame) for table in found.tables] == [3, 3]

@@ -1,0 +1,151 @@
+"""`agglom accuracy` from the command line: plain, with MPI, again, and with bad input."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from farm_runs import QUICKSTART, environment, finish, need_mpirun
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.simulation.outcome import COLUMNS
+
+
+def run(folder, *arguments, ranks=None, **variables):
+    words = ["agglom", "accuracy", *map(str, arguments)]
+    return subprocess.run(
+        words if ranks is None else ["mpirun", "-n", str(ranks), *words],
+        cwd=folder,
+        env=environment(**variables),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def scene(folder):
+    """Write the quickstart with few samples and generations, for its history too."""
+    text = QUICKSTART.read_text().replace("max_samples: 150", "max_samples: 20")
+    path = folder / "small.yaml"
+    path.write_text(text.replace("generations: 6", "generations: 2"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory):
+    """Return a folder with a campaign, its file and the quick study of both."""
+    folder = tmp_path_factory.mktemp("study")
+    scene(folder)
+    finish(folder, "small.yaml", "-q")
+    done = run(folder, "small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "a")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    return folder
+
+
+def columns(file):
+    rows = open_campaign(file).all_sample_rows()
+    return {
+        name: rows[name].tobytes()
+        for name in ("string", "sample", "objective", *(column.name for column in COLUMNS))
+    }
+
+
+def test_the_report_has_every_section_with_its_figures_and_tables(studied):
+    text = (studied / "a" / "report.md").read_text()
+    for title in (
+        "Time integration",
+        "Impact solver",
+        "Cooling",
+        "Ensemble",
+        "Control volume and end time",
+        "Inversion",
+    ):
+        assert f"### {title}" in text
+    assert text.startswith("# Accuracy: Quickstart")
+    assert "`agglom accuracy small.yaml --out a --samples 12 --history small.h5 --quick`" in text
+    for line in text.splitlines():
+        if line.startswith("!["):
+            picture = line.rpartition("(")[2].rstrip(")")
+            assert (studied / "a" / picture).stat().st_size > 1000
+            assert (studied / "a" / picture).with_suffix(".svg").exists()
+    assert {"time_integration", "box_particles", "inversion", "inversion_history"} <= {
+        path.stem for path in (studied / "a").glob("*.csv")
+    }
+
+
+def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
+    history = open_campaign(studied / "small.h5")
+    again = open_campaign(studied / "a" / "samples.h5")
+    number = next(
+        int(row["string"])
+        for row in again.string_rows()
+        if row["string"] == len(again.string_rows()) - 1
+    )
+    fresh = again.sample_rows(number)["mean_radius_ratio"]
+    seen = history.all_sample_rows()["mean_radius_ratio"]
+    assert len(fresh) == 12
+    assert not np.isin(fresh, seen).any()
+
+
+def test_a_finished_study_only_writes_its_report_again(studied):
+    report = studied / "a" / "report.md"
+    samples = (studied / "a" / "samples.h5").read_bytes()
+    report.unlink()
+    arguments = ("small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "a")
+    done = run(studied, *arguments)
+    assert done.returncode == 0, done.stderr
+    assert "nothing to do" in done.stderr
+    assert report.exists()
+    assert (studied / "a" / "samples.h5").read_bytes() == samples
+
+
+def test_ranks_and_a_stop_in_between_change_no_sample(studied):
+    need_mpirun()
+    arguments = ("small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "b")
+    stopped = run(studied, *arguments, "--max-walltime", "0.01", ranks=2)
+    assert stopped.returncode == 75, stopped.stderr
+    assert not (studied / "b" / "report.md").exists()
+    done = run(studied, *arguments, ranks=2)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("accuracy study of") == 1
+    assert columns(studied / "b" / "samples.h5") == columns(studied / "a" / "samples.h5")
+    assert (studied / "b" / "report.md").exists()
+
+
+def test_another_study_in_the_same_directory_is_refused(studied):
+    done = run(studied, "small.yaml", "--quick", "--samples", 13, "-o", "a")
+    assert done.returncode == 2
+    assert "belongs to another" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere.yaml", "-o", "x"], "nowhere.yaml: no such file"),
+        (["small.yaml", "-o", "x", "--history", "no.h5"], "no.h5: No such file or directory"),
+        (["small.yaml", "-o", "small.h5"], "small.h5: File exists"),
+        (["small.yaml", "-o", "x", "--set", "density=heavy"], "density: is the text 'heavy'"),
+        (["small.yaml", "-o", "x", "--set", "activation_energy=1e9"], "small.yaml: scene: "),
+    ],
+)
+def test_bad_input_is_one_message_and_leaves_nothing(studied, arguments, message):
+    done = run(studied, *arguments)
+    assert done.returncode == 2, done.stderr
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (studied / "x").exists()
+
+
+def test_without_matplotlib_it_says_what_to_install(studied, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import importlib.util as u\nfind = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name == 'matplotlib' else find(name, *rest)\n"
+    )
+    path = f"{tmp_path}:{Path.cwd()}"
+    done = run(studied, "small.yaml", "--quick", "-o", "x", PYTHONPATH=path)
+    assert done.returncode == 2
+    assert done.stderr == "the report needs matplotlib: pip install 'agglom_mpi[report]'\n"

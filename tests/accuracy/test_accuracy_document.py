@@ -1,0 +1,83 @@
+"""The report on disc."""
+
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+
+from agglom_mpi.accuracy.curves import Curve, draw_curves
+from agglom_mpi.accuracy.document import Header, Part, write_document
+from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+
+FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
+
+
+def draw(figure):
+    draw_curves(
+        figure, [Curve("one", [1, 2], [3, 4], [2, 3], [4, 5]), Curve("two", [1], [1])], "s", "%"
+    )
+
+
+SECTION = Section(
+    title="Steps",
+    problem="What do steps cost?",
+    reference="None.",
+    setups="Two.",
+    figures=(Figure("steps", "Error against steps.", draw),),
+    tables=(
+        Table("steps", "One row is one step.", FRAME, (Shown("step", lambda r: f"{r.iloc[0]}|"),)),
+        Table("hidden", "Not shown.", FRAME),
+    ),
+    failures=("The first one failed.",),
+    conclusions=("Steps cost time.",),
+)
+
+
+@pytest.fixture
+def written(tmp_path):
+    header = Header("Accuracy", "agglom accuracy x.yaml", ("two set-ups",))
+    return write_document(tmp_path, header, [Part("Error against run time", (SECTION,))])
+
+
+def test_the_document_tells_problem_reference_failures_and_conclusions(written):
+    text = written.read_text()
+    for line in (
+        "# Accuracy",
+        "`agglom accuracy x.yaml`",
+        "- two set-ups",
+        "## Part 1: Error against run time",
+        "### Steps",
+        "What do steps cost?",
+        "**Reference.** None.",
+        "![Error against steps.](steps.png)",
+        "| step |",
+        "| 0.01¦ |",
+        "- The first one failed.",
+        "- Steps cost time.",
+        "## Machine",
+    ):
+        assert line in text.splitlines(), line
+    assert text.index("Steps cost time.") < text.index("## Part 1")
+
+
+def test_every_number_is_in_a_csv_unrounded(written):
+    for name in ("steps", "hidden"):
+        read = pd.read_csv(written.parent / f"{name}.csv", dtype=str)
+        for column in FRAME.columns:
+            assert [float(text) for text in read[column]] == FRAME[column].tolist()
+    assert "Not shown." not in written.read_text()
+
+
+def test_figures_are_there_as_pictures_and_vectors(written):
+    assert imread(written.parent / "steps.png").shape[:2] == (418, 660)
+    assert "<svg" in (written.parent / "steps.svg").read_text()
+    assert (written.parent / "steps.png").stat().st_size < 100_000
+
+
+def test_no_half_written_file_is_left_behind(written):
+    assert sorted(path.name for path in written.parent.iterdir()) == [
+        "hidden.csv",
+        "report.md",
+        "steps.csv",
+        "steps.png",
+        "steps.svg",
+    ]
