@@ -154,7 +154,8 @@ def check(campaign: str) -> None:
         from agglom_mpi.campaign import load_campaign
 
         loaded = load_campaign(campaign)
-        loaded.check_searchable()
+        if loaded.plan is not None:
+            loaded.check_searchable()
         click.echo(loaded.describe())
         return 0
 

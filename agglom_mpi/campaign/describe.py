@@ -37,6 +37,8 @@ def sections(campaign: "Campaign") -> list[Section]:
 
 
 def _run(campaign: "Campaign") -> list[str]:
+    if campaign.plan is None:
+        return [f"seed: {campaign.seed}", "a scene: nothing is searched, `agglom simulate` runs it"]
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.most_strings
     fewest = strings if stopping.target is None else search.population

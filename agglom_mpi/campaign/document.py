@@ -12,6 +12,7 @@ from agglom_mpi.campaign.plan import (
     AnyObjective,
     GrowthTarget,
     Output,
+    Plan,
     Search,
     Stopping,
 )
@@ -20,18 +21,19 @@ from agglom_mpi.campaign.source import CampaignError, parse
 from agglom_mpi.campaign.variables import VariableEntries
 
 
-class Document(Part):
-    """All sections, each valid and fitting the others."""
+class SceneDocument(Part):
+    """A scene with the values of its variables: what can be simulated, but not searched."""
 
     title: Line = ""
     seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
     scene: SceneModel = Field(description="the section on what is simulated")
     variables: VariableEntries = Field(description="the section of values and ranges")
-    objective: AnyObjective = Field(description="allowed: growth_target, maximum_growth")
-    search: Search = Search()
-    ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
-    stopping: Stopping = Field(description="the section on what ends the campaign")
     output: Output = Output()
+
+    @property
+    def plan(self) -> Plan | None:
+        """What is searched and how; a scene alone has none."""
+        return None
 
     @model_validator(mode="before")
     @classmethod
@@ -46,6 +48,20 @@ class Document(Part):
         if "scene" in info.data:
             refuse(mismatches(info.data["scene"], dict(entries)))
         return entries
+
+
+class Document(SceneDocument):
+    """All sections of a campaign, each valid and fitting the others."""
+
+    objective: AnyObjective = Field(description="allowed: growth_target, maximum_growth")
+    search: Search = Search()
+    ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
+    stopping: Stopping = Field(description="the section on what ends the campaign")
+
+    @property
+    def plan(self) -> Plan:
+        """What is searched and how."""
+        return Plan(self.objective, self.search, self.ensemble, self.stopping)
 
     @field_validator("objective")
     @classmethod
@@ -69,10 +85,20 @@ class Document(Part):
         return stopping
 
 
-def read_document(text: str, name: str) -> Document:
+def read_document(text: str, name: str) -> SceneDocument:
     """Parse and validate the text of a campaign file that errors call `name`."""
     source = parse(text, name)
+    model = Document if _is_to_be_searched(source.data) else SceneDocument
     try:
-        return Document.model_validate(source.data)
+        return model.model_validate(source.data)
     except ValidationError as error:
-        raise CampaignError(*explain(error, source, Document)) from None
+        raise CampaignError(*explain(error, source, model)) from None
+
+
+def _is_to_be_searched(data: dict[str, Any]) -> bool:
+    """Whether there is a range, or a section that says how to search: then all are needed."""
+    variables = data.get("variables")
+    entries = variables.values() if isinstance(variables, dict) else ()
+    return any(isinstance(entry, list) for entry in entries) or any(
+        data.get(section) is not None for section in Plan._fields
+    )

@@ -5,6 +5,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from agglom_mpi.campaign.plan import Plan
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -20,20 +21,24 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     variables = campaign.variables
     ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
     boxes = dict(zip(NAMES, ends, strict=True))
-    target = campaign.stopping.target
-    return dict(
-        _flat(
-            {
-                "seed": campaign.seed,
-                "scene": campaign.scene.model_dump(),
-                "variables": {name: boxes[name] for name in variables.used},
-                "objective": campaign.objective.model_dump(),
-                "search": campaign.search.model_dump(),
-                "ensemble": campaign.ensemble.model_dump(),
-                "stopping": {"target": target.model_dump() if target else None},
-            }
-        )
-    )
+    sections = {
+        "seed": campaign.seed,
+        "scene": campaign.scene.model_dump(),
+        "variables": {name: boxes[name] for name in variables.used},
+    }
+    if campaign.plan is not None:
+        sections |= _planned(campaign.plan)
+    return dict(_flat(sections))
+
+
+def _planned(plan: Plan) -> dict[str, object]:
+    target = plan.stopping.target
+    return {
+        "objective": plan.objective.model_dump(),
+        "search": plan.search.model_dump(),
+        "ensemble": plan.ensemble.model_dump(),
+        "stopping": {"target": target.model_dump() if target else None},
+    }
 
 
 def digest(entries: Mapping[str, object]) -> str:

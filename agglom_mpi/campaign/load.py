@@ -12,7 +12,7 @@ from agglom_mpi.campaign import describe, identity
 from agglom_mpi.campaign.document import read_document
 from agglom_mpi.campaign.engines import Engine, parse_engine
 from agglom_mpi.campaign.needs import needs
-from agglom_mpi.campaign.plan import Ensemble, Objective, Output, Search, Stopping
+from agglom_mpi.campaign.plan import Ensemble, Objective, Output, Plan, Search, Stopping
 from agglom_mpi.campaign.scene import SceneModel
 from agglom_mpi.campaign.source import CampaignError, Problem, parse, read_text
 from agglom_mpi.campaign.variables import Variables, collect, read_named
@@ -30,16 +30,16 @@ def load_campaign(path: str | os.PathLike[str]) -> "Campaign":
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign file that has been read; two are the same if their `identity` is."""
+    """A campaign file that has been read; two are the same if their `identity` is.
+
+    Without a `plan` it is a scene alone: all variables are fixed, and nothing is searched.
+    """
 
     title: str
     seed: int
     scene: SceneModel
     variables: Variables
-    objective: Objective
-    search: Search
-    ensemble: Ensemble
-    stopping: Stopping
+    plan: Plan | None
     output: Output
     text: str
     name: str
@@ -53,14 +53,44 @@ class Campaign:
             seed=document.seed,
             scene=document.scene,
             variables=collect(dict(document.variables), tuple(needs(document.scene))),
-            objective=document.objective,
-            search=document.search,
-            ensemble=document.ensemble,
-            stopping=document.stopping,
+            plan=document.plan,
             output=document.output,
             text=text,
             name=name,
         )
+
+    @property
+    def objective(self) -> Objective:
+        """What is searched for; a CampaignError where nothing is, as for all parts of the plan."""
+        return self._planned.objective
+
+    @property
+    def search(self) -> Search:
+        """How strings are proposed."""
+        return self._planned.search
+
+    @property
+    def ensemble(self) -> Ensemble:
+        """How many samples a string gets."""
+        return self._planned.ensemble
+
+    @property
+    def stopping(self) -> Stopping:
+        """What ends the campaign."""
+        return self._planned.stopping
+
+    @property
+    def _planned(self) -> Plan:
+        if self.plan is None:
+            raise self._nothing_to_search()
+        return self.plan
+
+    def _nothing_to_search(self) -> CampaignError:
+        line = parse(self.text, self.name).line(("variables",))
+        message = "has no range; a search needs at least one variable as [lower, upper]"
+        if self.plan is None:
+            message += ", and the sections objective, ensemble and stopping"
+        return CampaignError(Problem(self.name, line, "variables", message))
 
     @property
     def most_strings(self) -> int:
@@ -69,11 +99,9 @@ class Campaign:
         return self.search.population + (self.stopping.generations - 1) * new
 
     def check_searchable(self) -> None:
-        """Raise a CampaignError unless there is a variable to search."""
-        if not self.variables.searched:
-            line = parse(self.text, self.name).line(("variables",))
-            message = "has no range; a search needs at least one variable as [lower, upper]"
-            raise CampaignError(Problem(self.name, line, "variables", message))
+        """Raise a CampaignError unless there is a plan, and a variable to search."""
+        if self.plan is None or not self.variables.searched:
+            raise self._nothing_to_search()
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the same campaign with another number of generations; `text` stays as it is."""
@@ -81,7 +109,7 @@ class Campaign:
             message = f"is {generations}; must be at least 1"
             raise CampaignError(Problem(self.name, None, "stopping.generations", message))
         stopping = self.stopping.model_copy(update={"generations": generations})
-        return replace(self, stopping=stopping)
+        return replace(self, plan=self._planned._replace(stopping=stopping))
 
     def parameters(
         self,

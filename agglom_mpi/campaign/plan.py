@@ -1,6 +1,6 @@
 """Everything but the scene and the variables: objective, search, ensemble, stopping, output."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -122,6 +122,15 @@ class Stopping(Part):
     generations: Annotated[WholeNumber, Field(ge=1, le=10**6, description="the most generations")]
     target: Annotated[Target | None, NONE] = None
     max_failures: Annotated[WholeNumber, Field(ge=1)] = 100
+
+
+class Plan(NamedTuple):
+    """What is searched and how: the sections that a scene alone does without."""
+
+    objective: Objective
+    search: Search
+    ensemble: Ensemble
+    stopping: Stopping
 
 
 class Output(Part):

@@ -1,0 +1,117 @@
+"""A scene with fixed variables needs no plan: it is checked and simulated, but not searched."""
+
+import pytest
+from campaign_text import campaign, edited
+
+from agglom_mpi.campaign import Campaign, CampaignError
+
+FIXED = (
+    ("  relative_speed", "  relative_speed: 3"),
+    ("  size_ratio", "  size_ratio: 0.6"),
+    ("  hardness: [", "  hardness: 67 MPa"),
+)
+PLAN = ("objective", "search", "ensemble", "  rule", "  tolerance", "  max_samples", "stopping",
+        "  generations", "  target")  # fmt: skip
+ALONE = (*FIXED, *((line, "") for line in PLAN))
+
+
+def message(*edits: tuple[str, str]) -> str:
+    with pytest.raises(CampaignError) as caught:
+        campaign(*edits)
+    return str(caught.value)
+
+
+def test_a_scene_alone_has_the_same_scene_and_values_as_in_a_campaign() -> None:
+    alone, planned = campaign(*ALONE), campaign(*FIXED)
+    assert alone.plan is None
+    assert planned.plan is not None
+    assert alone.scene == planned.scene
+    assert alone.parameters().tobytes() == planned.parameters().tobytes()
+
+
+def test_a_scene_alone_cannot_be_searched() -> None:
+    alone = campaign(*ALONE)
+    wanted = (
+        "campaign.yaml:16: variables: has no range; a search needs at least one variable as "
+        "[lower, upper], and the sections objective, ensemble and stopping"
+    )
+    for search in (
+        alone.check_searchable,
+        lambda: alone.with_generations(3),
+        lambda: alone.most_strings,
+        lambda: alone.objective,
+        lambda: alone.search,
+        lambda: alone.ensemble,
+        lambda: alone.stopping,
+    ):
+        with pytest.raises(CampaignError) as caught:
+            search()
+        assert str(caught.value) == wanted
+
+
+MISSING = (
+    "campaign.yaml:1: objective: is missing; allowed: growth_target, maximum_growth",
+    "campaign.yaml:1: ensemble: is missing; the section on the samples of a string",
+    "campaign.yaml:1: stopping: is missing; the section on what ends the campaign",
+)
+
+
+def test_a_range_needs_the_whole_plan() -> None:
+    assert message(*ALONE[1:]).splitlines() == list(MISSING)
+
+
+def test_one_section_of_the_plan_needs_the_others() -> None:
+    given = [edit for edit in ALONE if edit[0] != "objective"]
+    assert message(*given).splitlines() == list(MISSING[1:])
+    assert message(*ALONE, ("seed", "search: {population: 8, parents: 2}")).splitlines() == [
+        *MISSING
+    ]
+
+
+def test_an_empty_section_of_the_plan_is_none() -> None:
+    assert campaign(*ALONE, ("seed", "objective:")).plan is None
+
+
+def test_mistakes_of_a_scene_alone_are_not_followed_by_those_of_a_search() -> None:
+    assert message(*ALONE, ("title", "titel: A test")) == (
+        "campaign.yaml:1: titel: unknown key 'titel'; did you mean 'title'?"
+    )
+    assert message(*ALONE, ("  density", "  density: -1")) == (
+        "campaign.yaml:19: variables.density: is -1; must be greater than 0 kg/m^3"
+    )
+    assert message(*ALONE, ("  density", "")) == (
+        "campaign.yaml:16: variables.density: is missing; needed by every scene; a value or a "
+        "range [lower, upper]"
+    )
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(edited(*ALONE).partition("variables:")[0])
+    assert str(caught.value) == (
+        "campaign.yaml:1: variables: is missing; the section of values and ranges"
+    )
+
+
+def test_the_identity_of_a_scene_alone_is_that_of_a_campaign_without_its_plan() -> None:
+    plan = ("objective", "search", "ensemble", "stopping")
+    planned = campaign(*FIXED).identity()
+    assert campaign(*ALONE).identity() == {
+        key: value for key, value in planned.items() if key.partition(".")[0] not in plan
+    }
+    assert campaign(*ALONE).sha256() != campaign(*FIXED).sha256()
+
+
+def test_the_identity_of_a_campaign_is_what_it_was_before_scenes_stood_alone() -> None:
+    """A running campaign is continued by its digest; this one was computed then."""
+    digest = "01f795b36c25d0a3af7cc1e59e96a63a60fcf053aa4e096f649bdd16747384f8"
+    assert campaign().sha256() == digest
+
+
+def test_a_scene_alone_is_described_without_a_search() -> None:
+    lines = campaign(*ALONE).describe().splitlines()
+    assert lines[:4] == [
+        "A test",
+        "  seed: 7",
+        "  a scene: nothing is searched, `agglom simulate` runs it",
+        "Scene",
+    ]
+    planned = campaign(*FIXED).describe().splitlines()
+    assert lines[3:] == planned[planned.index("Scene") :]

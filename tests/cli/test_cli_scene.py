@@ -1,0 +1,60 @@
+"""A file with a scene and fixed variables alone is checked and simulated, but not searched."""
+
+import json
+import math
+import re
+
+import pytest
+from farm_runs import QUICKSTART, invert
+
+from agglom_mpi import load_campaign
+
+BOXES = (("[0.1, 30]", "4.3"), ("[0.4, 0.8]", "0.633"), ("[10 MPa, 200 MPa]", "67 MPa"))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return a file with the quickstart's scene, and no word on a search."""
+    text = QUICKSTART.read_text().partition("\nobjective")[0]
+    for box, value in BOXES:
+        assert box in text
+        text = text.replace(box, value)
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_scene_is_checked(agglom, scene):
+    done = agglom("check", scene)
+    assert (done.exit_code, done.stderr) == (0, "")
+    headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
+    assert headings[1:] == ["Scene", "Variables", "Submodels", "Left out"]
+    assert "\n  a scene: nothing is searched, `agglom simulate` runs it\nScene\n" in done.stdout
+    for entry in ("objective", "search", "ensemble", "generations", "strings", "samples"):
+        assert f"  {entry}: " not in done.stdout
+
+
+def test_a_scene_is_simulated_without_an_objective(agglom, scene):
+    done = agglom("simulate", scene, "--samples", 3, "--json")
+    report = json.loads(done.stdout)
+    outcomes = [load_campaign(scene).simulate({}, sample) for sample in range(3)]
+    mean = sum(outcome.mean_radius_ratio for outcome in outcomes) / 3
+    assert done.exit_code == 0
+    assert "objective" not in report
+    assert report["measured"]["mean_radius_ratio"]["mean"] == pytest.approx(mean, rel=1e-14)
+    assert all(math.isnan(outcome.objective) for outcome in outcomes)
+    text = agglom("simulate", scene, "--samples", 3).stdout
+    assert "mean_radius_ratio" in text
+    assert not re.search("objective|nan", text)
+
+
+@pytest.mark.parametrize("options", [[], ["--generations", "2"]])
+def test_a_scene_is_not_searched(scene, options):
+    done = invert(scene.parent, scene, *options)
+    line = scene.read_text().splitlines().index("variables:") + 1
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"{scene}:{line}: variables: has no range; a search needs at least one variable as "
+        "[lower, upper], and the sections objective, ensemble and stopping\n"
+    )
+    assert not list(scene.parent.glob("*.h5"))
