@@ -24,8 +24,8 @@ UNIQUE_HARDENING: Final = 4.0
 """U/(Rθ) of the colder sphere up to which the root is unique: heat/d falls with d, so
 d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ₀)/θ² = U/(4Rθ₀)."""
 
-SMALLEST_LOG: Final = -745.0
-"""Below this ln d the deficit underflows and the impact is elastic."""
+SMALLEST_LOG: Final = -600.0
+"""Below this ln d the impact is elastic: the pressure on so small an area soon overflows."""
 
 TOLERANCE: Final = 4e-15
 WALK_CAP: Final = 10_000
