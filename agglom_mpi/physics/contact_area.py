@@ -20,6 +20,12 @@ def area_fraction(model: ContactArea, deficit: float) -> float:
 
 
 @stage
+def area_slope(model: ContactArea, radius: float) -> float:
+    """Change of the contact area with the deficit 1 − e, m²."""
+    return (model.final - model.initial) * math.pi * radius * radius
+
+
+@stage
 def contact_area(model: ContactArea, deficit: float, radius: float) -> float:
     """Contact area in m² of spheres whose smaller radius is `radius` in m."""
     return area_fraction(model, deficit) * math.pi * radius * radius

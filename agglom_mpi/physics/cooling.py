@@ -14,6 +14,9 @@ WEIGHTS: Final = tuple(0.5 * float(weight) for weight in _WEIGHTS)
 PANEL: Final = 0.5
 """Width in ln of the distance to equilibrium over which the 8-point rule is exact to rounding."""
 
+COLDEST: Final = 1e-30
+"""An equilibrium in K up to which it is taken as 0 K, so that ln of the distance has a range."""
+
 
 class RadiativeCooling(NamedTuple):
     """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19–6.20].
@@ -135,27 +138,47 @@ def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
     return total * width
 
 
-@cooled.answer(RadiativeCooling)
-def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
-    left = time * surface / capacity
-    distance = temperature - law.equilibrium
-    if left <= 0.0 or distance == 0.0:
-        return temperature
-    smallest = 1e-17 * law.equilibrium
-    taken = panel_time(law, distance, PANEL)
-    while taken < left:
-        left -= taken
-        distance *= math.exp(-PANEL)
-        if abs(distance) <= smallest:
-            return law.equilibrium
-        taken = panel_time(law, distance, PANEL)
-    width = PANEL * left / taken
+@stage
+def cooled_towards_zero(law: RadiativeCooling, temperature: float, left: float) -> float:
+    """Temperature in K after `left` = time·a_s/(mC) of θ' ∝ −hθ − Bεθ⁴, a Bernoulli equation."""
+    convection = law.convection
+    grown = -math.expm1(-3.0 * convection * left) / convection if convection > 0.0 else 3.0 * left
+    radiated = STEFAN_BOLTZMANN * law.emissivity * temperature**3 * grown
+    return temperature * math.exp(-convection * left) * (1.0 + radiated) ** (-1.0 / 3.0)
+
+
+@stage
+def panel_width(law: RadiativeCooling, distance: float, left: float, guess: float) -> float:
+    """Width of the panel from `distance` that takes the time `left`, by Newton's method."""
+    width = guess
     for _ in range(50):
         error = panel_time(law, distance, width) - left
         change = error * relaxation_rate(law, distance * math.exp(-width))
         width = min(PANEL, max(0.0, width - change))
-        if abs(change) <= 1e-16 + 1e-15 * width:
+        if abs(change) <= 1e-15 * width:
             break
+    return width
+
+
+@cooled.answer(RadiativeCooling)
+def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+    left = time * surface / capacity
+    start = temperature - law.equilibrium
+    if left <= 0.0 or start == 0.0:
+        return temperature
+    if law.equilibrium <= COLDEST or relaxation_rate(law, min(start, 0.0)) == 0.0:
+        return cooled_towards_zero(law, temperature, left)
+    distance = start
+    taken = panel_time(law, distance, PANEL)
+    while taken < left:
+        left -= taken
+        distance *= math.exp(-PANEL)
+        if abs(distance) <= 1e-17 * law.equilibrium:
+            return law.equilibrium
+        taken = panel_time(law, distance, PANEL)
+    width = panel_width(law, distance, left, PANEL * left / taken)
+    if distance == start:  # counted from where it was, which may be far nearer to zero
+        return temperature + start * math.expm1(-width)
     return law.equilibrium + distance * math.exp(-width)
 
 

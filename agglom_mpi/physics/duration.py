@@ -28,6 +28,11 @@ def force_shape(model: Submodel, restitution: float) -> float:
     """Mean force over that of a perfectly plastic impact, dimensionless; never falls with e."""
 
 
+@question
+def force_fall(model: Submodel, deficit: float) -> float:
+    """−d ln(force shape)/d ln d at the deficit d = 1 − e, dimensionless; never falls with d."""
+
+
 @force_scale.answer(MeanSpeedDuration, CompressionRecoveryDuration)
 def _plastic_force(model, pair):  # type: ignore[no-untyped-def]
     energy = pair.reduced_mass * pair.approach_speed * pair.approach_speed
@@ -42,3 +47,13 @@ def _mean_speed_shape(model, restitution):  # type: ignore[no-untyped-def]
 @force_shape.answer(CompressionRecoveryDuration)
 def _compression_recovery_shape(model, restitution):  # type: ignore[no-untyped-def]
     return 1.0
+
+
+@force_fall.answer(MeanSpeedDuration)
+def _mean_speed_fall(model, deficit):  # type: ignore[no-untyped-def]
+    return 2.0 * deficit / (2.0 - deficit)
+
+
+@force_fall.answer(CompressionRecoveryDuration)
+def _compression_recovery_fall(model, deficit):  # type: ignore[no-untyped-def]
+    return 0.0

@@ -23,6 +23,19 @@ def tangential_impulse(model: Submodel | None, pair: Encounter, deficit: float) 
     """Friction impulse min(μJ, m*|u_t|) in N s, against the slip; never more than stops it."""
 
 
+@question
+def impulse_slopes(
+    model: Submodel | None, pair: Encounter, lower: float, upper: float
+) -> tuple[float, float]:
+    """Least and largest slope in N s of the friction impulse over the deficits [lower, upper]."""
+
+
+@stage
+def stops_slip(coefficient: float, pair: Encounter, deficit: float) -> bool:
+    """Whether the Coulomb impulse would do more than stop the slip."""
+    return coefficient * (2.0 - deficit) * pair.approach_speed >= pair.slip_speed
+
+
 @stage
 def capped_impulse(coefficient: float, pair: Encounter, deficit: float) -> float:
     """Coulomb impulse μJ with J = m*(1+e)w, capped at the impulse m*|u_t| that stops the slip."""
@@ -43,6 +56,27 @@ def _restitution_scaled(model, pair, deficit):  # type: ignore[no-untyped-def]
 @tangential_impulse.answer(ConstantFriction)
 def _constant(model, pair, deficit):  # type: ignore[no-untyped-def]
     return capped_impulse(model.base, pair, deficit)
+
+
+@impulse_slopes.answer(None)
+def _flat(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+    return 0.0, 0.0
+
+
+@impulse_slopes.answer(RestitutionScaledFriction)
+def _restitution_scaled_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+    sliding = 2.0 * model.base * pair.reduced_mass * pair.approach_speed
+    least = 0.0 if stops_slip(model.base * upper, pair, upper) else sliding * (1.0 - upper)
+    most = 0.0 if stops_slip(model.base * lower, pair, lower) else sliding * (1.0 - lower)
+    return least, most
+
+
+@impulse_slopes.answer(ConstantFriction)
+def _constant_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+    sliding = -model.base * pair.reduced_mass * pair.approach_speed
+    least = 0.0 if stops_slip(model.base, pair, upper) else sliding
+    most = 0.0 if stops_slip(model.base, pair, lower) else sliding
+    return least, most
 
 
 @stage

@@ -25,6 +25,11 @@ def log_hardening(model: Submodel, temperature: float) -> float:
     """ln(H/H₀) at `temperature` in K, dimensionless; +inf at and below 0 K if U > 0."""
 
 
+@question
+def softening_rate(model: Submodel, temperature: float) -> float:
+    """−d ln H/dθ in 1/K at `temperature` > 0 K."""
+
+
 @log_hardening.answer(ConstantHardness)
 def _not_hardened(model, temperature):  # type: ignore[no-untyped-def]
     return 0.0
@@ -37,3 +42,13 @@ def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
     if temperature <= 0.0:
         return math.inf
     return model.activation_energy / (GAS_CONSTANT * temperature)
+
+
+@softening_rate.answer(ConstantHardness)
+def _never_softer(model, temperature):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@softening_rate.answer(ArrheniusHardness)
+def _arrhenius_rate(model, temperature):  # type: ignore[no-untyped-def]
+    return model.activation_energy / (GAS_CONSTANT * temperature) / temperature

@@ -1,14 +1,19 @@
 """Which part of the energy lost at an impact heats which sphere?
 
-The heats of both spheres are sums of terms that are monotone in e, so the largest heat over an
-interval of e is bounded by taking each term at the better end; `impact` searches roots with that.
+The search for the smallest root of e = G(e) bounds each heat over an interval of deficits by a
+straight line through its upper end, with the least slope that the heat has in the interval.
 """
 
 from typing import NamedTuple
 
 from agglom_mpi.compilation import Submodel, question, stage
 from agglom_mpi.physics.encounter import Encounter
-from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
+from agglom_mpi.physics.friction import (
+    friction_loss,
+    impulse_slopes,
+    normal_loss,
+    tangential_impulse,
+)
 
 
 class PairSplit(NamedTuple):
@@ -34,14 +39,14 @@ def impact_heats(
 
 
 @question
-def largest_heats(
+def least_heat_slopes(
     model: Submodel | None,
     friction: Submodel | None,
     pair: Encounter,
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
-    """Upper bounds in J of both heats over all deficits in [lower, upper]."""
+    """Lower bounds in J of the slopes of both heats in the deficit, over [lower, upper]."""
 
 
 @question
@@ -76,8 +81,8 @@ def _no_heat(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     return 0.0, 0.0
 
 
-@largest_heats.answer(None)
-def _no_largest(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+@least_heat_slopes.answer(None)
+def _no_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
     return 0.0, 0.0
 
 
@@ -93,14 +98,13 @@ def _pair_split(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     return half, half
 
 
-@largest_heats.answer(PairSplit)
-def _pair_split_largest(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
-    rubbing = max(
-        friction_loss(pair, tangential_impulse(friction, pair, lower)),
-        friction_loss(pair, tangential_impulse(friction, pair, upper)),
-    )
-    half = 0.5 * (normal_loss(pair, upper) + rubbing)
-    return half, half
+@least_heat_slopes.answer(PairSplit)
+def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+    # Both parts are concave in the deficit and without a corner where friction stops the slip.
+    work = pair.reduced_mass * pair.approach_speed * pair.approach_speed * (1.0 - upper)
+    left = pair.slip_speed - tangential_impulse(friction, pair, upper) / pair.reduced_mass
+    slope = 0.5 * (work + left * impulse_slopes(friction, pair, upper, upper)[0])
+    return slope, slope
 
 
 @merge_heat.answer(PairSplit)
@@ -117,12 +121,16 @@ def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: 
 
 
 @stage
-def largest_own_loss(mass, normal, tangent, impulses, rubbing):  # type: ignore[no-untyped-def]
-    """Bound of `own_loss` over normal and friction impulses within the given pairs of ends."""
-    return (
-        max(normal * impulses[0], normal * impulses[1])
-        + max(tangent * rubbing[0], tangent * rubbing[1])
-        - 0.5 * (min(impulses) ** 2 + min(rubbing) ** 2) / mass
+def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes):  # type: ignore[no-untyped-def]
+    """Lower bound of the slope in the deficit of `own_loss`.
+
+    `impulse` is the normal impulse at the upper end, where its part is least, and −`momentum` its
+    slope; `rubbing` and `slopes` are ranges of the friction impulse and of its slope.
+    """
+    left = (tangent - rubbing[0] / mass, tangent - rubbing[1] / mass)
+    return momentum * (impulse / mass - normal) + min(
+        min(left[0] * slopes[0], left[0] * slopes[1]),
+        min(left[1] * slopes[0], left[1] * slopes[1]),
     )
 
 
@@ -137,19 +145,23 @@ def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     )
 
 
-@largest_heats.answer(OwnEnergy)
-def _own_energy_largest(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+@least_heat_slopes.answer(OwnEnergy)
+def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
     momentum = pair.reduced_mass * pair.approach_speed
-    impulses = (momentum * (2.0 - lower), momentum * (2.0 - upper))
+    impulse = momentum * (2.0 - upper)
     rubbing = (
         tangential_impulse(friction, pair, lower),
         tangential_impulse(friction, pair, upper),
     )
-    work = normal_loss(pair, upper) * (2.0 / 3.0)
-    return (
-        largest_own_loss(pair.mass_i, pair.normal_i, pair.tangent_i, impulses, rubbing) + work,
-        largest_own_loss(pair.mass_j, -pair.normal_j, -pair.tangent_j, impulses, rubbing) + work,
+    slopes = impulse_slopes(friction, pair, lower, upper)
+    work = momentum * pair.approach_speed * (1.0 - upper) * (2.0 / 3.0)
+    own_i = least_own_slope(
+        pair.mass_i, pair.normal_i, pair.tangent_i, impulse, momentum, rubbing, slopes
     )
+    own_j = least_own_slope(
+        pair.mass_j, -pair.normal_j, -pair.tangent_j, impulse, momentum, rubbing, slopes
+    )
+    return own_i + work, own_j + work
 
 
 @merge_heat.answer(OwnEnergy)

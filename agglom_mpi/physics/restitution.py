@@ -9,11 +9,16 @@ import math
 from typing import Any, NamedTuple
 
 from agglom_mpi.compilation import Submodel, question, stage
-from agglom_mpi.physics.contact_area import ContactArea, area_fraction, contact_area
-from agglom_mpi.physics.duration import force_scale, force_shape
+from agglom_mpi.physics.contact_area import (
+    ContactArea,
+    area_fraction,
+    area_slope,
+    contact_area,
+)
+from agglom_mpi.physics.duration import force_fall, force_scale, force_shape
 from agglom_mpi.physics.encounter import Encounter
-from agglom_mpi.physics.hardness import log_hardening
-from agglom_mpi.physics.heating import impact_heats, largest_heats
+from agglom_mpi.physics.hardness import log_hardening, softening_rate
+from agglom_mpi.physics.heating import impact_heats, least_heat_slopes
 from agglom_mpi.physics.reaction import reaction_heat
 
 
@@ -118,10 +123,8 @@ def hottest(laws: ImpactLaws, pair: Encounter, heats: tuple[float, float], defic
 def log_pressure_scale(laws: ImpactLaws, pair: Encounter) -> float:
     """Ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
     strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.base
-    force = force_scale(laws.duration, pair)
-    if force <= 0.0:
-        return -math.inf
-    return math.log(force) - math.log(strength)
+    ratio = force_scale(laws.duration, pair) / strength
+    return math.log(ratio) if ratio > 0.0 else -math.inf
 
 
 @stage
@@ -142,9 +145,44 @@ def log_pressure_ratio(laws: ImpactLaws, pair: Encounter, scale: float, deficit:
 
 
 @stage
-def log_pressure_bound(
-    laws: ImpactLaws, pair: Encounter, scale: float, lower: float, upper: float
+def proven_step(
+    laws: ImpactLaws, scale: float, temperature: float, slope: float, upper: float, trial: float
 ) -> float:
-    """Upper bound of ln r over all deficits in [lower, upper]."""
-    heats = largest_heats(laws.heating, laws.friction, pair, lower, upper)
-    return log_bracketed(laws, scale, hottest(laws, pair, heats, upper), lower)
+    """Way down in ln d from `upper`, at most `trial`, over which r < d holds; 0 if not proven.
+
+    For one sphere whose temperature at d is at most that of the straight line of `slope` in K
+    through `temperature` in K at `upper`. Proven either by the highest temperature over the whole
+    way, or by the steepest rise of ln r − ln d over it.
+    """
+    top, bottom = math.exp(upper), math.exp(upper - trial)
+    end = temperature - slope * (top - bottom)
+    if log_bracketed(laws, scale, max(temperature, end), bottom) < upper - trial:
+        return trial
+    gap = upper - log_bracketed(laws, scale, temperature, top)
+    if temperature <= 0.0 or gap <= 0.0:
+        return 0.0
+    softening = top * softening_rate(laws.hardness, temperature)
+    if slope > 0.0 and end > 0.0:  # d/θ² rises, then falls along a rising line
+        softening = min(softening, bottom * softening_rate(laws.hardness, end))
+    area = laws.contact_area
+    widening = (area.final - area.initial) * top / area_fraction(area, top)
+    rise = 1.0 + force_fall(laws.duration, top) + widening - slope * softening
+    return min(trial, gap / rise) if rise > 0.0 else trial
+
+
+@stage
+def rootless_step(
+    laws: ImpactLaws, pair: Encounter, scale: float, upper: float, trial: float
+) -> float:
+    """Way down in ln d from `upper`, at most `trial`, that holds no root; 0 if not proven."""
+    top, bottom = math.exp(upper), math.exp(upper - trial)
+    heats = impact_heats(laws.heating, laws.friction, pair, top)
+    slopes = least_heat_slopes(laws.heating, laws.friction, pair, bottom, top)
+    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, top, pair.radius))
+    rise = reaction_heat(laws.reaction, area_slope(laws.contact_area, pair.radius))
+    capacity_i = pair.mass_i * laws.heat_capacity
+    capacity_j = pair.mass_j * laws.heat_capacity
+    warm_i = pair.temperature_i + (heats[0] + reaction) / capacity_i
+    warm_j = pair.temperature_j + (heats[1] + reaction) / capacity_j
+    first = proven_step(laws, scale, warm_i, (slopes[0] + rise) / capacity_i, upper, trial)
+    return proven_step(laws, scale, warm_j, (slopes[1] + rise) / capacity_j, upper, first)

@@ -14,9 +14,9 @@ from agglom_mpi.physics.heating import keeps_root_unique
 from agglom_mpi.physics.restitution import (
     ImpactLaws,
     Solution,
-    log_pressure_bound,
     log_pressure_ratio,
     log_pressure_scale,
+    rootless_step,
     solve_pressure_law,
 )
 
@@ -24,11 +24,11 @@ UNIQUE_HARDENING: Final = 4.0
 """U/(Rθ) of the colder sphere up to which the root is unique: heat/d falls with d, so
 d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ₀)/θ² = U/(4Rθ₀)."""
 
-SMALLEST_LOG: Final = -745.0
-"""Below this ln d the deficit underflows and the impact is elastic."""
+SMALLEST_LOG: Final = -600.0
+"""Below this ln d the impact is elastic: the pressure on so small an area soon overflows."""
 
 TOLERANCE: Final = 4e-15
-WALK_CAP: Final = 1_000_000
+WALK_CAP: Final = 10_000
 
 
 class RootFinder(NamedTuple):
@@ -117,25 +117,22 @@ def interpolation_fraction(a: float, b: float, c: float, fa: float, fb: float, f
 
 
 @stage
-def walk_to_root(laws: ImpactLaws, pair: Encounter, scale: float) -> tuple[float, bool]:
-    """Ln d of the largest root in d, and whether the step cap ended the walk.
+def walk_to_root(laws: ImpactLaws, pair: Encounter, scale: float) -> tuple[float, int]:
+    """Ln d of the largest root in d, and the steps taken, `WALK_CAP` if that ended the walk.
 
-    Steps down in ln d from 0; a step is taken only if a bound of r over it proves that it holds no
-    root, so none is jumped over however many there are or however nearly they touch.
+    Steps down in ln d from 0; each is proven to hold no root, so none is jumped over however many
+    there are or however nearly they touch. Near a root the steps are Newton's, and at two roots
+    that nearly touch they shrink only with the square root of the gap.
     """
     upper = 0.0
-    step = 1.0
-    for _ in range(WALK_CAP):
-        lower = upper - step
-        bound = log_pressure_bound(laws, pair, scale, math.exp(lower), math.exp(upper))
-        if bound < lower:
-            upper = lower
-            step *= 2.0
-        else:
-            step *= 0.5
-        if upper < SMALLEST_LOG or step < TOLERANCE * max(1.0, abs(upper)):
-            return upper, False
-    return upper, True
+    trial = 1.0
+    for count in range(1, WALK_CAP):
+        step = rootless_step(laws, pair, scale, upper, trial)
+        upper -= step
+        trial = 2.0 * step if step > 0.0 else 0.25 * trial
+        if upper < SMALLEST_LOG or trial < TOLERANCE * max(1.0, abs(upper)):
+            return upper, count
+    return upper, WALK_CAP
 
 
 @stage
@@ -154,13 +151,16 @@ def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
         return Solution(1.0, True, 0.0, False)
     if scale == -math.inf:
         return Solution(0.0, False, 0.0, False)
-    capped = False
+    steps = 0
     if root_is_unique(laws.hardness, laws, pair):
         logarithm = unique_root(laws, pair, scale, plastic)
     else:
-        logarithm, capped = walk_to_root(laws, pair, scale)
-    deficit = math.exp(logarithm) if logarithm >= SMALLEST_LOG else 0.0
-    return Solution(deficit, False, restitution_residual(laws, pair, scale, deficit), capped)
+        logarithm, steps = walk_to_root(laws, pair, scale)
+    if logarithm < SMALLEST_LOG:
+        return Solution(0.0, False, 0.0, steps == WALK_CAP)
+    deficit = math.exp(logarithm)
+    residual = restitution_residual(laws, pair, scale, deficit)
+    return Solution(deficit, False, residual, steps == WALK_CAP)
 
 
 @solve_pressure_law.answer(PublishedIteration)
