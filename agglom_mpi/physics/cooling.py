@@ -77,13 +77,6 @@ def euler_step(
     """Temperature in K after one explicit Euler step in s  [A 19] [B 6.21]."""
 
 
-@question
-def caught_up(
-    model: Submodel | None, temperature: float, surface: float, capacity: float, time: float
-) -> float:
-    """Temperature in K after `time` untouched, for models that integrate only when asked."""
-
-
 def equilibrium_temperature(
     emissivity: float, surroundings: float, convection: float, ambient: float
 ) -> float:
@@ -200,13 +193,3 @@ def _radiative_euler(law, temperature, surface, capacity, step):  # type: ignore
 def _quartic_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
     following = temperature - step * cooling_rate(law, temperature, surface, capacity)
     return max(following, min(temperature, law.start))
-
-
-@caught_up.answer(None, ForwardEuler)
-def _nothing_due(model, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
-    return temperature
-
-
-@caught_up.answer(Exact)
-def _exact(model, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
-    return cooled(model.law, temperature, surface, capacity, time)

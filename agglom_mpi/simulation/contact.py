@@ -7,14 +7,14 @@ import numpy as np
 
 from agglom_mpi.compilation import allocating, question, rare_stage, stage
 from agglom_mpi.physics.contact_area import contact_area
-from agglom_mpi.physics.cooling import caught_up
+from agglom_mpi.physics.cooling import Exact, ForwardEuler, cooled
 from agglom_mpi.physics.encounter import Encounter
 from agglom_mpi.physics.fragmentation import (
     OwnEnergyFragmentation,
     PairEnergyFragmentation,
     breakage,
 )
-from agglom_mpi.physics.heating import merge_heat, merge_loss, own_loss
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit, merge_heat, merge_loss, own_loss
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.reaction import reaction_heat
 from agglom_mpi.simulation.box import inside, separation
@@ -30,6 +30,8 @@ from agglom_mpi.simulation.particles import (
     SURFACE,
     copy_slot,
     empty_slot,
+    set_value,
+    value_of,
 )
 
 RECEDING: Final = 0
@@ -90,23 +92,41 @@ def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
     return speed, scaled(slip, 1.0 / speed) if speed > 0.0 else (0.0, 0.0, 0.0)
 
 
-@stage
-def catch_up(scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+@question
+def catch_up(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
     """Cool particle i exactly up to `time` in s, where the scene cools on demand."""
+
+
+@catch_up.answer(None, ForwardEuler)
+def _nothing_due(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+    return None
+
+
+@catch_up.answer(Exact)
+def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
     surface = 4.0 * math.pi * particles.radius[i] ** 2
     capacity = particles.mass[i] * scene.laws.heat_capacity
     before = particles.temperature[i]
     elapsed = time - particles.touched[i]
-    after = caught_up(scene.cooling, before, surface, capacity, elapsed)
+    after = cooled(cooling.law, before, surface, capacity, elapsed)
     if after != before:
         ledger.energy[RADIATED] += capacity * (before - after)
     particles.temperature[i] = after
     particles.touched[i] = time
 
 
-@stage
-def warm(scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+@question
+def warm(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
     """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
+
+
+@warm.answer(None)
+def _no_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+    return None
+
+
+@warm.answer(PairSplit, OwnEnergy)
+def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
     temperature = particles.temperature[i] + heat / (particles.mass[i] * scene.laws.heat_capacity)
     if temperature < 0.0:
         ledger.tally[FLOORED] += 1
@@ -117,8 +137,8 @@ def warm(scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
 @stage
 def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
-    catch_up(scene, particles, ledger, i, time)
-    catch_up(scene, particles, ledger, j, time)
+    catch_up(scene.cooling, scene, particles, ledger, i, time)
+    catch_up(scene.cooling, scene, particles, ledger, j, time)
     normal = line_of_centres(scene, particles, i, j)
     velocity = relative_velocity(particles, i, j)
     approach = dot(velocity, normal)
@@ -134,13 +154,13 @@ def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         mass_j,
         mass_i * mass_j / (mass_i + mass_j),
         min(particles.radius[i], particles.radius[j]),
-        particles.temperature[i],
-        particles.temperature[j],
+        value_of(particles.temperature, i, scene.temperature),
+        value_of(particles.temperature, j, scene.temperature),
         dot(velocity_i, normal),
         dot(velocity_j, normal),
         dot(velocity_i, tangent),
         dot(velocity_j, tangent),
-        time - max(particles.struck[i], particles.struck[j]),
+        time - max(value_of(particles.struck, i, -np.inf), value_of(particles.struck, j, -np.inf)),
     )
     return pair, normal, tangent
 
@@ -155,8 +175,8 @@ def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-de
     if not dot(relative_velocity(particles, i, j), normal) > 0.0:
         return RECEDING
     pair, normal, tangent = meet(scene, particles, ledger, i, j, time)
-    particles.struck[i] = time
-    particles.struck[j] = time
+    set_value(particles.struck, i, time)
+    set_value(particles.struck, j, time)
     impact = solve_impact(scene.laws, pair)
     if impact.bonds:
         return BONDED
@@ -198,9 +218,13 @@ def settle(scene, particles, ledger, i, normal_speed, tangent_speed, impact, hea
         impact.friction_impulse,
     )
     pieces, energy = breakage(
-        scene.laws.fragmentation, impact.loss, change, particles.radius[i], particles.grains[i]
+        scene.laws.fragmentation,
+        impact.loss,
+        change,
+        particles.radius[i],
+        value_of(particles.grains, i, 1),
     )
-    warm(scene, particles, ledger, i, heat - energy)
+    warm(scene.laws.heating, scene, particles, ledger, i, heat - energy)
     fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy)
 
 
@@ -295,9 +319,12 @@ def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         coordinate = particles.position[axis, i] + share * line[axis]
         particles.position[axis, i] = inside(scene.escape, coordinate, scene.half_width)
         v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
-    particles.temperature[i] += share * (pair.temperature_j - pair.temperature_i)
+    mixed = pair.temperature_i + share * (pair.temperature_j - pair.temperature_i)
+    set_value(particles.temperature, i, mixed)
     particles.radius[i] = (particles.radius[i] ** 3 + particles.radius[j] ** 3) ** (1.0 / 3.0)
     particles.mass[i] = mass
-    particles.grains[i] += particles.grains[j]
+    grains = value_of(particles.grains, i, 1) + value_of(particles.grains, j, 1)
+    set_value(particles.grains, i, grains)
     empty_slot(particles, j)
-    warm(scene, particles, ledger, i, merge_heat(laws.heating, pair) + reaction)
+    heat = merge_heat(laws.heating, pair) + reaction
+    warm(laws.heating, scene, particles, ledger, i, heat)

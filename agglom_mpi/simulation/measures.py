@@ -17,6 +17,7 @@ from agglom_mpi.simulation.particles import (
     REACTION,
     STEPS,
     SURFACE,
+    value_of,
 )
 from agglom_mpi.simulation.stepping import largest_radius
 
@@ -49,11 +50,12 @@ def fluctuation(particles):  # type: ignore[no-untyped-def]
 
 
 @stage
-def thermal_energy(particles, heat_capacity, reference):  # type: ignore[no-untyped-def]
-    """Thermal energy in J above the temperature `reference` in K."""
+def thermal_energy(temperature, particles, heat_capacity, reference):  # type: ignore[no-untyped-def]
+    """Thermal energy in J above the temperature `reference` in K; none without temperatures."""
     energy = 0.0
-    for i in range(particles.size[0]):
-        energy += particles.mass[i] * heat_capacity * (particles.temperature[i] - reference)
+    if temperature is not None:
+        for i in range(particles.size[0]):
+            energy += particles.mass[i] * heat_capacity * (temperature[i] - reference)
     return energy
 
 
@@ -146,9 +148,8 @@ def measure(scene, particles, out):  # type: ignore[no-untyped-def]
     out["radius_moment_3"] = third
     out["radius_moment_4"] = fourth
     _, mass = total_momentum(particles)
-    out["mean_temperature"] = (
-        scene.temperature + thermal_energy(particles, 1.0, scene.temperature) / mass
-    )
+    excess = thermal_energy(particles.temperature, particles, 1.0, scene.temperature)
+    out["mean_temperature"] = scene.temperature + excess / mass
     out["particles"] = particles.size[0]
     out["overlaps"] = count_overlaps(scene, particles)
 
@@ -181,7 +182,9 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
     if scene.laws.heating is None:
         balance += energy[DISSIPATED]
     else:
-        balance += thermal_energy(particles, scene.laws.heat_capacity, scene.temperature)
+        balance += thermal_energy(
+            particles.temperature, particles, scene.laws.heat_capacity, scene.temperature
+        )
         balance += energy[RADIATED] + energy[SURFACE] - energy[REACTION]
     flowed = initial_energy + energy[REACTION] + abs(energy[RADIATED]) + energy[SURFACE]
     out["energy_error"] = balance / flowed if flowed > 0.0 else balance
@@ -192,7 +195,8 @@ def is_finite(particles):  # type: ignore[no-untyped-def]
     """Whether every coordinate, velocity, radius, mass and temperature is a number."""
     total = 0.0
     for i in range(particles.size[0]):
-        total += particles.radius[i] + particles.mass[i] + particles.temperature[i]
+        total += particles.radius[i] + particles.mass[i]
+        total += value_of(particles.temperature, i, 0.0)
         for axis in range(3):
             total += particles.position[axis, i] + particles.velocity[axis, i]
     return math.isfinite(total)

@@ -33,20 +33,24 @@ class Ledger(NamedTuple):
 class Particles(NamedTuple):
     """Particles 0 … `size[0]`−1; a slot with mass 0, infinitely far, is empty until compaction.
 
+    An array that a scene has no use for is `None`; see `allocation`.
+
     Attributes
     ----------
     size
         Slots in use, shape (1,).
     position, velocity
         Shape (3, capacity), m and m/s.
-    radius, mass, temperature
-        Shape (capacity,), m, kg, K.
+    radius, mass
+        Shape (capacity,), m and kg.
+    temperature
+        Shape (capacity,), K; without it the scene's holds for all.
     touched
         Time in s up to which `temperature` holds, shape (capacity,).
     struck
         Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
-        Original grains in each particle, shape (capacity,).
+        Original grains in each particle, shape (capacity,); what cannot break need not count them.
     """
 
     size: np.ndarray
@@ -54,10 +58,10 @@ class Particles(NamedTuple):
     velocity: np.ndarray
     radius: np.ndarray
     mass: np.ndarray
-    temperature: np.ndarray
-    touched: np.ndarray
-    struck: np.ndarray
-    grains: np.ndarray
+    temperature: np.ndarray | None
+    touched: np.ndarray | None
+    struck: np.ndarray | None
+    grains: np.ndarray | None
 
 
 @allocating
@@ -66,27 +70,26 @@ def new_ledger() -> Ledger:
     return Ledger(np.zeros(4), np.zeros(8, np.int64), np.zeros(1))
 
 
-@allocating
-def new_particles(size: int, capacity: int, radius: float, mass: float, temperature: float):  # type: ignore[no-untyped-def]
-    """Return `size` equal grains, not placed yet, with room for `capacity`."""
-    particles = Particles(
-        np.zeros(1, np.int64),
-        np.zeros((3, capacity)),
-        np.zeros((3, capacity)),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.full(capacity, -np.inf),
-        np.zeros(capacity, np.int64),
-    )
-    particles.size[0] = size
-    for i in range(size):
-        particles.radius[i] = radius
-        particles.mass[i] = mass
-        particles.temperature[i] = temperature
-        particles.grains[i] = 1
-    return particles
+@stage
+def value_of(values, i, otherwise):  # type: ignore[no-untyped-def]
+    """`values[i]`, or `otherwise` where the scene has no such array."""
+    if values is None:
+        return otherwise
+    return values[i]
+
+
+@stage
+def set_value(values, i, value):  # type: ignore[no-untyped-def]
+    """Let `values[i]` be `value`, where the scene has such an array."""
+    if values is not None:
+        values[i] = value
+
+
+@stage
+def copy_value(values, source, target):  # type: ignore[no-untyped-def]
+    """Let `values[target]` be `values[source]`, where the scene has such an array."""
+    if values is not None:
+        values[target] = values[source]
 
 
 @stage
@@ -97,10 +100,10 @@ def copy_slot(particles: Particles, source: int, target: int) -> None:
         particles.velocity[axis, target] = particles.velocity[axis, source]
     particles.radius[target] = particles.radius[source]
     particles.mass[target] = particles.mass[source]
-    particles.temperature[target] = particles.temperature[source]
-    particles.touched[target] = particles.touched[source]
-    particles.struck[target] = particles.struck[source]
-    particles.grains[target] = particles.grains[source]
+    copy_value(particles.temperature, source, target)
+    copy_value(particles.touched, source, target)
+    copy_value(particles.struck, source, target)
+    copy_value(particles.grains, source, target)
 
 
 @stage
@@ -126,7 +129,9 @@ def compact(particles: Particles) -> None:
 
 @rare_stage
 def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
-    """Let `values[k]` be what `values[order[k]]` was, for the first `count`."""
+    """Let `values[k]` be what `values[order[k]]` was, for the first `count`, if it is there."""
+    if values is None:
+        return
     for k in range(count):
         scratch[k] = values[order[k]]
     for k in range(count):

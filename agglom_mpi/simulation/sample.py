@@ -13,6 +13,7 @@ import agglom_mpi.simulation.events.engine
 import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.simulation import outcome as result
+from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.contact import catch_up
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.measures import (
@@ -22,7 +23,7 @@ from agglom_mpi.simulation.measures import (
     measure_ledger,
     total_momentum,
 )
-from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger, new_particles
+from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
 from agglom_mpi.simulation.placement import place
 from agglom_mpi.simulation.scene import Scene, build_scene
 from agglom_mpi.simulation.velocities import draw_velocities
@@ -46,7 +47,7 @@ class Outcome(NamedTuple):
         Particles left.
     radii : array, shape (particles,)
         Final b/b⁰.
-    temperatures : array, shape (particles,), K
+    temperatures : array, shape (particles,), K; all those of the scene where nothing changes them
     moments : array, shape (4,)
         Mean and central moments 2, 3, 4 of b/b⁰.
     ledger : dict
@@ -102,9 +103,7 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     capacity = scene.particles
     if scene.laws.fragmentation is not None:
         capacity = 2 * scene.particles
-    particles = new_particles(
-        scene.particles, capacity, scene.radius, scene.mass, scene.temperature
-    )
+    particles = new_particles(scene, capacity)
     ledger = new_ledger()
     record = out[0]
     record["state"] = result.FAILED
@@ -117,7 +116,7 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     end = advance(scene.engine, scene, particles, ledger, abort)
     record["end_time"] = end
     for i in range(particles.size[0]):
-        catch_up(scene, particles, ledger, i, end)
+        catch_up(scene.cooling, scene, particles, ledger, i, end)
     if ledger.tally[EXHAUSTED] > 0:
         record["reason"] = result.BUDGET_EXCEEDED
         return particles
@@ -162,6 +161,13 @@ def simulate_scene(
     return out[0], particles
 
 
+def final_temperatures(scene: Scene, particles: Any, left: int) -> npt.NDArray[np.float64]:
+    """Temperatures in K of the particles left, shape (left,)."""
+    if particles.temperature is None:
+        return np.full(left, scene.temperature)
+    return np.array(particles.temperature[:left])
+
+
 def simulate(
     campaign: "Campaign", parameters: npt.ArrayLike, sample: int = 0, engine: Any = None
 ) -> Outcome:
@@ -186,7 +192,7 @@ def simulate(
         objective=_objective(campaign, ratio),
         particles=left,
         radii=particles.radius[:left] / scene.radius,
-        temperatures=particles.temperature[:left].copy(),
+        temperatures=final_temperatures(scene, particles, left),
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
         ledger={name: record[name].item() for name in LEDGER},
         collisions=int(record["collisions"]),

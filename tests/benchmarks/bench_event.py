@@ -23,6 +23,7 @@ from agglom_mpi.compilation import kernel
 from agglom_mpi.physics.contact_area import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
 from agglom_mpi.simulation import sample  # noqa: F401  (registers the engines)
+from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.box import Periodic
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.particles import (
@@ -31,7 +32,6 @@ from agglom_mpi.simulation.particles import (
     STEPS,
     Particles,
     new_ledger,
-    new_particles,
 )
 from agglom_mpi.simulation.placement import place
 from agglom_mpi.simulation.scene import EventDriven, Scene
@@ -131,7 +131,7 @@ def time_of(scene, packing, each):
 @kernel
 def start(scene, random):
     count = scene.particles
-    particles = new_particles(count, count, scene.radius, scene.mass, scene.temperature)
+    particles = new_particles(scene, count)
     place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles
@@ -151,7 +151,7 @@ def warm_up():
 
 def run(scene, particles):
     """Seconds, ledger and final particles of a run from a copy of `particles`."""
-    final = Particles(*(array.copy() for array in particles))
+    final = Particles(*(array if array is None else array.copy() for array in particles))
     begin = time.perf_counter()
     ledger = run_engine(scene, final, np.zeros(1, np.uint8))
     seconds = time.perf_counter() - begin
@@ -367,7 +367,7 @@ def test_print_the_cost_of_a_million():
     seconds = time.perf_counter() - begin
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - held
     impacts = int(ledger.tally[COLLISIONS])
-    own = sum(array.nbytes for array in particles)
+    own = sum(array.nbytes for array in particles if array is not None)
     print(f"\na million grains, phi = 0.2, e = {RESTITUTION}: {impacts} collisions")
     print(f"{seconds:.2f} s and {placed:.2f} s for the placement")
     print(f"{seconds / impacts * 1e6:.3f} us per collision, with 1000 grains {each * 1e6:.3f} us:")
@@ -438,14 +438,12 @@ def grains_and_giant(scene, sites, giant, random):
     if giant:
         particles.radius[count] *= GIANT
         particles.mass[count] *= GIANT**3
-        particles.grains[count] = round(GIANT**3)
     return particles
 
 
 @kernel
 def new_state(scene):
-    count = scene.particles
-    return new_particles(count, count, scene.radius, scene.mass, scene.temperature)
+    return new_particles(scene, scene.particles)
 
 
 @pytest.mark.benchmark

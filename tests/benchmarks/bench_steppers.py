@@ -13,6 +13,7 @@ import pytest
 
 from agglom_mpi.physics.contact_area import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
+from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.box import Periodic
 from agglom_mpi.simulation.fixed import resolve_in_turn
 from agglom_mpi.simulation.neighbours import (
@@ -23,7 +24,7 @@ from agglom_mpi.simulation.neighbours import (
     out_of_date,
     rebuild,
 )
-from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.particles import new_ledger
 from agglom_mpi.simulation.placement import place
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
@@ -93,7 +94,7 @@ def rate(scene):
 @numba.njit(error_model="numpy")
 def prepare(scene, random):
     count = scene.particles
-    particles = new_particles(count, count, scene.radius, scene.mass, scene.temperature)
+    particles = new_particles(scene, count)
     place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles, new_ledger(), new_neighbours(count)

@@ -11,11 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from agglom_mpi.physics.cooling import (
-    Exact,
-    ForwardEuler,
     QuarticCooling,
     RadiativeCooling,
-    caught_up,
     cooled,
     equilibrium_temperature,
     euler_step,
@@ -36,11 +33,6 @@ def exact(law, temperature, time):
 @numba.njit(error_model="numpy")
 def euler(law, temperature, step):
     return euler_step(law, temperature, SURFACE, CAPACITY, step)
-
-
-@numba.njit(error_model="numpy")
-def after(model, temperature, time):
-    return caught_up(model, temperature, SURFACE, CAPACITY, time)
 
 
 def radiative(emissivity=0.5, surroundings=300.0, convection=0.0, ambient=300.0):
@@ -237,10 +229,3 @@ def test_below_the_start_the_quartic_law_does_nothing():
     law = QuarticCooling(5000.0, 1000.0, 300.0)
     assert exact(law, 250.0, 1e9) == 250.0
     assert euler(law, 250.0, 1e9) == 250.0
-
-
-def test_only_the_exact_integration_is_caught_up_on_demand():
-    law = radiative()
-    assert after(Exact(law), 900.0, 60.0) == exact(law, 900.0, 60.0)
-    assert after(ForwardEuler(law), 900.0, 60.0) == 900.0
-    assert after(None, 900.0, 60.0) == 900.0

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scenes import temperatures_in
 
 from agglom_mpi.physics.duration import MeanSpeedDuration
 from agglom_mpi.physics.restitution import ConstantRestitution
@@ -32,13 +33,14 @@ class Reference:
         self.scene = scene
         self.D = scene.half_width
         self.periodic = isinstance(scene.escape, Periodic)
+        temperatures = temperatures_in(scene, particles)
         self.balls = [
             Ball(
                 particles.position[:, i].copy(),
                 particles.velocity[:, i].copy(),
                 particles.radius[i],
                 particles.mass[i],
-                particles.temperature[i],
+                temperatures[i],
             )
             for i in range(int(particles.size[0]))
         ]

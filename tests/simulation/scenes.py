@@ -19,7 +19,12 @@ from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFrict
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.reaction import ContactAreaReaction
-from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ContactTimeRestitution,
+    ImpactLaws,
+    PressureRestitution,
+)
 from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
@@ -197,8 +202,11 @@ def placed(scene, seed, velocities=None):
 
 
 def state(scene, positions, velocities, radii=None):
-    """Particles at given places, one row each."""
+    """Particles at given places, one row each, with the arrays that the scene has a use for."""
     count = len(positions)
+    laws, cooling = scene.laws, scene.cooling
+    warms = laws.heating is not None or cooling is not None
+    remembers = isinstance(laws.restitution, ContactTimeRestitution)
     radii = np.full(count, scene.radius) if radii is None else np.asarray(radii, dtype=float)
     return Particles(
         size=np.array([count], np.int64),
@@ -206,10 +214,10 @@ def state(scene, positions, velocities, radii=None):
         velocity=np.array(velocities, dtype=float).T.copy(),
         radius=radii,
         mass=np.array([ball_mass(radius) for radius in radii]),
-        temperature=np.full(count, scene.temperature),
-        touched=np.zeros(count),
-        struck=np.full(count, -np.inf),
-        grains=np.ones(count, np.int64),
+        temperature=np.full(count, scene.temperature) if warms else None,
+        touched=np.zeros(count) if isinstance(cooling, Exact) else None,
+        struck=np.full(count, -np.inf) if remembers else None,
+        grains=np.ones(count, np.int64) if laws.fragmentation is not None else None,
     )
 
 
@@ -227,6 +235,23 @@ def run_from(scene, particles):
     ledger = empty_ledger()
     time = run_engine(scene, particles, ledger, np.zeros(1, np.uint8))
     return ledger, time
+
+
+def grains_in(scene, particles):
+    """Grains in each particle left: as counted, or by mass in a scene where nothing breaks."""
+    n = int(particles.size[0])
+    if particles.grains is not None:
+        return particles.grains[:n]
+    grains = particles.mass[:n] / scene.mass
+    np.testing.assert_allclose(grains, np.rint(grains), rtol=1e-12)
+    return np.rint(grains)
+
+
+def temperatures_in(scene, particles):
+    """Temperatures of the particles left, where the scene keeps any; else the one of all."""
+    n = int(particles.size[0])
+    kept = particles.temperature
+    return np.full(n, scene.temperature) if kept is None else kept[:n]
 
 
 def kinetic_energy(particles):
