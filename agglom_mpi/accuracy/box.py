@@ -185,7 +185,9 @@ def _draw(
 ) -> None:
     mean, half = frame["mean b/b0"], frame["half width"]
     curve = Curve("mean b/b⁰", frame[column], mean, mean - half, mean + half)
-    draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
+    axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
+    axes.set_xticks(list(frame[column]), [f"{value:.3g}" for value in frame[column]])
+    axes.minorticks_off()
 
 
 def _failures(frame: "pd.DataFrame") -> Iterator[str]:

@@ -1,6 +1,8 @@
 """A study as work for the farm."""
 
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,3 +125,19 @@ def test_a_scene_that_cannot_be_simulated_is_refused_before_anything_runs(campai
     assert "U/(R theta)" in refusal(Trial(campaign, campaign.parameters(settings), 1))
     with pytest.raises(CampaignError, match=r"quickstart.yaml: scene: .*U/\(R theta\)"):
         make_plan(Options((JOB,), "x", settings))
+
+
+def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
+    text = Path(JOB).read_text().partition("objective:")[0]
+    for name, value in (("relative_speed", 5), ("size_ratio", 0.6), ("hardness", 1e8)):
+        text = re.sub(rf"{name}: \[[^]]*\]", f"{name}: {value}", text)
+    (tmp_path / "scene.yaml").write_text(text)
+    study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
+    task = np.zeros(1, TASK)
+    task["parameters"] = study.trials["event"].parameters
+    result, failure = Simulator(study, 0).simulate(task[0])
+    assert failure is None
+    assert result["state"] == COMPLETED
+    quota = Quota(study.trials["event"], 2, 1e9)
+    quota.add(outcome())
+    assert quota.result().mean_radius_ratio == 2.0
