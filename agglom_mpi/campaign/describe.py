@@ -37,14 +37,17 @@ def sections(campaign: "Campaign") -> list[Section]:
 
 
 def _run(campaign: "Campaign") -> list[str]:
+    lines = [f"seed: {campaign.seed}", f"objective: {_objective(campaign)}"]
     if campaign.plan is None:
-        return [f"seed: {campaign.seed}", "a scene: nothing is searched, `agglom simulate` runs it"]
+        return [*lines, "a scene: nothing is searched, `agglom simulate` runs it"]
+    return lines + _search(campaign)
+
+
+def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.most_strings
     fewest = strings if stopping.target is None else search.population
     lines = [
-        f"seed: {campaign.seed}",
-        f"objective: {_objective(campaign)}",
         f"search: genetic, population {search.population}, parents {search.parents}, "
         f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
     ]

@@ -11,6 +11,7 @@ from agglom_mpi.campaign.plan import (
     AnyEnsemble,
     AnyObjective,
     GrowthTarget,
+    MaximumGrowth,
     Output,
     Plan,
     Search,
@@ -22,12 +23,16 @@ from agglom_mpi.campaign.variables import VariableEntries
 
 
 class SceneDocument(Part):
-    """A scene with the values of its variables: what can be simulated, but not searched."""
+    """A scene with the values of its variables: what can be simulated, but not searched.
+
+    The objective is what `agglom simulate` and `agglom accuracy` report beside the growth.
+    """
 
     title: Line = ""
     seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
     scene: SceneModel = Field(description="the section on what is simulated")
     variables: VariableEntries = Field(description="the section of values and ranges")
+    objective: AnyObjective = MaximumGrowth(law="maximum_growth")
     output: Output = Output()
 
     @property
@@ -49,6 +54,17 @@ class SceneDocument(Part):
             refuse(mismatches(info.data["scene"], dict(entries)))
         return entries
 
+    @field_validator("objective")
+    @classmethod
+    def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
+        if "scene" in info.data and isinstance(objective, GrowthTarget):
+            particles = info.data["scene"].particles
+            largest = particles ** (1.0 / 3.0)
+            if objective.ratio > largest:
+                message = f"is {objective.ratio:g}; {particles} grains in one give {largest:.4g}"
+                raise RefusalError((("ratio",), f"{message}, which is the most"))
+        return objective
+
 
 class Document(SceneDocument):
     """All sections of a campaign, each valid and fitting the others."""
@@ -61,18 +77,7 @@ class Document(SceneDocument):
     @property
     def plan(self) -> Plan:
         """What is searched and how."""
-        return Plan(self.objective, self.search, self.ensemble, self.stopping)
-
-    @field_validator("objective")
-    @classmethod
-    def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
-        if "scene" in info.data and isinstance(objective, GrowthTarget):
-            particles = info.data["scene"].particles
-            largest = particles ** (1.0 / 3.0)
-            if objective.ratio > largest:
-                message = f"is {objective.ratio:g}; {particles} grains in one give {largest:.4g}"
-                raise RefusalError((("ratio",), f"{message}, which is the most"))
-        return objective
+        return Plan(self.search, self.ensemble, self.stopping)
 
     @field_validator("stopping")
     @classmethod
@@ -96,7 +101,7 @@ def read_document(text: str, name: str) -> SceneDocument:
 
 
 def _is_to_be_searched(data: dict[str, Any]) -> bool:
-    """Whether there is a range, or a section that says how to search: then all are needed."""
+    """Whether there is a range, or a section that says how to search: then all of these must be."""
     variables = data.get("variables")
     entries = variables.values() if isinstance(variables, dict) else ()
     return any(isinstance(entry, list) for entry in entries) or any(

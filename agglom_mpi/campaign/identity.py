@@ -25,6 +25,7 @@ def identity(campaign: "Campaign") -> dict[str, object]:
         "seed": campaign.seed,
         "scene": campaign.scene.model_dump(),
         "variables": {name: boxes[name] for name in variables.used},
+        "objective": campaign.objective.model_dump(),
     }
     if campaign.plan is not None:
         sections |= _planned(campaign.plan)
@@ -34,7 +35,6 @@ def identity(campaign: "Campaign") -> dict[str, object]:
 def _planned(plan: Plan) -> dict[str, object]:
     target = plan.stopping.target
     return {
-        "objective": plan.objective.model_dump(),
         "search": plan.search.model_dump(),
         "ensemble": plan.ensemble.model_dump(),
         "stopping": {"target": target.model_dump() if target else None},

@@ -39,6 +39,7 @@ class Campaign:
     seed: int
     scene: SceneModel
     variables: Variables
+    objective: Objective
     plan: Plan | None
     output: Output
     text: str
@@ -53,6 +54,7 @@ class Campaign:
             seed=document.seed,
             scene=document.scene,
             variables=collect(dict(document.variables), tuple(needs(document.scene))),
+            objective=document.objective,
             plan=document.plan,
             output=document.output,
             text=text,
@@ -60,13 +62,8 @@ class Campaign:
         )
 
     @property
-    def objective(self) -> Objective:
-        """What is searched for; a CampaignError where nothing is, as for all parts of the plan."""
-        return self._planned.objective
-
-    @property
     def search(self) -> Search:
-        """How strings are proposed."""
+        """How strings are proposed; a CampaignError without a plan, as for all its parts."""
         return self._planned.search
 
     @property

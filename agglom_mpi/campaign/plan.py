@@ -125,9 +125,8 @@ class Stopping(Part):
 
 
 class Plan(NamedTuple):
-    """What is searched and how: the sections that a scene alone does without."""
+    """How to search: the sections that a scene alone does without."""
 
-    objective: Objective
     search: Search
     ensemble: Ensemble
     stopping: Stopping

@@ -104,7 +104,9 @@ def _mean(values: list[float]) -> dict[str, float | None]:
 def _report(
     campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: list[Outcome]
 ) -> dict[str, Any]:
+    objective = make_objective(campaign.objective, campaign.scene.particles)
     ratios = np.array([outcome.mean_radius_ratio for outcome in outcomes])
+    value, error = objective.of_ensemble(ratios)
     measured = {
         "mean_radius_ratio": _mean(ratios.tolist()),
         "radius_spread": _mean([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
@@ -120,20 +122,12 @@ def _report(
     return {
         "parameters": {n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
         "samples": len(outcomes),
-        **_objective(campaign, ratios),
+        "objective": {"mean": value, "standard_error": error if math.isfinite(error) else None},
         "measured": measured,
         "ledger": {
             name: max((outcome.ledger[name] for outcome in outcomes), key=abs) for name in LEDGER
         },
     }
-
-
-def _objective(campaign: Campaign, ratios: npt.NDArray[np.float64]) -> dict[str, Any]:
-    """Objective of an ensemble; nothing for a scene, which has none."""
-    if campaign.plan is None:
-        return {}
-    value, error = make_objective(campaign.objective, campaign.scene.particles).of_ensemble(ratios)
-    return {"objective": {"mean": value, "standard_error": error if math.isfinite(error) else None}}
 
 
 def _in_words(report: dict[str, Any]) -> str:
@@ -143,8 +137,7 @@ def _in_words(report: dict[str, Any]) -> str:
         unit = "" if units[name] == "1" else f" {units[name]}"
         lines.append(f"  {name:<22}{value:.6g}{unit}")
     lines.append(f"mean ± standard error over {report['samples']} samples")
-    objective = {"objective": report["objective"]} if "objective" in report else {}
-    for name, entry in {**objective, **report["measured"]}.items():
+    for name, entry in {"objective": report["objective"], **report["measured"]}.items():
         error = entry["standard_error"]
         lines.append(
             f"  {name:<22}{with_error(entry['mean'], math.nan if error is None else error)}"

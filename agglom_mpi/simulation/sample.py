@@ -1,7 +1,6 @@
 """One sample: a pure function of (campaign, parameters, sample number)."""
 
 import hashlib
-import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -41,8 +40,7 @@ class Outcome(NamedTuple):
     Attributes
     ----------
     mean_radius_ratio, objective : float
-        Mean of b/b⁰ over the particles left, and the campaign's objective of this sample; nan for
-        a scene, which has none.
+        Mean of b/b⁰ over the particles left, and the campaign's objective of this sample.
     particles : int
         Particles left.
     radii : array, shape (particles,)
@@ -178,6 +176,8 @@ def simulate(
     RuntimeError
         If the sample fails, with the reason.
     """
+    from agglom_mpi.search.objectives import make_objective
+
     vector = np.asarray(parameters, dtype=np.float64)
     scene = build_scene(campaign.scene, vector, engine)
     begin = time.perf_counter()
@@ -189,7 +189,7 @@ def simulate(
     left = int(record["particles"])
     return Outcome(
         mean_radius_ratio=ratio,
-        objective=_objective(campaign, ratio),
+        objective=float(make_objective(campaign.objective, scene.particles).of_sample(ratio)),
         particles=left,
         radii=particles.radius[:left] / scene.radius,
         temperatures=final_temperatures(scene, particles, left),
@@ -202,11 +202,3 @@ def simulate(
         seconds=seconds,
         record=record,
     )
-
-
-def _objective(campaign: "Campaign", ratio: float) -> float:
-    from agglom_mpi.search.objectives import make_objective
-
-    if campaign.plan is None:
-        return math.nan
-    return make_objective(campaign.objective, campaign.scene.particles).of_sample(ratio)

@@ -39,7 +39,6 @@ def test_a_scene_alone_cannot_be_searched() -> None:
         alone.check_searchable,
         lambda: alone.with_generations(3),
         lambda: alone.most_strings,
-        lambda: alone.objective,
         lambda: alone.search,
         lambda: alone.ensemble,
         lambda: alone.stopping,
@@ -61,15 +60,25 @@ def test_a_range_needs_the_whole_plan() -> None:
 
 
 def test_one_section_of_the_plan_needs_the_others() -> None:
-    given = [edit for edit in ALONE if edit[0] != "objective"]
-    assert message(*given).splitlines() == list(MISSING[1:])
-    assert message(*ALONE, ("seed", "search: {population: 8, parents: 2}")).splitlines() == [
-        *MISSING
-    ]
+    kept = ("  rule", "  tolerance", "  max_samples")
+    given = [edit for edit in ALONE if edit[0] not in ("ensemble", *kept)]
+    assert message(*given).splitlines() == [MISSING[0], MISSING[2]]
+    given = [*ALONE, ("seed", "search: {population: 8, parents: 2}")]
+    assert message(*given).splitlines() == list(MISSING)
 
 
 def test_an_empty_section_of_the_plan_is_none() -> None:
-    assert campaign(*ALONE, ("seed", "objective:")).plan is None
+    assert campaign(*ALONE, ("seed", "ensemble:")).plan is None
+
+
+def test_a_scene_alone_is_judged_by_its_growth_unless_it_says_otherwise() -> None:
+    assert campaign(*ALONE).objective.law == "maximum_growth"
+    given = [edit for edit in ALONE if edit[0] != "objective"]
+    assert campaign(*given).plan is None
+    assert campaign(*given).objective == campaign().objective
+    assert message(*ALONE, ("title", "objective: {law: growth_target, ratio: 5}")) == (
+        "campaign.yaml:1: objective.ratio: is 5; 100 grains in one give 4.642, which is the most"
+    )
 
 
 def test_mistakes_of_a_scene_alone_are_not_followed_by_those_of_a_search() -> None:
@@ -91,9 +100,10 @@ def test_mistakes_of_a_scene_alone_are_not_followed_by_those_of_a_search() -> No
 
 
 def test_the_identity_of_a_scene_alone_is_that_of_a_campaign_without_its_plan() -> None:
-    plan = ("objective", "search", "ensemble", "stopping")
+    plan = ("search", "ensemble", "stopping")
     planned = campaign(*FIXED).identity()
-    assert campaign(*ALONE).identity() == {
+    alone = campaign(*(edit for edit in ALONE if edit[0] != "objective"))
+    assert alone.identity() == {
         key: value for key, value in planned.items() if key.partition(".")[0] not in plan
     }
     assert campaign(*ALONE).sha256() != campaign(*FIXED).sha256()
@@ -107,11 +117,12 @@ def test_the_identity_of_a_campaign_is_what_it_was_before_scenes_stood_alone() -
 
 def test_a_scene_alone_is_described_without_a_search() -> None:
     lines = campaign(*ALONE).describe().splitlines()
-    assert lines[:4] == [
+    assert lines[:5] == [
         "A test",
         "  seed: 7",
+        "  objective: greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]",
         "  a scene: nothing is searched, `agglom simulate` runs it",
         "Scene",
     ]
     planned = campaign(*FIXED).describe().splitlines()
-    assert lines[3:] == planned[planned.index("Scene") :]
+    assert lines[4:] == planned[planned.index("Scene") :]
