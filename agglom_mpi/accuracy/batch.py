@@ -10,8 +10,9 @@ import agglom_mpi.simulation.adaptive
 import agglom_mpi.simulation.events.engine
 import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
 from agglom_mpi.compilation import kernel
+from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.particles import new_ledger
 from agglom_mpi.simulation.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -57,7 +58,7 @@ def run_batch(scene, position, velocity, abort, left):  # type: ignore[no-untype
     """Run the engine of a scene from each state, which the end replaces; see `Starts`, `Ends`."""
     grains = position.shape[2]
     for run in range(position.shape[0]):
-        particles = new_particles(grains, grains, scene.radius, scene.mass, scene.temperature)
+        particles = new_particles(scene, grains)
         particles.position[:] = position[run]
         particles.velocity[:] = velocity[run]
         advance(scene.engine, scene, particles, new_ledger(), abort)

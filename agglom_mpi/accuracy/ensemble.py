@@ -17,7 +17,7 @@ from agglom_mpi.accuracy.stopping_study import (
     truth_of,
 )
 from agglom_mpi.accuracy.words import percent
-from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.search.objectives import MaximumGrowth, make_objective
 from agglom_mpi.search.streams import stream
 from agglom_mpi.simulation.outcome import COMPLETED
 
@@ -51,6 +51,8 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
 
     Parameters
     ----------
+    campaign
+        Its objective and its own rule; without them, a scene alone, Π is taken [B 7.1].
     rows
         Samples as `OUTCOME` rows, shape (rows,); those that failed are left out.
     quick
@@ -60,22 +62,25 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
     if len(pool) < FEWEST_ROWS:
         few = f"Of {len(rows)} samples {len(pool)} completed; a pool takes at least {FEWEST_ROWS}."
         return _nothing("no pool to draw from", failures=(few,))
-    objective = make_objective(campaign.objective, campaign.scene.particles)
+    plan, particles = campaign.plan, campaign.scene.particles
+    objective = make_objective(plan.objective, particles) if plan else MaximumGrowth(particles)
     truth = truth_of(pool, objective)
-    most = min(max(campaign.ensemble.max_samples, SHORTEST), LONGEST)
+    most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
     if truth.spread <= ROUNDING * truth.mean:
         equal = f"All {len(pool)} samples have the same mean radius: one is enough for any rule."
         return _nothing(words.reference(len(pool), truth), conclusions=(equal,))
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
     draws = stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
-    rules = [*families(truth, most), campaigns_own(campaign.ensemble, most)]
+    rules = families(truth, most)
+    if plan:
+        rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
     return Section(
         title=words.TITLE,
         problem=words.PROBLEM,
         reference=words.reference(len(pool), truth),
-        setups=words.setups(orders, most, len(rows) - len(pool), campaign.ensemble),
+        setups=words.setups(orders, most, len(rows) - len(pool), plan and plan.ensemble),
         figures=_figures(frame, truth, most),
         tables=_tables(frame, goal),
         failures=words.failures(frame),

@@ -62,17 +62,20 @@ def reference(samples: int, truth: Truth) -> str:
     )
 
 
-def setups(orders: int, most: int, failed: int, model: "AnyEnsemble") -> str:
+def setups(orders: int, most: int, failed: int, model: "AnyEnsemble | None") -> str:
     """Say what was run."""
+    own = "the scene has no objective and no rule of its own, and Π is taken [B 7.1]"
+    if model is not None:
+        limits = f"{model.min_samples} to {min(most, model.max_samples)}"
+        own = f"the campaign's own rule is kept within its own limits, {limits}"
     text = (
         f"{orders} random orders of {most} samples, the same for every rule and tolerance; the "
-        "published rules are asked from 2 samples on, the standard-error rule from 5, and the "
-        f"campaign's own from {model.min_samples} to {min(most, model.max_samples)}. A stop is by "
-        "luck if the mean is further from the truth than the tolerance taken as an error bound: "
-        "|mean − truth| > TOL·|truth| for the published rules, of the quantity that they watch (of "
-        "the moments: the first alone); |mean − truth| > TOL for the objective of the "
-        "standard-error rule, for which 5 % is right. Shares are of the ensembles that the rule "
-        "stopped; coverage is of all."
+        f"published rules are asked from 2 samples on, the standard-error rule from 5; {own}. A "
+        "stop is by luck if the mean is further from the truth than the tolerance taken as an "
+        "error bound: |mean − truth| > TOL·|truth| for the published rules, of the quantity that "
+        "they watch (of the moments: the first alone); |mean − truth| > TOL for the objective of "
+        "the standard-error rule, for which 5 % is right. Of stops by luck the share is of the "
+        "ensembles that the rule stopped; coverage is of all."
     )
     if failed:
         text += f" {failed} samples of the pool had failed and were left out."
@@ -83,19 +86,18 @@ def table_caption(goal: float) -> str:
     """Say what a row of the document's table is."""
     return (
         f"Each rule at its loosest tolerance whose mean is right to {percent(goal)} (rms), or at "
-        "the tightest if none is; and the campaign's own."
+        "the tightest if none is; and the campaign's own, if it has one."
     )
 
 
 def conclusions(frame: "pd.DataFrame", truth: Truth, goal: float) -> tuple[str, ...]:
     """Say what the numbers say."""
-    own = frame[frame["rule"] == OWN].iloc[0]
     return (
         _cost(frame, truth, goal),
         *_published(frame),
         _scatter(of_rules(frame), goal),
         *_with_error(of_rules(frame), goal),
-        _own(own),
+        *(_own(row) for _, row in frame[frame["rule"] == OWN].iterrows()),
     )
 
 

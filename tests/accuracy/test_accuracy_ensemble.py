@@ -273,6 +273,14 @@ def test_section_judges_the_campaigns_own_rule_within_its_own_limits():
     assert np.all(goal["ended at max_samples"] <= 0.5)
 
 
+def test_section_of_a_scene_alone_has_no_rule_of_its_own():
+    alone = CAMPAIGN[: CAMPAIGN.index("objective:")].replace("[1, 2]", "1")
+    section = ensemble(Campaign.from_text(alone), pool_of_radii(60, seed=22), quick=True)
+    assert "no rule of its own" in section.setups
+    assert not any("This campaign" in sentence for sentence in section.conclusions)
+    assert OWN not in set(section.tables[1].frame["rule"])
+
+
 def test_section_is_the_same_again():
     campaign, pool = Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=19)
     first, again = (ensemble(campaign, pool, quick=True) for _ in range(2))
