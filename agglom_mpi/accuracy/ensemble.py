@@ -17,7 +17,7 @@ from agglom_mpi.accuracy.stopping_study import (
     truth_of,
 )
 from agglom_mpi.accuracy.words import percent
-from agglom_mpi.search.objectives import MaximumGrowth, make_objective
+from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.search.streams import stream
 from agglom_mpi.simulation.outcome import COMPLETED
 
@@ -52,7 +52,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
     Parameters
     ----------
     campaign
-        Its objective and its own rule; without them, a scene alone, Π is taken [B 7.1].
+        Its objective and, unless it is a scene alone, its own rule.
     rows
         Samples as `OUTCOME` rows, shape (rows,); those that failed are left out.
     quick
@@ -63,7 +63,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         few = f"Of {len(rows)} samples {len(pool)} completed; a pool takes at least {FEWEST_ROWS}."
         return _nothing("no pool to draw from", failures=(few,))
     plan, particles = campaign.plan, campaign.scene.particles
-    objective = make_objective(plan.objective, particles) if plan else MaximumGrowth(particles)
+    objective = make_objective(campaign.objective, particles)
     truth = truth_of(pool, objective)
     most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
     if truth.spread <= ROUNDING * truth.mean:

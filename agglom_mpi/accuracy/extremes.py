@@ -36,11 +36,9 @@ def trials(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Trial]:
     chosen = {}
     for name, campaign in scenes.items():
         parameters = campaign.parameters()
-        published = campaign.scene.__class__, as_published(campaign.scene)
+        published = with_scene(campaign, **dict(as_published(campaign.scene)))
         chosen[name] = Trial(campaign, parameters, samples)
-        chosen[published_name(name)] = Trial(
-            with_scene(campaign, **dict(published[1])), parameters, samples
-        )
+        chosen[published_name(name)] = Trial(published, parameters, samples)
     return chosen
 
 

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy import box, extremes, inversion, time_integration
+from agglom_mpi.accuracy import box, extremes, inversion, time_integration, whole_method
 from agglom_mpi.accuracy.study import Study
 from agglom_mpi.accuracy.trials import Trial, refusal
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
@@ -87,6 +87,8 @@ def make_plan(options: Options) -> Plan:
         event = time_integration.EVENT
         trials[event] = trials[event]._replace(samples=max(extent.pool, extent.samples))
         trials |= box.trials(campaign, parameters, extent.samples, options.quick)
+        if not options.quick:
+            trials |= whole_method.trials(campaign, parameters, extent.samples)
     if history is not None:
         trials |= inversion.trials(history, extent.again)
     trials |= extremes.trials(scenes, extent.extreme)

@@ -16,19 +16,26 @@ from agglom_mpi.accuracy.plan import Plan
 from agglom_mpi.accuracy.section import Section
 from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import EVENT, time_integration
+from agglom_mpi.accuracy.whole_method import whole_method
 from agglom_mpi.simulation.scene import build_scene
 
 Samples = Mapping[str, NDArray[np.void]]
 
 
 def scene_sections(plan: Plan, samples: Samples) -> Iterator[Section]:
-    """Error against run time of one scene, knob by knob."""
+    """Error against run time of one scene, knob by knob.
+
+    The quick study leaves out what would compile further kernels.
+    """
     campaign = plan.campaign
     assert campaign is not None
     yield time_integration(campaign, plan.parameters, samples, plan.quick)
-    yield few_body(plan.quick)
+    if not plan.quick:
+        yield few_body()
     yield impact_solver(plan.quick)
     yield cooling(build_scene(campaign.scene, plan.parameters), plan.quick)
+    if not plan.quick:
+        yield whole_method(campaign, samples)
     yield ensemble(campaign, completed(samples[EVENT]), plan.quick)
     yield box(campaign, plan.parameters, samples, plan.quick)
     if plan.history is not None:
