@@ -11,7 +11,7 @@ from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed, estimate
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
-from agglom_mpi.accuracy.words import measured, time
+from agglom_mpi.accuracy.words import digits, measured, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.search.objectives import make_objective
 
@@ -214,6 +214,6 @@ def _conclusions(
             f"b/b⁰ by {measured(change)} ({100 * change.mean / home['mean b/b0']:+.1f} %), "
             f"{'beyond' if beyond else 'within'} the error, and the objective from "
             f"{home['objective']:.3f} to {place['objective']:.3f}, at "
-            f"{place['seconds per sample (s)'] / home['seconds per sample (s)']:.2g} times the "
+            f"{digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} times the "
             "time of a sample."
         )

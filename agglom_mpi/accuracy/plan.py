@@ -40,7 +40,7 @@ class Extent(NamedTuple):
 
 
 QUICK: Final = Extent(samples=60, pool=300, again=60, extreme=4, budget=5e7)
-FULL: Final = Extent(samples=1000, pool=4000, again=400, extreme=20, budget=2e9)
+FULL: Final = Extent(samples=1000, pool=4000, again=400, extreme=20, budget=4e9)
 
 
 class Options(NamedTuple):

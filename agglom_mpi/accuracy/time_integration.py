@@ -10,7 +10,7 @@ from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed, estimate, paired_difference
 from agglom_mpi.accuracy.trials import Trial
-from agglom_mpi.accuracy.words import measured, percent, time
+from agglom_mpi.accuracy.words import digits, measured, percent, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.search.objectives import make_objective
@@ -256,14 +256,14 @@ def _conclusions(frame: "pd.DataFrame", cost: float) -> Iterator[str]:
         found = [f"event {time(cost)}"]
         for family, rows in frame.groupby("method", sort=False):
             found.append(f"{family} {_reached(rows, tolerance)}")
-        yield f"At {percent(tolerance)} error of mean b/b⁰: {'; '.join(found)}."
+        yield f"At {100.0 * tolerance:g} % error of mean b/b⁰: {'; '.join(found)}."
     for family, rows in frame.groupby("method", sort=False):
         finest = rows.iloc[-1]
         yield (
             f"The finest steps of {family} are off by {100 * finest['relative bias']:+.2f} ± "
             f"{100 * finest['relative half width']:.2f} % ({CONFIDENCE}) at "
             f"{time(finest['seconds per sample (s)'])} a sample, "
-            f"{finest['seconds per sample (s)'] / cost:.2g} times the event engine's."
+            f"{digits(finest['seconds per sample (s)'] / cost)} times the event engine's."
         )
 
 

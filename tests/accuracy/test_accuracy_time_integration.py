@@ -47,9 +47,9 @@ def test_a_bias_of_first_order_reaches_each_tolerance_where_it_should(campaign):
     shares = 1.0 / np.array(module.STEPS)
     assert np.allclose(fixed["bias of b/b0"], 10.0 * shares, atol=1e-6)
     assert np.allclose(fixed["relative bias"], 10.0 * shares / growth, rtol=0.03)
-    at_one_percent = next(text for text in found.conclusions if text.startswith("At 1.0 %"))
+    at_one_percent = next(text for text in found.conclusions if text.startswith("At 1 %"))
     assert "fixed 1.1 ms (steps of" in at_one_percent
-    at_two_permille = next(text for text in found.conclusions if text.startswith("At 0.20 %"))
+    at_two_permille = next(text for text in found.conclusions if text.startswith("At 0.2 %"))
     assert "fixed 5.1 ms (steps of" in at_two_permille
 
 
