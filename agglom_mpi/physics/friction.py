@@ -89,4 +89,6 @@ def normal_loss(pair: Encounter, deficit: float) -> float:
 @stage
 def friction_loss(pair: Encounter, impulse: float) -> float:
     """Kinetic energy P|u_t| − P²/(2m*) that a tangential impulse P dissipates, J."""
+    if impulse == 0.0:  # known when it is compiled for a scene without friction
+        return 0.0
     return impulse * (pair.slip_speed - 0.5 * impulse / pair.reduced_mass)

@@ -14,6 +14,7 @@ from agglom_mpi.physics.fragmentation import (
     PairEnergyFragmentation,
     breakage,
 )
+from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit, merge_heat, merge_loss, own_loss
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.reaction import reaction_heat
@@ -135,11 +136,10 @@ def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untype
 
 
 @stage
-def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+def meet(scene, particles, ledger, i, j, normal, time):  # type: ignore[no-untyped-def]
     """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
     catch_up(scene.cooling, scene, particles, ledger, i, time)
     catch_up(scene.cooling, scene, particles, ledger, j, time)
-    normal = line_of_centres(scene, particles, i, j)
     velocity = relative_velocity(particles, i, j)
     approach = dot(velocity, normal)
     slip, tangent = slip_direction(normal, velocity, approach)
@@ -162,7 +162,7 @@ def meet(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         dot(velocity_j, tangent),
         time - max(value_of(particles.struck, i, -np.inf), value_of(particles.struck, j, -np.inf)),
     )
-    return pair, normal, tangent
+    return pair, tangent
 
 
 @stage
@@ -174,15 +174,16 @@ def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-de
     normal = line_of_centres(scene, particles, i, j)
     if not dot(relative_velocity(particles, i, j), normal) > 0.0:
         return RECEDING
-    pair, normal, tangent = meet(scene, particles, ledger, i, j, time)
+    pair, tangent = meet(scene, particles, ledger, i, j, normal, time)
     set_value(particles.struck, i, time)
     set_value(particles.struck, j, time)
     impact = solve_impact(scene.laws, pair)
     if impact.bonds:
         return BONDED
     book(ledger, impact)
-    kick(particles, i, -1.0 / pair.mass_i, normal, tangent, impact)
-    kick(particles, j, 1.0 / pair.mass_j, normal, tangent, impact)
+    impulse = impulse_of(scene.laws.friction, impact, normal, tangent)
+    kick(particles, i, -1.0 / pair.mass_i, impulse)
+    kick(particles, j, 1.0 / pair.mass_j, impulse)
     settle(scene, particles, ledger, i, pair.normal_i, pair.tangent_i, impact, impact.heat_i)
     settle(scene, particles, ledger, j, -pair.normal_j, -pair.tangent_j, impact, impact.heat_j)
     return BOUNCED
@@ -190,21 +191,43 @@ def collide(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-de
 
 @stage
 def book(ledger, impact):  # type: ignore[no-untyped-def]
-    """Enter an impact in the ledger."""
+    """Enter an impact in the ledger; what is always 0 in a scene compiles to nothing."""
     ledger.tally[COLLISIONS] += 1
-    ledger.energy[REACTION] += impact.reaction
     ledger.energy[DISSIPATED] += impact.loss
-    ledger.residual[0] = max(ledger.residual[0], impact.residual)
+    if impact.reaction != 0.0:
+        ledger.energy[REACTION] += impact.reaction
+    if impact.residual != 0.0:
+        ledger.residual[0] = max(ledger.residual[0], impact.residual)
     if impact.capped:
         ledger.tally[CAPPED] += 1
 
 
+@question
+def impulse_of(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    """Impulse in N s, three components, that acts on j and against i."""
+
+
+@impulse_of.answer(None)
+def _along_normal(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    return scaled(normal, impact.normal_impulse)
+
+
+@impulse_of.answer(ConstantFriction, RestitutionScaledFriction)
+def _with_friction(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    push, rub = impact.normal_impulse, impact.friction_impulse
+    return (
+        push * normal[0] + rub * tangent[0],
+        push * normal[1] + rub * tangent[1],
+        push * normal[2] + rub * tangent[2],
+    )
+
+
 @stage
-def kick(particles, i, factor, normal, tangent, impact):  # type: ignore[no-untyped-def]
-    """Change the velocity of particle i by both impulses times `factor` in 1/kg."""
-    for axis in range(3):
-        impulse = impact.normal_impulse * normal[axis] + impact.friction_impulse * tangent[axis]
-        particles.velocity[axis, i] += factor * impulse
+def kick(particles, i, factor, impulse):  # type: ignore[no-untyped-def]
+    """Change the velocity of particle i by an impulse in N s times `factor` in 1/kg."""
+    particles.velocity[0, i] += factor * impulse[0]
+    particles.velocity[1, i] += factor * impulse[1]
+    particles.velocity[2, i] += factor * impulse[2]
 
 
 @stage
@@ -303,7 +326,8 @@ def packed_sites(count, radius):  # type: ignore[no-untyped-def]
 @rare_stage
 def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
-    pair, _, _ = meet(scene, particles, ledger, i, j, time)
+    normal = line_of_centres(scene, particles, i, j)
+    pair, _ = meet(scene, particles, ledger, i, j, normal, time)
     line = separation_vector(scene.escape, particles, i, j, scene.half_width)
     mass = pair.mass_i + pair.mass_j
     share = pair.mass_j / mass

@@ -37,13 +37,15 @@ def _fixed_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-un
     squared = np.empty(capacity)
     neighbours = new_neighbours(capacity)
     step = scene.end_time / engine.steps
+    reach = 0.0
     merged = True
     for index in range(engine.steps):
         time = index * step
         if aborted(abort):
             return time
         count_step(particles, ledger)
-        reach = largest_radius(particles)
+        if merged:  # breaking only makes it less
+            reach = largest_radius(particles)
         update_neighbours(scene, particles, neighbours, time, merged, 2.0 * reach)
         find_partners(scene, particles, neighbours, partner, squared, reach)
         merged = resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time)

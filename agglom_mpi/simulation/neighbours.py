@@ -75,11 +75,12 @@ BUILT_AT: Final = 2
 
 @allocating
 def new_neighbours(capacity):  # type: ignore[no-untyped-def]
-    """Room for the lists of `capacity` particles, out of date."""
+    """Room for the lists of `capacity` particles, out of date; none where they are few for ever."""
+    listed = capacity if capacity > FEW else 0
     return Neighbours(
-        np.empty((capacity, ROOM), np.int32),
-        np.empty(capacity, np.int32),
-        np.empty((3, capacity)),
+        np.empty((listed, ROOM), np.int32),
+        np.empty(listed, np.int32),
+        np.empty((3, listed)),
         np.zeros(3),
         np.empty(capacity, np.int64),
         np.zeros(capacity, np.bool_),

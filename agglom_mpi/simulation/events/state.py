@@ -61,9 +61,10 @@ class Events(NamedTuple):
 def new_events(particles):  # type: ignore[no-untyped-def]
     """Return empty events for as many particles as there is room for."""
     capacity = particles.mass.size
+    celled = particles.size[0] if capacity > FEW else 0
     return Events(
         Movers(np.zeros(capacity, PATH), np.zeros(capacity, PLAN)),
-        new_cells(particles.size[0], capacity),
+        new_cells(celled, capacity),
         new_tournament(capacity),
         np.empty(capacity, np.int64),
         np.zeros(1, np.int64),
