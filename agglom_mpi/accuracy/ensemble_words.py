@@ -64,7 +64,7 @@ def reference(samples: int, truth: Truth) -> str:
 
 def setups(orders: int, most: int, failed: int, model: "AnyEnsemble | None") -> str:
     """Say what was run."""
-    own = "the scene has no objective and no rule of its own, and Π is taken [B 7.1]"
+    own = "the scene has no rule of its own"
     if model is not None:
         limits = f"{model.min_samples} to {min(most, model.max_samples)}"
         own = f"the campaign's own rule is kept within its own limits, {limits}"
