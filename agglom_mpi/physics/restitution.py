@@ -184,5 +184,7 @@ def rootless_step(
     capacity_j = pair.mass_j * laws.heat_capacity
     warm_i = pair.temperature_i + (heats[0] + reaction) / capacity_i
     warm_j = pair.temperature_j + (heats[1] + reaction) / capacity_j
-    first = proven_step(laws, scale, warm_i, (slopes[0] + rise) / capacity_i, upper, trial)
-    return proven_step(laws, scale, warm_j, (slopes[1] + rise) / capacity_j, upper, first)
+    return min(
+        proven_step(laws, scale, warm_i, (slopes[0] + rise) / capacity_i, upper, trial),
+        proven_step(laws, scale, warm_j, (slopes[1] + rise) / capacity_j, upper, trial),
+    )

@@ -202,9 +202,9 @@ def test_any_grain_cools_in_two_intervals_as_much_as_in_one(grain, first, second
     times = [constant * 10.0**power for power in (first, second)]
     together = exact(law, start, times[0] + times[1])
     apart = exact(law, exact(law, start, times[0]), times[1])
-    # Every e-fold adds its rounding, and less than 50 of them leave anything of the distance.
+    # Every e-fold adds its rounding; after 700 of them floats lose their digits.
     error = 1e-12 * abs(together - law.equilibrium)
-    error += 8.0 * math.ulp(max(together, law.equilibrium))
+    error += 8.0 * math.ulp(max(together, law.equilibrium)) + 1e-300
     assert abs(apart - together) <= error
 
 
@@ -222,7 +222,7 @@ def panels(law, temperature):
 
 
 @pytest.mark.parametrize("start", [0.0, 1.0, 1e6])
-@pytest.mark.parametrize("rest", [2.0 * COLDEST, 1e-3, 1e6])
+@pytest.mark.parametrize("rest", [2.0 * COLDEST, 1e-3, 3e5])
 def test_the_way_to_equilibrium_is_a_bounded_number_of_panels(start, rest):
     law = radiative(surroundings=rest)
     most = math.ceil((math.log(max(start, rest) / rest) + 17.0 * math.log(10.0)) / PANEL) + 1

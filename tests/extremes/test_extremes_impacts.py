@@ -248,8 +248,21 @@ def test_a_fold_that_nearly_touches_is_passed_in_few_steps(make, softening, gap)
 
 
 @KINDS
+def test_partners_of_two_temperatures_may_be_swapped_to_the_bit(make):
+    """The bound of the second partner was that of the way left by the first."""
+    temperatures = (1.0, 1.1547819846894583)
+    base = 183.0794482734816 if make is make_2003 else 183.0794482734816e-6
+    laws = make(hardness=base, energy=10.0 * R, friction=0.0, heat=0.0, capacity=1.0, initial=0.0)
+    one, other = (
+        solve_impact(laws, encounter(1.0, 0.0, (1.0, 1.0), order, 1.0))
+        for order in (temperatures, temperatures[::-1])
+    )
+    assert other == one
+
+
+@KINDS
 def test_the_partners_may_be_swapped(make):
-    @examples(100)
+    @examples(150)
     @given(impacts(make))
     def check(case):
         laws, pair = case
