@@ -62,9 +62,9 @@ def resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time
     merged = False
     mass, radius, moved = particles.mass, particles.radius, neighbours.tally
     for i in range(particles.size[0]):
-        if mass[i] == 0.0:
-            continue
         if moved[MOVED] > 0:
+            if mass[i] == 0.0:  # merged in this step, or it would have been compacted
+                continue
             mend_partner(scene, particles, neighbours, partner, squared, i)
         j = partner[i]
         if j < 0 or not is_contact(radius, i, j, squared[i]):

@@ -1,16 +1,34 @@
-"""What a scene has no use for is not there."""
+"""What a scene has no use for is not there, and leaving it out does not change a bit."""
 
 import numpy as np
 import pytest
 from scenes import (
+    CEILING,
+    CONSTANT,
+    FLOOR,
     breaking_adaptive_reentry,
     breaking_event_periodic,
     event_periodic,
+    make_scene,
     merging_event_periodic,
 )
 
-from agglom_mpi.physics.restitution import ContactTimeRestitution
+from agglom_mpi.physics.cooling import Exact, ForwardEuler, RadiativeCooling
+from agglom_mpi.physics.duration import CompressionRecoveryDuration
+from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
+from agglom_mpi.physics.friction import ConstantFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ContactTimeRestitution,
+    PressureRestitution,
+)
+from agglom_mpi.physics.solvers import RootFinder
+from agglom_mpi.simulation.box import Periodic
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
 LEAN = event_periodic(0.9, **FEW)
@@ -36,3 +54,63 @@ def test_a_scene_has_only_the_arrays_that_it_uses(name):
     assert record["state"] == 1
     optional = ("temperature", "touched", "struck", "grains")
     assert {name for name in optional if getattr(particles, name) is not None} == expected
+
+
+CROWD = {"particles": 120, "size_ratio": 0.8, "end_time": 1e-3}
+SHADOW = RadiativeCooling(0.0, 300.0, 0.0, 300.0, 300.0)
+"""Radiation of what neither emits nor absorbs."""
+
+CONSTANT_RESTITUTION = CONSTANT._replace(restitution=ConstantRestitution(0.9))
+PRESSURE = CONSTANT._replace(
+    restitution=PressureRestitution(),
+    duration=CompressionRecoveryDuration(1.0),
+    hardness=ConstantHardness(2e5),
+    solver=RootFinder(),
+)
+"""Some bond, most bounce."""
+
+
+def with_inert_parts(scene):
+    """Add every submodel that the scene has left out, so that it has no effect on motion."""
+    laws = scene.laws._replace(
+        friction=ConstantFriction(0.0),
+        heating=PairSplit(),
+        reaction=ContactAreaReaction(0.0),
+        fragmentation=PairEnergyFragmentation(1e300),
+        heat_capacity=500.0,
+    )
+    if laws.hardness is None:
+        laws = laws._replace(restitution=ContactTimeRestitution(laws.restitution.value, 0.0))
+    else:
+        laws = laws._replace(hardness=ArrheniusHardness(laws.hardness.base, 0.0))
+    cooling = ForwardEuler if isinstance(scene.engine, AdaptiveSteps) else Exact
+    return scene._replace(laws=laws, cooling=cooling(SHADOW))
+
+
+LAWS_AND_ENGINES = {
+    "event": (CONSTANT_RESTITUTION, EventDriven(20_000)),
+    "event, all bond": (
+        CONSTANT_RESTITUTION._replace(restitution=ConstantRestitution(0.0)),
+        EventDriven(20_000),
+    ),
+    "event, pressure": (PRESSURE, EventDriven(20_000)),
+    "fixed": (CONSTANT_RESTITUTION, FixedSteps(200)),
+    "adaptive": (CONSTANT_RESTITUTION, AdaptiveSteps(FLOOR, CEILING)),
+}
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", LAWS_AND_ENGINES)
+def test_submodels_without_effect_do_not_change_a_bit(name, seed):
+    lean = make_scene(*LAWS_AND_ENGINES[name], Periodic(), **CROWD)
+    record, particles = simulate_scene(lean, np.random.default_rng(seed))
+    general, others = simulate_scene(with_inert_parts(lean), np.random.default_rng(seed))
+    assert record["collisions"] > 100 or record["merges"] > 20
+    for count in ("steps", "collisions", "merges", "particles", "overlaps"):
+        assert general[count] == record[count]
+    assert general["breakups"] == 0
+    left = int(record["particles"])
+    assert others.radius[:left].tobytes() == particles.radius[:left].tobytes()
+    assert others.position[:, :left].tobytes() == particles.position[:, :left].tobytes()
+    assert others.velocity[:, :left].tobytes() == particles.velocity[:, :left].tobytes()
+    assert others.temperature[:left].max() > lean.temperature  # the heat is at work
