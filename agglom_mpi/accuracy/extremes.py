@@ -71,8 +71,8 @@ def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Sec
         setups=(
             "Ours: the event engine, the root finder, exact cooling. As published: the same scene "
             "with the published impact iteration (cap 100), cooling by forward Euler, and time "
-            "steps: 200 equal ones [A], or adaptive ones with [B]'s limits in proportion to the end "
-            "time; the scene's own where it has some."
+            "steps: 200 equal ones [A], or adaptive ones with [B]'s limits in proportion to the "
+            "end time; the scene's own where it has some."
         ),
         figures=(),
         tables=(Table("extremes", "One row is one scene.", frame, SHOWN),),
