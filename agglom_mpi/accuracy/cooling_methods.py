@@ -1,0 +1,175 @@
+"""Cooling of single grains by Euler steps and exactly: many in one compiled loop, timed."""
+
+import math
+import statistics
+import time
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import kernel
+from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
+from agglom_mpi.physics.cooling import (
+    QuarticCooling,
+    RadiativeCooling,
+    cooled,
+    cooling_rate,
+    equilibrium_temperature,
+    euler_step,
+)
+from agglom_mpi.simulation.scene import Scene
+
+EXAMPLE_CAPACITY: Final = 1000.0
+"""J/(kg K), where a scene has no heat."""
+STEPS: Final = 200
+"""Steps in which a step size has to show that it overshoots."""
+TIMED: Final = 2000
+REPEATS: Final = 5
+
+
+class Grain(NamedTuple):
+    """A grain that cools: law, surface in m², capacity in J/K, and the temperature it tends to."""
+
+    law: Any
+    surface: float
+    capacity: float
+    rest: float
+
+
+class Run(NamedTuple):
+    """Temperature in K after Euler steps, whether any overshot the rest or went below 0 K."""
+
+    temperature: float
+    overshoots: bool
+    negative: bool
+
+
+def grain_of(scene: Scene) -> Grain:
+    """Return a grain of the scene; where nothing cools, with [B]'s radiation as an example."""
+    capacity = scene.laws.heat_capacity
+    specific = capacity if math.isfinite(capacity) else EXAMPLE_CAPACITY
+    law = scene.cooling.law if scene.cooling is not None else example_law()
+    rest = law.start if isinstance(law, QuarticCooling) else law.equilibrium
+    return Grain(law, 4.0 * math.pi * scene.radius**2, scene.mass * specific, rest)
+
+
+def example_law() -> RadiativeCooling:
+    """Radiation as [B] has it: emissivity 0.5, surroundings of 300 K, no convection."""
+    return RadiativeCooling(0.5, 300.0, 0.0, 300.0, equilibrium_temperature(0.5, 300.0, 0.0, 300.0))
+
+
+@kernel
+def step_on(law, rest, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
+    """Take Euler steps in s; temperature in K, whether one overshot `rest`, went below zero.
+
+    What a step does is judged before the package holds it at the rest of the quartic law.
+    """
+    overshoots = negative = False
+    for _ in range(steps):
+        free = temperature - step * cooling_rate(law, temperature, surface, capacity)
+        overshoots = overshoots or (free - rest) * (temperature - rest) < 0.0
+        negative = negative or free < 0.0
+        temperature = euler_step(law, temperature, surface, capacity, step)
+    return temperature, overshoots, negative
+
+
+@kernel
+def cool_on(law, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
+    """Exact temperature in K after `steps` intervals of `step` s each."""
+    for _ in range(steps):
+        temperature = cooled(law, temperature, surface, capacity, step)
+    return temperature
+
+
+@kernel
+def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):  # type: ignore[no-untyped-def]
+    """Take `repeats` Euler steps of every grain, in place, as a stepper does; heat lost in J."""
+    lost = 0.0
+    for _ in range(repeats):
+        for i in range(temperature.size):
+            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i] * specific
+            after = max(0.0, euler_step(law, temperature[i], surface, capacity, step))
+            lost += capacity * (temperature[i] - after)
+            temperature[i] = after
+    return lost
+
+
+@kernel
+def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats):  # type: ignore[no-untyped-def]
+    """Cool every grain exactly for `duration` s, `repeats` times over; heat lost in J."""
+    lost = 0.0
+    for _ in range(repeats):
+        for i in range(temperature.size):
+            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i] * specific
+            after = cooled(law, temperature[i], surface, capacity, duration)
+            lost += capacity * (temperature[i] - after)
+    return lost
+
+
+def euler(grain: Grain, temperature: float, step: float, steps: int) -> Run:
+    """Temperature after Euler steps in s, and what they did on the way."""
+    law, surface, capacity, rest = grain
+    return Run(*step_on(law, rest, surface, capacity, temperature, step, steps))
+
+
+def exact(grain: Grain, temperature: float, duration: float, intervals: int = 1) -> float:
+    """Exact temperature in K after a time in s, reached in so many equal intervals."""
+    step = duration / intervals
+    return float(cool_on(grain.law, grain.surface, grain.capacity, temperature, step, intervals))
+
+
+def linear_limit(grain: Grain, temperature: float) -> float:
+    """Inverse in s of the slope of the rate at `temperature`: mC/(4Bεa_sθ³) for radiation.
+
+    The linear law of that slope overshoots with any longer Euler step.
+    """
+    law = grain.law
+    if isinstance(law, QuarticCooling):
+        slope = 4.0 * STEFAN_BOLTZMANN * (temperature - law.start) ** 3
+        return law.density * law.heat_capacity / slope
+    slope = 4.0 * STEFAN_BOLTZMANN * law.emissivity * temperature**3 + law.convection
+    return grain.capacity / (grain.surface * slope)
+
+
+def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> float:
+    """Shortest step in s with which Euler steps from `temperature` have a flaw of `Run`; or nan.
+
+    Looked for within a factor of a thousand of `guess`, then bisected to rounding.
+    """
+
+    def flawed(step: float) -> bool:
+        return bool(getattr(euler(grain, temperature, step, STEPS), flaw))
+
+    steps = guess * np.logspace(-3.0, 3.0, 241)
+    flaws = [flawed(step) for step in steps]
+    if not any(flaws) or flaws[0]:
+        return math.nan
+    first = flaws.index(True)
+    low, high = float(steps[first - 1]), float(steps[first])
+    while high - low > 1e-12 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if flawed(middle) else (middle, high)
+    return high
+
+
+def seconds_per_step(grain: Grain, temperature: float, step: float) -> float:
+    """Median time in s of one Euler step of one grain."""
+    return _median_time(loop_of_steps, grain, temperature, step, 10)
+
+
+def seconds_of_exact(grain: Grain, temperature: float, duration: float) -> float:
+    """Median time in s of cooling one grain exactly for `duration` in s."""
+    return _median_time(loop_of_exact, grain, temperature, duration, 1)
+
+
+def _median_time(loop: Any, grain: Grain, temperature: float, span: float, repeats: int) -> float:
+    """Median time in s that a loop takes for one grain and one time span."""
+    radius = np.full(TIMED, math.sqrt(grain.surface / (4.0 * math.pi)))
+    mass = np.full(TIMED, grain.capacity)
+    times = []
+    for _ in range(REPEATS + 1):  # the first one compiles
+        temperatures = np.full(TIMED, temperature)
+        begin = time.perf_counter()
+        loop(grain.law, radius, mass, 1.0, temperatures, span, repeats)
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times[1:]) / (TIMED * repeats)
