@@ -15,6 +15,9 @@ from agglom_mpi.simulation.events.tournament import set_time
 SLACK: Final = 1e-9
 """Share of b² by which b² − ac may be negative from rounding, for whom c is not far above b²/a."""
 
+RESOLUTION: Final = 2.0**-51
+"""Approach over speed up to which an impact may leave both velocities as they are, by rounding."""
+
 
 @fused_stage
 def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
@@ -22,13 +25,24 @@ def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
     return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
 
 
+@stage
+def is_resolved(path, other, dx, dy, dz, closing):  # type: ignore[no-untyped-def]
+    """Whether two approach by more than the rounding of their velocities.
+
+    If not, an impact changes nothing: three that overlap would have such impacts for ever.
+    """
+    speeds = abs(path["u"]) + abs(path["v"]) + abs(path["w"])
+    speeds += abs(other["u"]) + abs(other["v"]) + abs(other["w"])
+    return -closing > RESOLUTION * speeds * (abs(dx) + abs(dy) + abs(dz))
+
+
 @fused_stage
 def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
     """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
 
     Only hits that come before what the other has in mind count: otherwise the other turns to i
-    again when that has happened. Overlapping and approaching is a hit now; receding is none. Of
-    hits at the same time, that of the lowest slot is taken.
+    again when that has happened. Overlapping and approaching is a hit now, if it can be told from
+    rounding; receding is none. Of hits at the same time, that of the lowest slot is taken.
     `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
     is judged by the distance at which the two would pass each other, which loses fewer digits.
     """
@@ -54,7 +68,9 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
             discriminant = square * reach * reach - miss
             time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
             first = time < hit_time or (time == hit_time and j < partner)
-            if first and discriminant > 0.0 and time < movers.plan[j]["hit_time"] and j != barred:
+            first = first and time < movers.plan[j]["hit_time"] and j != barred
+            real = time > now or is_resolved(path, other, dx, dy, dz, closing)
+            if first and discriminant > 0.0 and real:
                 hit_time = time
                 partner = np.int64(j)
     return hit_time, partner
