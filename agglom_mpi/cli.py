@@ -154,7 +154,9 @@ def check(campaign: str) -> None:
         from agglom_mpi.campaign import load_campaign
 
         loaded = load_campaign(campaign)
-        if loaded.plan is not None:
+        if loaded.plan is None:
+            loaded.check_scales(loaded.parameters())
+        else:
             loaded.check_searchable()
         click.echo(loaded.describe())
         return 0

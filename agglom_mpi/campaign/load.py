@@ -16,6 +16,7 @@ from agglom_mpi.campaign.plan import Ensemble, Objective, Output, Plan, Search, 
 from agglom_mpi.campaign.scene import SceneModel
 from agglom_mpi.campaign.source import CampaignError, Problem, parse, read_text
 from agglom_mpi.campaign.variables import Variables, collect, read_named
+from agglom_mpi.physics import scales
 from agglom_mpi.variables import COUNT, NAMES
 
 if TYPE_CHECKING:
@@ -100,6 +101,25 @@ class Campaign:
         if self.plan is None or not self.variables.searched:
             raise self._nothing_to_search()
 
+    def check_scales(self, string: npt.NDArray[np.float64]) -> None:
+        """Raise a CampaignError if a parameter string gives a scene beyond what can be calculated.
+
+        Parameters
+        ----------
+        string
+            All ten variables in SI units.
+        """
+        value = dict(zip(NAMES, string.tolist(), strict=True))
+        problems = []
+        for field, measure in (("half_width", scales.grain_mass), ("end_time", scales.end_time)):
+            try:
+                measure(self.scene, value)
+            except ValueError as error:
+                line = parse(self.text, self.name).line(("scene", field))
+                problems.append(Problem(self.name, line, f"scene.{field}", str(error)))
+        if problems:
+            raise CampaignError(*problems)
+
     def with_generations(self, generations: int) -> "Campaign":
         """Return the same campaign with another number of generations; `text` stays as it is."""
         if generations < 1:
@@ -181,6 +201,7 @@ class Campaign:
             if string.shape != (COUNT,):
                 message = f"have the shape {string.shape}; must be {COUNT} numbers"
                 raise CampaignError(Problem(self.name, None, "parameters", message))
+        self.check_scales(string)
         return simulate(self, string, sample, self.engine(engine))
 
     def identity(self) -> dict[str, object]:

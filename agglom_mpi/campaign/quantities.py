@@ -43,6 +43,11 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
 
 
+SMALLEST: Final = 1e-100
+LARGEST: Final = 1e100
+"""Sizes of numbers other than 0 whose squares and products float64 can hold."""
+
+
 def si(value: Any, unit: str) -> float:
     """Value in SI units.
 
@@ -58,17 +63,24 @@ def si(value: Any, unit: str) -> float:
     ValueError
         With what is wrong and what is allowed.
     """
-    if isinstance(value, str):
-        return _convert(value, unit)
+    number = _convert(value, unit) if isinstance(value, str) else _plain(value, unit)
+    if not isfinite(number):
+        raise ValueError(f"is {shown(value)}; must be a finite number")
+    if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
+        si_unit = "" if unit == "1" else f" {unit}"
+        raise ValueError(
+            f"is {shown(value)}; must be 0 or in size between {SMALLEST:g} and {LARGEST:g}{si_unit}"
+        )
+    return number
+
+
+def _plain(value: Any, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"is {shown(value)}; must be {_wanted(unit)}")
     try:
-        number = float(value)
+        return float(value)
     except OverflowError:
-        number = float("inf")
-    if not isfinite(number):
-        raise ValueError(f"is {shown(value)}; must be a finite number")
-    return number
+        return float("inf")
 
 
 def shown(value: Any) -> str:
@@ -107,12 +119,9 @@ def _convert(text: str, unit: str) -> float:
         kind = _kinds().get(source.dimensionality, str(source.dimensionality))
         raise ValueError(f"wrong unit: '{given}' is {kind}, expected {expected}")
     try:
-        result = float(registry.Quantity(Decimal(number), source).to(target).magnitude)
+        return float(registry.Quantity(Decimal(number), source).to(target).magnitude)
     except (TypeError, ArithmeticError):  # logarithmic units, exponents beyond Decimal's
         raise ValueError(f"is {shown(text)}; cannot be converted to '{unit}'") from None
-    if not isfinite(result):
-        raise ValueError(f"is {shown(text)}; must be a finite number")
-    return result
 
 
 def _unit(registry: "UnitRegistry", text: str) -> Any:

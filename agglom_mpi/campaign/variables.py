@@ -47,7 +47,7 @@ def read_value(variable: Variable, value: Any) -> float:
         raise ValueError(f"is {shown(value)}; must be greater than 0{unit}")
     if variable.name == "size_ratio" and number > LARGEST_SIZE_RATIO:
         raise ValueError(
-            f"is {shown(value)}, a volume fraction of {volume_fraction(number):.3f}; random "
+            f"is {shown(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
             f"placement jams near {JAMMING}, so at most {LARGEST_SIZE_RATIO}"
         )
     return number

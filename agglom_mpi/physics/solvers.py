@@ -100,7 +100,7 @@ def unique_root(laws: ImpactLaws, pair: Encounter, scale: float, plastic: float)
         a, fa = x, fx
         best = a if abs(fa) < abs(fb) else b
         limit = TOLERANCE * max(1.0, abs(best)) / abs(b - a)
-        if limit > 0.5 or fa == 0.0 or fb == 0.0:
+        if not limit <= 0.5 or fa == 0.0 or fb == 0.0:  # what is no number ends it too
             return a if fa == 0.0 else (b if fb == 0.0 else best)
         fraction = interpolation_fraction(a, b, c, fa, fb, fc)
         fraction = min(1.0 - limit, max(limit, fraction))

@@ -1,14 +1,13 @@
 """A scene as compiled kernels see it: a NamedTuple of submodels, `None` for what is left out."""
 
 import math
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.compilation import Submodel
 from agglom_mpi.physics import cooling as cool
-from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.contact_area import ContactArea
 from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
 from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
@@ -22,6 +21,7 @@ from agglom_mpi.physics.restitution import (
     ImpactLaws,
     PressureRestitution,
 )
+from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius
 from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.velocities import SpreadVelocities, UniformX
@@ -29,10 +29,6 @@ from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign.scene import SceneModel
-
-
-LARGEST_EXPONENT: Final = 600.0
-"""U/(Rθ) beyond which the hardness, and so the critical speed, is no number any more."""
 
 
 class FixedSteps(NamedTuple):
@@ -78,7 +74,7 @@ def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = No
     """Make the typed scene of one parameter string.
 
     The event engine has no time steps and cools exactly, whatever the scene's `integration` is;
-    the steppers integrate as the scene says.
+    the steppers integrate as the scene says. A ValueError says why a scene cannot be simulated.
 
     Parameters
     ----------
@@ -90,7 +86,6 @@ def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = No
         An engine section to use instead of the scene's own.
     """
     value = dict(zip(NAMES, np.asarray(parameters, dtype=float).tolist(), strict=True))
-    radius = 0.5 * value["size_ratio"] * 2.0 * model.half_width / model.particles ** (1.0 / 3.0)
     heats = model.heating.law != "none"
     chosen = engine or model.engine
     return Scene(
@@ -101,10 +96,10 @@ def build_scene(model: "SceneModel", parameters: npt.ArrayLike, engine: Any = No
         engine=_engine(chosen),
         particles=model.particles,
         half_width=model.half_width,
-        radius=radius,
-        mass=value["density"] * 4.0 / 3.0 * math.pi * radius**3,
+        radius=grain_radius(model, value),
+        mass=grain_mass(model, value),
         temperature=value["temperature"] if heats or not _missing(value["temperature"]) else 0.0,
-        end_time=_end_time(model, value, radius),
+        end_time=end_time(model, value),
     )
 
 
@@ -195,23 +190,3 @@ def _engine(model: Any) -> EventDriven | FixedSteps | AdaptiveSteps:
     if model.law == "fixed":
         return FixedSteps(model.steps)
     return AdaptiveSteps(model.floor, model.ceiling)
-
-
-def _end_time(model: "SceneModel", value: dict[str, float], radius: float) -> float:
-    """End time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) where the scene asks for it  [A 13].
-
-    S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
-    √(6 a_f H β/ρ) with the hardness at the starting temperature.
-    """
-    if not isinstance(model.end_time, str):
-        return float(model.end_time)
-    spacing = 2.0 * model.half_width / model.particles ** (1.0 / 3.0)
-    hardness = value["hardness"]
-    if model.hardness.law == "arrhenius":
-        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
-        if exponent > LARGEST_EXPONENT:
-            raise ValueError(f"the characteristic time vanishes: U/(R theta) is {exponent:.4g}")
-        hardness *= math.exp(exponent)
-    square = 6.0 * model.contact_area.final * hardness * model.duration.length_ratio
-    critical_speed = math.sqrt(square / value["density"])
-    return (spacing - 2.0 * radius) / critical_speed * math.log(0.01) / math.log(0.9)

@@ -32,6 +32,12 @@ SCENE = [
     ("  half_width", "  half_width: .inf", "5: scene.half_width: is inf; must be a finite number"),
     ("  half_width", "  half_width: .nan", "5: scene.half_width: is nan; must be a finite number"),
     ("  half_width", "  half_width: 1e999 m", "is '1e999 m'; must be a finite number"),
+    (
+        "  half_width",
+        "  half_width: 1e101",
+        "5: scene.half_width: is 1e+101; must be 0 or in size between 1e-100 and 1e+100 m",
+    ),
+    ("  half_width", "  half_width: 1e-200 km", "is '1e-200 km'; must be 0 or in size between"),
     ("  half_width", "  half_width: yes", "is the text 'yes'; must be a number in m, or a text wi"),
     ("  half_width", "  half_width: true", "is true; must be a number in m, or a text with a unit"),
     ("  half_width", "  half_width: [1, 2]", "is [1, 2]; must be a number in m"),
@@ -186,6 +192,7 @@ VARIABLES = [
     ("  density", "  density: [1, 2, 3]", "19: variables.density: is [1, 2, 3]; must be one value"),
     ("  density", "  density: [5, 5]", "is [5, 5]; the lower end must be less than the upper"),
     ("  density", "  density: [5, 4]", "is [5, 4]; the lower end must be less than the upper"),
+    ("  density", "  density: 1e-320", "is 1e-320; must be 0 or in size between 1e-100 and 1e+100"),
     ("  density", "  density: 0", "19: variables.density: is 0; must be greater than 0 kg/m^3"),
     ("  relative_speed", "  relative_speed: [-1, 1]", "is -1; must be 0 m/s or more"),
     (
@@ -230,6 +237,7 @@ VARIABLES = [
         "18: variables.size_ratio: is 0.95, a volume fraction of 0.449; random placement jams near "
         "0.38, so at most 0.8986",
     ),
+    ("  size_ratio", "  size_ratio: 1e60", "is 1e+60, a volume fraction of 5.24e+179; random"),
 ]
 
 PLAN = [

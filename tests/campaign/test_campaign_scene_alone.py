@@ -126,3 +126,48 @@ def test_a_scene_alone_is_described_without_a_search() -> None:
     ]
     planned = campaign(*FIXED).describe().splitlines()
     assert lines[4:] == planned[planned.index("Scene") :]
+
+
+GRAIN = "kg/m^3 has a mass that is not between 1e-100 and 1e+100 kg"
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (
+            ("  half_width", "  half_width: 1e-40"),
+            f"a grain of radius 1.29e-41 m and density 6e+03 {GRAIN}",
+        ),
+        (("  half_width", "  half_width: 1e90"), f"radius 1.29e+89 m and density 6e+03 {GRAIN}"),
+        (("  density", "  density: 1e-97"), f"radius 0.00129 m and density 1e-97 {GRAIN}"),
+        (
+            ("  activation", "  activation_energy: 1.5e6"),
+            "14: scene.end_time: the characteristic end time vanishes where U/(R theta) is 601.4; "
+            "must be at most 600, or give a time like '10 ms'",
+        ),
+        (
+            ("  temperature", "  temperature: 1e-3"),
+            "the characteristic end time vanishes where U/(R theta) is 6.014e+04; must be at most",
+        ),
+    ],
+)
+def test_a_scene_beyond_what_can_be_calculated_is_refused(
+    edit: tuple[str, str], expected: str
+) -> None:
+    alone = campaign(*ALONE, edit)
+    with pytest.raises(CampaignError) as caught:
+        alone.check_scales(alone.parameters())
+    assert expected in str(caught.value)
+    assert str(caught.value).startswith("campaign.yaml:")
+    with pytest.raises(CampaignError) as again:
+        alone.simulate({})
+    assert str(again.value) == str(caught.value)
+
+
+def test_what_is_beyond_is_a_matter_of_the_string() -> None:
+    loaded = campaign()
+    loaded.check_scales(loaded.parameters())
+    with pytest.raises(CampaignError, match=r"U/\(R theta\) is 1\.203e\+04; must be at most 600"):
+        loaded.simulate({"activation_energy": 3e7})
+    timed = campaign(("  end_time", "  end_time: 1 s"))
+    timed.check_scales(timed.parameters({"activation_energy": 3e7}))

@@ -1,0 +1,72 @@
+"""How large and how heavy is a grain of a scene, and how long does a run take?
+
+Plain numbers for one parameter string, refused where float64 cannot calculate with them.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+from agglom_mpi.physics.constants import GAS_CONSTANT
+
+LIGHTEST: Final = 1e-100
+HEAVIEST: Final = 1e100
+"""Masses of a grain in kg whose products, those of aggregates too, are numbers in float64."""
+
+LARGEST_EXPONENT: Final = 600.0
+"""U/(Rθ) beyond which the hardness, and so the critical speed, is no number any more."""
+
+
+def grain_radius(scene: Any, value: Mapping[str, float]) -> float:
+    """b⁰ = ℓ D/N^⅓ in m.
+
+    Parameters
+    ----------
+    scene
+        The `scene` section of a campaign.
+    value
+        The variables in SI units, by name.
+    """
+    return 0.5 * value["size_ratio"] * 2.0 * scene.half_width / scene.particles ** (1.0 / 3.0)
+
+
+def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
+    """Mass of a grain in kg; a ValueError if it is beyond `LIGHTEST` and `HEAVIEST`."""
+    radius = grain_radius(scene, value)
+    power = math.log10(value["density"]) + 3.0 * math.log10(radius) if radius > 0.0 else -math.inf
+    mass = value["density"] * 4.0 / 3.0 * math.pi * radius**3 if abs(power) < 200.0 else math.nan
+    if not LIGHTEST <= mass <= HEAVIEST:
+        raise ValueError(
+            f"a grain of radius {radius:.3g} m and density {value['density']:.3g} kg/m^3 has a "
+            f"mass that is not between {LIGHTEST:g} and {HEAVIEST:g} kg"
+        )
+    return mass
+
+
+def end_time(scene: Any, value: Mapping[str, float]) -> float:
+    """End time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) where the scene asks for it  [A 13].
+
+    S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
+    √(6 a_f H β/ρ) with the hardness at the starting temperature; a ValueError if that is none.
+    """
+    if not isinstance(scene.end_time, str):
+        return float(scene.end_time)
+    spacing = 2.0 * scene.half_width / scene.particles ** (1.0 / 3.0)
+    hardness = value["hardness"]
+    if scene.hardness.law == "arrhenius":
+        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
+        if exponent > LARGEST_EXPONENT:
+            raise ValueError(
+                f"the characteristic end time vanishes where U/(R theta) is {exponent:.4g}; must "
+                f"be at most {LARGEST_EXPONENT:g}, or give a time like '10 ms'"
+            )
+        hardness *= math.exp(exponent)
+    square = 6.0 * scene.contact_area.final * hardness * scene.duration.length_ratio
+    critical_speed = math.sqrt(square / value["density"])
+    if not 0.0 < critical_speed < math.inf:
+        raise ValueError(
+            f"the characteristic end time needs a critical speed, which is {critical_speed:g} m/s; "
+            "give a time like '10 ms'"
+        )
+    gap = spacing - 2.0 * grain_radius(scene, value)
+    return gap / critical_speed * math.log(0.01) / math.log(0.9)
