@@ -26,9 +26,10 @@ from agglom_mpi.simulation.particles import (
     DISSIPATED,
     FLOORED,
     MERGES,
-    RADIATED,
     REACTION,
     SURFACE,
+    UNRESOLVED,
+    book_cooling,
     copy_slot,
     empty_slot,
     set_value,
@@ -111,7 +112,7 @@ def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[n
     elapsed = time - particles.touched[i]
     after = cooled(cooling.law, before, surface, capacity, elapsed)
     if after != before:
-        ledger.energy[RADIATED] += capacity * (before - after)
+        book_cooling(ledger, capacity * (before - after))
     particles.temperature[i] = after
     particles.touched[i] = time
 
@@ -128,7 +129,10 @@ def _no_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-unt
 
 @warm.answer(PairSplit, OwnEnergy)
 def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
-    temperature = particles.temperature[i] + heat / (particles.mass[i] * scene.laws.heat_capacity)
+    capacity = particles.mass[i] * scene.laws.heat_capacity
+    before = particles.temperature[i]
+    temperature = before + heat / capacity
+    ledger.energy[UNRESOLVED] += heat - capacity * (temperature - before)
     if temperature < 0.0:
         ledger.tally[FLOORED] += 1
         temperature = 0.0
@@ -323,6 +327,13 @@ def packed_sites(count, radius):  # type: ignore[no-untyped-def]
     return sites
 
 
+@stage
+def merged_radius(first, second):  # type: ignore[no-untyped-def]
+    """Radius of the sphere of both volumes, in any unit of length to the bit."""
+    larger = max(first, second)
+    return larger * (1.0 + (min(first, second) / larger) ** 3) ** (1.0 / 3.0)
+
+
 @rare_stage
 def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
@@ -345,10 +356,11 @@ def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
     mixed = pair.temperature_i + share * (pair.temperature_j - pair.temperature_i)
     set_value(particles.temperature, i, mixed)
-    particles.radius[i] = (particles.radius[i] ** 3 + particles.radius[j] ** 3) ** (1.0 / 3.0)
+    left = pair.mass_i * (pair.temperature_i - mixed) + pair.mass_j * (pair.temperature_j - mixed)
+    particles.radius[i] = merged_radius(particles.radius[i], particles.radius[j])
     particles.mass[i] = mass
     grains = value_of(particles.grains, i, 1) + value_of(particles.grains, j, 1)
     set_value(particles.grains, i, grains)
     empty_slot(particles, j)
-    heat = merge_heat(laws.heating, pair) + reaction
+    heat = merge_heat(laws.heating, pair) + reaction + left * laws.heat_capacity
     warm(laws.heating, scene, particles, ledger, i, heat)

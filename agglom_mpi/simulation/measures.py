@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from agglom_mpi.compilation import allocating, stage
 from agglom_mpi.simulation.cells import cell_of, sort_into_cells, wrapped_cell
 from agglom_mpi.simulation.neighbours import squared_distance
@@ -10,6 +12,7 @@ from agglom_mpi.simulation.particles import (
     CAPPED,
     COLLISIONS,
     DISSIPATED,
+    EXCHANGED,
     FLOORED,
     MERGES,
     PARTICLE_STEPS,
@@ -17,6 +20,7 @@ from agglom_mpi.simulation.particles import (
     REACTION,
     STEPS,
     SURFACE,
+    UNRESOLVED,
     value_of,
 )
 from agglom_mpi.simulation.stepping import largest_radius
@@ -140,6 +144,20 @@ def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
 
 
 @stage
+def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-untyped-def]
+    """Mean temperature by mass in K, not beyond any; `otherwise` where there are none."""
+    if temperature is None:
+        return otherwise
+    total, mass = 0.0, 0.0
+    low, high = np.inf, 0.0
+    for i in range(particles.size[0]):
+        total += particles.mass[i] * temperature[i]
+        mass += particles.mass[i]
+        low, high = min(low, temperature[i]), max(high, temperature[i])
+    return min(high, max(low, total / mass))
+
+
+@stage
 def measure(scene, particles, out):  # type: ignore[no-untyped-def]
     """Write radii and temperature of the final state into the outcome record."""
     mean, second, third, fourth = radius_moments(particles, scene.radius)
@@ -147,9 +165,7 @@ def measure(scene, particles, out):  # type: ignore[no-untyped-def]
     out["radius_moment_2"] = second
     out["radius_moment_3"] = third
     out["radius_moment_4"] = fourth
-    _, mass = total_momentum(particles)
-    excess = thermal_energy(particles.temperature, particles, 1.0, scene.temperature)
-    out["mean_temperature"] = scene.temperature + excess / mass
+    out["mean_temperature"] = mean_temperature(particles.temperature, particles, scene.temperature)
     out["particles"] = particles.size[0]
     out["overlaps"] = count_overlaps(scene, particles)
 
@@ -185,8 +201,8 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
         balance += thermal_energy(
             particles.temperature, particles, scene.laws.heat_capacity, scene.temperature
         )
-        balance += energy[RADIATED] + energy[SURFACE] - energy[REACTION]
-    flowed = initial_energy + energy[REACTION] + abs(energy[RADIATED]) + energy[SURFACE]
+        balance += energy[RADIATED] + energy[SURFACE] + energy[UNRESOLVED] - energy[REACTION]
+    flowed = initial_energy + energy[REACTION] + energy[EXCHANGED] + energy[SURFACE]
     out["energy_error"] = balance / flowed if flowed > 0.0 else balance
 
 

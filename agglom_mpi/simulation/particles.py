@@ -11,6 +11,10 @@ REACTION: Final = 0
 RADIATED: Final = 1
 SURFACE: Final = 2
 DISSIPATED: Final = 3
+UNRESOLVED: Final = 4
+EXCHANGED: Final = 5
+"""Places in `Ledger.energy`: what a temperature is too coarse for (float64 has 3e-14 K left at
+300 K), and what was radiated and absorbed together, without signs."""
 
 COLLISIONS: Final = 0
 MERGES: Final = 1
@@ -67,7 +71,14 @@ class Particles(NamedTuple):
 @allocating
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
-    return Ledger(np.zeros(4), np.zeros(8, np.int64), np.zeros(1))
+    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+
+
+@stage
+def book_cooling(ledger, energy):  # type: ignore[no-untyped-def]
+    """Enter `energy` in J that a particle has lost to its surroundings in the ledger."""
+    ledger.energy[RADIATED] += energy
+    ledger.energy[EXCHANGED] += abs(energy)
 
 
 @stage

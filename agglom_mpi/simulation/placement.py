@@ -1,15 +1,29 @@
-"""Where do the grains start?  Random sequential placement without overlap."""
+"""Where do the grains start?  Random sequential placement without overlap.
+
+It jams from a volume fraction of a third on, near 0.38 nearly always. Who finds no place then lets
+the others move about: equilibrium leaves gaps for one more up to far denser packings.
+"""
 
 from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, stage
-from agglom_mpi.simulation.box import distance_along
-from agglom_mpi.simulation.cells import wrapped_cell
+from agglom_mpi.compilation import allocating, rare_stage, stage
+from agglom_mpi.simulation.box import distance_along, inside, is_periodic
+from agglom_mpi.simulation.cells import cell_of, wrapped_cell
 
 ATTEMPTS: Final = 100_000
-"""Trials per sphere before a placement counts as jammed; at φ = 0.268 about 70 are the rule."""
+"""Trials per sphere before the others move; at φ = 0.268 about 70 are the rule."""
+
+ATTEMPTS_BETWEEN: Final = 1000
+SHUFFLES: Final = 300
+"""Trials after each time that all others moved, and how often they do before it counts as jammed.
+
+At φ = 0.38 one trial in 3000 succeeds at equilibrium (Carnahan and Starling).
+"""
+
+STRIDE: Final = 0.2
+"""How far a sphere tries to move along an axis at most, over its diameter."""
 
 
 @allocating
@@ -43,21 +57,68 @@ def place(random, escape, position, diameter, half_width):  # type: ignore[no-un
 @stage
 def fill(random, escape, position, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
     """Place the spheres into the cells; False if one found no place."""
-    cells = head.shape[0]
-    width = 2.0 * half_width
     for i in range(position.shape[1]):
-        for attempt in range(ATTEMPTS + 1):
-            if attempt == ATTEMPTS:
-                return False
-            for axis in range(3):
-                coordinate = width * random.random() - half_width
-                position[axis, i] = coordinate
-                cell[axis] = min(cells - 1, int((coordinate + half_width) / width * cells))
-            if is_free(escape, position, i, cell, head, following, diameter, half_width):
+        free = False
+        for turn in range(SHUFFLES + 1):
+            if turn > 0:
+                shuffle(random, escape, position, cell, head, following, i, diameter, half_width)
+            trials = ATTEMPTS if turn == 0 else ATTEMPTS_BETWEEN
+            for _ in range(trials):
+                for axis in range(3):
+                    position[axis, i] = 2.0 * half_width * random.random() - half_width
+                find_cell(position, i, cell, head, half_width)
+                if is_free(escape, position, i, cell, head, following, diameter, half_width):
+                    free = True
+                    break
+            if free:
                 break
+        if not free:
+            return False
         following[i] = head[cell[0], cell[1], cell[2]]
         head[cell[0], cell[1], cell[2]] = i
     return True
+
+
+@stage
+def find_cell(position, i, cell, head, half_width):  # type: ignore[no-untyped-def]
+    """Find the cell that sphere i is in."""
+    for axis in range(3):
+        cell[axis] = cell_of(position[axis, i], head.shape[0], half_width)
+
+
+@rare_stage
+def shuffle(random, escape, position, cell, head, following, count, diameter, half_width):  # type: ignore[no-untyped-def]
+    """Move each of the first `count` spheres a little, where it is free to go."""
+    before = (0.0, 0.0, 0.0)
+    for i in range(count):
+        find_cell(position, i, cell, head, half_width)
+        take_out(cell, head, following, i)
+        before = (position[0, i], position[1, i], position[2, i])
+        boxed = True
+        for axis in range(3):
+            moved = position[axis, i] + STRIDE * diameter * (2.0 * random.random() - 1.0)
+            boxed = boxed and (is_periodic(escape) or abs(moved) <= half_width)
+            position[axis, i] = inside(escape, moved, half_width)
+        find_cell(position, i, cell, head, half_width)
+        free = is_free(escape, position, i, cell, head, following, diameter, half_width)
+        if not (boxed and free):
+            for axis in range(3):
+                position[axis, i] = before[axis]
+            find_cell(position, i, cell, head, half_width)
+        following[i] = head[cell[0], cell[1], cell[2]]
+        head[cell[0], cell[1], cell[2]] = i
+
+
+@stage
+def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
+    """Take sphere i out of the list of its cell."""
+    j = head[cell[0], cell[1], cell[2]]
+    if j == i:
+        head[cell[0], cell[1], cell[2]] = following[i]
+        return
+    while following[j] != i:
+        j = following[j]
+    following[j] = following[i]
 
 
 @stage

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import agglom_mpi.simulation.adaptive
 import agglom_mpi.simulation.events.engine
 import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
-from agglom_mpi.compilation import kernel
+from agglom_mpi.compilation import kernel, stage
 from agglom_mpi.simulation import outcome as result
 from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.contact import catch_up
@@ -110,6 +110,13 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
         record["reason"] = result.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
+    carry_out(scene, particles, ledger, abort, record)
+    return particles
+
+
+@stage
+def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyped-def]
+    """Run particles from where they are to the scene's end, and measure them into `record`."""
     start = total_momentum(particles) + fluctuation(particles)
     end = advance(scene.engine, scene, particles, ledger, abort)
     record["end_time"] = end
@@ -117,14 +124,13 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
         catch_up(scene.cooling, scene, particles, ledger, i, end)
     if ledger.tally[EXHAUSTED] > 0:
         record["reason"] = result.BUDGET_EXCEEDED
-        return particles
+        return
     if not is_finite(particles):
         record["reason"] = result.NON_FINITE
-        return particles
+        return
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)
     record["state"] = result.COMPLETED
-    return particles
 
 
 def random_stream(

@@ -8,7 +8,7 @@ from agglom_mpi.compilation import question, stage
 from agglom_mpi.physics.cooling import Exact, ForwardEuler, euler_step
 from agglom_mpi.simulation.box import inside
 from agglom_mpi.simulation.neighbours import note_moved
-from agglom_mpi.simulation.particles import FLOORED, PARTICLE_STEPS, RADIATED, STEPS
+from agglom_mpi.simulation.particles import FLOORED, PARTICLE_STEPS, STEPS, book_cooling
 
 
 @stage
@@ -59,7 +59,7 @@ def _euler_steps(cooling, scene, particles, ledger, step):  # type: ignore[no-un
         if after < 0.0:
             ledger.tally[FLOORED] += 1
             after = 0.0
-        ledger.energy[RADIATED] += capacity * (before - after)
+        book_cooling(ledger, capacity * (before - after))
         particles.temperature[i] = after
 
 

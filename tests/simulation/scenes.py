@@ -29,7 +29,7 @@ from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.particles import EXHAUSTED, Ledger, Particles
+from agglom_mpi.simulation.particles import EXCHANGED, EXHAUSTED, Ledger, Particles
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities
 
@@ -222,7 +222,7 @@ def state(scene, positions, velocities, radii=None):
 
 
 def empty_ledger():
-    return Ledger(np.zeros(4), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
 
 
 @kernel
