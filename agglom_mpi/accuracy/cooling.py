@@ -74,7 +74,8 @@ def cooling(scene: Scene, quick: bool = False) -> Section:
             Figure(
                 "cooling_stiff",
                 "The same after runs in which the grains cool noticeably, against the step over "
-                "its limit at the start, by the estimate. Crosses: went below 0 K on the way.",
+                "its limit at the start, by the estimate. Crosses: went below 0 K on "
+                "the way, where the package puts it to 0 K and counts it.",
                 lambda figure: _draw(
                     figure, errors[errors["run"] == "stiff"], "step over the estimated limit"
                 ),

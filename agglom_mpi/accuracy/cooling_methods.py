@@ -62,14 +62,15 @@ def example_law() -> RadiativeCooling:
 def step_on(law, rest, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
     """Take Euler steps in s; temperature in K, whether one overshot `rest`, went below zero.
 
-    What a step does is judged before the package holds it at the rest of the quartic law.
+    What a step does is judged before the package holds it at the rest of the quartic law, and puts
+    what is below zero to zero.
     """
     overshoots = negative = False
     for _ in range(steps):
         free = temperature - step * cooling_rate(law, temperature, surface, capacity)
         overshoots = overshoots or (free - rest) * (temperature - rest) < 0.0
         negative = negative or free < 0.0
-        temperature = euler_step(law, temperature, surface, capacity, step)
+        temperature = max(0.0, euler_step(law, temperature, surface, capacity, step))
     return temperature, overshoots, negative
 
 
