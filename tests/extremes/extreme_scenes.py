@@ -114,20 +114,24 @@ def grains(draw, most_drift):
         flight /= 1.0 + drift
     end_time = draw(LASTING) * flight / speed if speed > 0.0 else draw(decades(-12, 12))
     mean = drift * (speed if speed > 0.0 else flight / end_time)
-    return {
-        "particles": number,
-        "half_width": half_width,
-        "velocities": {
-            "law": "spread",
-            "mean": [mean, -0.3 * mean, 0.01 * mean],
-            "transverse": draw(st.sampled_from([1.0, 0.1, 0.0])),
+    return (
+        {
+            "particles": number,
+            "half_width": half_width,
+            "velocities": {
+                "law": "spread",
+                "mean": [mean, -0.3 * mean, 0.01 * mean],
+                "transverse": draw(st.sampled_from([1.0, 0.1, 0.0])),
+            },
+            "end_time": end_time,
         },
-        "end_time": end_time,
-    }, {
-        "relative_speed": speed,
-        "size_ratio": size_ratio,
-        "density": density,
-    }, radius
+        {
+            "relative_speed": speed,
+            "size_ratio": size_ratio,
+            "density": density,
+        },
+        radius,
+    )
 
 
 @st.composite

@@ -67,7 +67,8 @@ def tell(record):
     if record["state"] == FAILED:
         event("failed")
         return
-    event(f"collisions {'0' if record['collisions'] == 0 else '10^%d' % np.log10(record['collisions'])}")
+    decade = f"10^{int(np.log10(record['collisions']))}" if record["collisions"] else "0"
+    event(f"collisions {decade}")
     for what in ("merges", "breakups", "overlaps"):
         if record[what]:
             event(f"{what}")
