@@ -12,6 +12,7 @@ import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
 from agglom_mpi.compilation import kernel
 from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.particles import new_ledger
 from agglom_mpi.simulation.scene import Scene
 
@@ -61,7 +62,9 @@ def run_batch(scene, position, velocity, abort, left):  # type: ignore[no-untype
         particles = new_particles(scene, grains)
         particles.position[:] = position[run]
         particles.velocity[:] = velocity[run]
-        advance(scene.engine, scene, particles, new_ledger(), abort)
+        drift = enter_frame(scene, particles)
+        end = advance(scene.engine, scene, particles, new_ledger(), abort)
+        leave_frame(scene, particles, drift, end)
         position[run] = particles.position
         velocity[run] = particles.velocity
         left[run] = particles.size[0]

@@ -15,6 +15,7 @@ from agglom_mpi.simulation import outcome as result
 from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.contact import catch_up
 from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.measures import (
     fluctuation,
     is_finite,
@@ -117,6 +118,7 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
 @stage
 def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyped-def]
     """Run particles from where they are to the scene's end, and measure them into `record`."""
+    drift = enter_frame(scene, particles)
     start = total_momentum(particles) + fluctuation(particles)
     end = advance(scene.engine, scene, particles, ledger, abort)
     record["end_time"] = end
@@ -130,6 +132,7 @@ def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyp
         return
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)
+    leave_frame(scene, particles, drift, end)
     record["state"] = result.COMPLETED
 
 

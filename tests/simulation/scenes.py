@@ -29,6 +29,7 @@ from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
 from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.particles import EXCHANGED, EXHAUSTED, Ledger, Particles
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities
@@ -227,7 +228,10 @@ def empty_ledger():
 
 @kernel
 def run_engine(scene, particles, ledger, abort):
-    return advance(scene.engine, scene, particles, ledger, abort)
+    drift = enter_frame(scene, particles)
+    time = advance(scene.engine, scene, particles, ledger, abort)
+    leave_frame(scene, particles, drift, time)
+    return time
 
 
 def run_from(scene, particles):

@@ -67,6 +67,24 @@ def test_momentum_energy_mass_and_grains_are_kept_through_merges_and_breakups(na
     assert np.all(np.abs(particles.position[:, :left]) <= HALF)
 
 
+@pytest.mark.parametrize("drift", [10.0, 1e4, 1e7])
+def test_a_mean_flow_a_million_times_the_spread_costs_the_ledger_no_digit(drift):
+    """It is kept in the centre-of-mass frame; velocities in the box have lost six digits."""
+    scene = BREAKING["event, periodic"]
+    velocities = scene.velocities._replace(mean=(drift, -0.3 * drift, 0.01 * drift))
+    for seed in range(3):
+        record, particles = simulate_scene(
+            scene._replace(velocities=velocities), np.random.default_rng(seed)
+        )
+        assert (record["state"], record["merges"] > 20) == (1, True)
+        rounding = 2.0**-52 * record["collisions"]  # of the whole, at each
+        assert record["momentum_error"] <= rounding
+        assert abs(record["energy_error"]) <= 1e-12
+        left = int(record["particles"])
+        whole = particles.velocity[:, :left] @ particles.mass[:left] / (60 * scene.mass)
+        assert np.linalg.norm(whole - velocities.mean) <= 4.0 * scene.velocities.speed / 60**0.5
+
+
 @pytest.mark.parametrize("name", BREAKING)
 def test_grains_too_tough_to_break_only_merge(name):
     laws = BREAKING[name].laws._replace(fragmentation=PairEnergyFragmentation(1e16))

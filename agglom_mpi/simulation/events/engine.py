@@ -22,7 +22,6 @@ from agglom_mpi.simulation.events.state import (
 )
 from agglom_mpi.simulation.events.tournament import earliest, earliest_time, set_time
 from agglom_mpi.simulation.events.turns import set_turn, turn
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
 from agglom_mpi.simulation.scene import EventDriven
 from agglom_mpi.simulation.stepping import aborted
@@ -61,12 +60,10 @@ NO_HIT: Final = 3
 
 @advance.answer(EventDriven)
 def _event_driven(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
-    drift = enter_frame(scene, particles)
     events = new_events(particles)
     time = run_events(engine, scene, particles, ledger, events, abort)
     settle_all(scene, particles, events, time)
     compact(particles)
-    leave_frame(scene, particles, drift, time)
     return time
 
 
