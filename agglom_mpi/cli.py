@@ -40,22 +40,27 @@ def _seconds(context: click.Context, parameter: click.Parameter, text: str | Non
 
 def _finish(run: Callable[[], int]) -> int:
     """Turn mistakes of the user's into one message on standard error and exit code 2."""
-    from agglom_mpi.campaign import CampaignError
-
     try:
         return run()
-    except CampaignError as error:
-        click.echo(str(error), err=True)
-    except ValueError as error:
-        from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
-
-        if not isinstance(error, NotACampaign):
-            raise
-        click.echo(str(error), err=True)
     except OSError as error:
         known = error.filename and error.strerror
         click.echo(f"{error.filename}: {error.strerror}" if known else str(error), err=True)
+    except Exception as error:
+        if not _is_mistake(error):
+            raise
+        click.echo(str(error), err=True)
     return BAD_INPUT
+
+
+def _is_mistake(error: Exception) -> bool:
+    """Whether an error says in one message what the user did wrong."""
+    from agglom_mpi.campaign import CampaignError  # which `report` can do without
+
+    if isinstance(error, CampaignError):
+        return True
+    from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
+
+    return isinstance(error, NotACampaign)
 
 
 @click.command(

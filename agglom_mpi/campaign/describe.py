@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agglom_mpi.campaign.needs import needs
-from agglom_mpi.campaign.submodels import submodels
+from agglom_mpi.campaign.submodels import missing_arrays, submodels
 from agglom_mpi.campaign.variables import volume_fraction
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -32,8 +32,16 @@ def sections(campaign: "Campaign") -> list[Section]:
         ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
         ("Submodels", used),
-        ("Left out", left_out or ["nothing"]),
+        ("Left out", left_out + _unkept(campaign)),
     ]
+
+
+def _unkept(campaign: "Campaign") -> list[str]:
+    lines = []
+    if arrays := missing_arrays(campaign.scene):
+        lines.append(f"not known of a particle: {', '.join(arrays)}")
+    stored = "single particles, states before the end" if campaign.plan else "anything"
+    return [*lines, f"not stored of a sample: {stored}"]
 
 
 def _run(campaign: "Campaign") -> list[str]:

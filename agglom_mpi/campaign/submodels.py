@@ -51,6 +51,17 @@ def submodels(scene: SceneModel) -> tuple[list[str], list[str]]:
     return used, left_out
 
 
+def missing_arrays(scene: SceneModel) -> list[str]:
+    """What need not be known of each particle; `simulation.allocation` does the same."""
+    kept = {
+        "temperature": scene.heating.law != "none",
+        "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",
+        "time of last impact": getattr(scene.restitution, "contact_time", 0.0) > 0.0,
+        "number of grains": scene.fragmentation.law != "none",
+    }
+    return [name for name, used in kept.items() if not used]
+
+
 def _idle(scene: SceneModel) -> set[str]:
     """Submodels that have a law, but that nothing in the scene asks."""
     if scene.restitution.law == "pressure":

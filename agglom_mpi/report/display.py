@@ -7,10 +7,10 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from agglom_mpi.report.numbers import with_error
-from agglom_mpi.search import GenerationSummary, Inversion
 
 if TYPE_CHECKING:
     from agglom_mpi.farm.work import Work
+    from agglom_mpi.search import GenerationSummary, Inversion
 
 WIDEST: Final = 88
 """Columns that a table of six strings takes; files and pipes get them all."""
@@ -51,7 +51,7 @@ class Display:
         """Show a result."""
         print_wide(content)
 
-    def begin(self, work: "Work", path: str, ranks: int, inversion: Inversion) -> None:
+    def begin(self, work: "Work", path: str, ranks: int, inversion: "Inversion") -> None:
         """Say what runs, and prepare the live line."""
         self._total = self.total(work)
         done = len(inversion.results)
@@ -86,7 +86,7 @@ class Display:
             if status is not None:
                 self._progress.update(self._task, status=status)
 
-    def generation(self, summary: GenerationSummary, samples: int, rate: float) -> None:
+    def generation(self, summary: "GenerationSummary", samples: int, rate: float) -> None:
         """Show a finished generation."""
         best = with_error(summary.objective, summary.standard_error)
         self.message(

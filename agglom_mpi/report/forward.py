@@ -3,19 +3,21 @@
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
 from agglom_mpi.campaign.source import Problem
-from agglom_mpi.database.reader import CampaignFile, open_campaign
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.outcome import COLUMNS
 from agglom_mpi.simulation.sample import LEDGER, Outcome
 from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    from agglom_mpi.database.reader import CampaignFile
 
 
 class Request(NamedTuple):
@@ -38,6 +40,8 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         parameters = campaign.parameters(request.settings)
         stored = None
     else:
+        from agglom_mpi.database.reader import open_campaign
+
         file = open_campaign(request.source)
         campaign = Campaign.from_text(file.campaign_text, str(request.source))
         if request.settings:
@@ -66,7 +70,7 @@ def _mistake(request: Request, field: str, message: str) -> CampaignError:
     return CampaignError(Problem(str(request.source), None, field, message))
 
 
-def _recorded(request: Request, file: CampaignFile) -> npt.NDArray[np.float64]:
+def _recorded(request: Request, file: "CampaignFile") -> npt.NDArray[np.float64]:
     rows = file.string_rows()
     if request.string is None:
         raise _mistake(request, "--string", f"is missing; allowed: 0 to {len(rows) - 1}")
@@ -76,7 +80,7 @@ def _recorded(request: Request, file: CampaignFile) -> npt.NDArray[np.float64]:
     raise _mistake(request, "--string", f"is {request.string}; allowed: 0 to {len(rows) - 1}")
 
 
-def _stored_sample(request: Request, file: CampaignFile) -> np.void | None:
+def _stored_sample(request: Request, file: "CampaignFile") -> np.void | None:
     if request.sample is None or request.string is None:
         return None
     rows = file.sample_rows(request.string)

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, question, rare_stage, stage
+from agglom_mpi.compilation import allocating, question, stage
 from agglom_mpi.physics.contact_area import contact_area
 from agglom_mpi.physics.cooling import Exact, ForwardEuler, cooled
 from agglom_mpi.physics.encounter import Encounter
@@ -334,7 +334,7 @@ def merged_radius(first, second):  # type: ignore[no-untyped-def]
     return larger * (1.0 + (min(first, second) / larger) ** 3) ** (1.0 / 3.0)
 
 
-@rare_stage
+@stage
 def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
     normal = line_of_centres(scene, particles, i, j)

@@ -26,7 +26,6 @@ from agglom_mpi.simulation.events.prediction import look
 from agglom_mpi.simulation.events.state import Events, new_events, settle_all, start_over
 from agglom_mpi.simulation.events.tournament import earliest, earliest_time, new_tournament
 from agglom_mpi.simulation.events.turns import set_turn, turn
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.neighbours import find_partners, new_neighbours, update_neighbours
 from agglom_mpi.simulation.stepping import move
 
@@ -108,12 +107,10 @@ def loop(scene, state, events, counts):
 def events_of_whole_state(scene, particles):
     """Run the events of particles with all that the package keeps of them; events and hits."""
     counts = np.zeros(2, np.int64)
-    drift = enter_frame(scene, particles)
     events = new_events(particles)
     look_around(scene, events, nothing_hit(start_over(scene, particles, events, 0.0), RANGE), 0.0)
     loop(scene, particles, events, counts)
     settle_all(scene, particles, events, scene.end_time)
-    leave_frame(scene, particles, drift, scene.end_time)
     return counts
 
 
@@ -121,31 +118,13 @@ def events_of_whole_state(scene, particles):
 def events_of_bare_state(scene, state):
     """Run the events of spheres of which only positions and velocities are kept."""
     counts = np.zeros(2, np.int64)
-    drift = centre(state)
     events = begin(scene, state)
     for i in range(scene.particles):
         look(scene, events.cells, events.movers, events.tournament, i, 0.0, RANGE, NOBODY)
     loop(scene, state, events, counts)
     for i in range(scene.particles):
         catch_up_position(scene, state, events.movers, i, scene.end_time)
-        for axis in range(3):
-            moved = state.position[axis, i] + drift[axis] * scene.end_time
-            state.position[axis, i] = inside(scene.escape, moved, scene.half_width)
-            state.velocity[axis, i] += drift[axis]
     return counts
-
-
-@allocating
-def centre(state):
-    """Go to the centre-of-mass frame; its velocity in m/s."""
-    drift = np.zeros(3)
-    for axis in range(3):
-        for i in range(state.velocity.shape[1]):
-            drift[axis] += state.velocity[axis, i]
-        drift[axis] /= state.velocity.shape[1]
-        for i in range(state.velocity.shape[1]):
-            state.velocity[axis, i] -= drift[axis]
-    return drift
 
 
 @allocating

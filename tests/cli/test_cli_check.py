@@ -23,7 +23,12 @@ def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
     used, _, left_out = text.partition("\nSubmodels\n")[2].partition("\nLeft out\n")
     names = [line.split()[0].rstrip(":") for line in used.splitlines()]
     assert {"hardness", "friction", "reaction", "restitution"} <= set(names)
-    assert left_out.split() == ["fragmentation", "cooling"]
+    assert left_out.splitlines() == [
+        "  fragmentation",
+        "  cooling",
+        "  not known of a particle: time of last cooling, time of last impact, number of grains",
+        "  not stored of a sample: single particles, states before the end",
+    ]
 
 
 def test_a_wrong_key_is_named_with_its_line(mistaken, tmp_path):

@@ -29,13 +29,34 @@ def test_importing_the_package_loads_nothing_else():
     assert modules.isdisjoint([*HEAVY, "numpy", "pydantic", "click", "rich"])
 
 
+AGGLOM = (
+    "from agglom_mpi.cli import agglom\ntry: agglom()\n"
+    "except SystemExit as end: assert not end.code, end.code"
+)
+
+
 @pytest.mark.parametrize("arguments", [["check", QUICKSTART], ["report", "--help"], ["--help"]])
 def test_looking_at_a_campaign_loads_no_heavy_library(arguments):
-    code = (
-        "from agglom_mpi.cli import main\ntry: main()\n"
-        "except SystemExit as end: assert end.code == 0, end.code"
-    )
-    assert loaded(code, *arguments).isdisjoint(HEAVY)
+    assert loaded(AGGLOM, *arguments).isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize("option", [[], ["--json"]])
+def test_a_report_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finished, option):
+    modules = loaded(AGGLOM, "report", finished / "tiny.h5", *option)
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
+
+
+def test_simulating_a_campaign_loads_the_compiler_but_neither_hdf5_nor_mpi_nor_tables(finished):
+    modules = loaded(AGGLOM, "simulate", finished / "tiny.yaml", "--samples", "1")
+    assert "numba" in modules
+    assert modules.isdisjoint({*HEAVY, "rich"} - {"numba"})
+
+
+def test_simulating_a_recorded_string_loads_hdf5(finished):
+    modules = loaded(AGGLOM, "simulate", finished / "tiny.h5", "--string", "1", "--samples", "1")
+    assert {"numba", "h5py"} <= modules
+    assert modules.isdisjoint(["mpi4py", "pandas", "matplotlib", "rich"])
 
 
 def test_the_entry_points_are_loaded_when_they_are_used():

@@ -1,5 +1,7 @@
 """What a scene has no use for is not there, and leaving it out does not change a bit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scenes import (
@@ -13,6 +15,8 @@ from scenes import (
     merging_event_periodic,
 )
 
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.campaign.submodels import missing_arrays
 from agglom_mpi.physics.cooling import Exact, ForwardEuler, RadiativeCooling
 from agglom_mpi.physics.duration import CompressionRecoveryDuration
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
@@ -26,9 +30,15 @@ from agglom_mpi.physics.restitution import (
     PressureRestitution,
 )
 from agglom_mpi.physics.solvers import RootFinder
+from agglom_mpi.simulation.allocation import (
+    new_cooling_times,
+    new_grains,
+    new_impact_times,
+    new_temperatures,
+)
 from agglom_mpi.simulation.box import Periodic
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, build_scene
 
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
 LEAN = event_periodic(0.9, **FEW)
@@ -54,6 +64,24 @@ def test_a_scene_has_only_the_arrays_that_it_uses(name):
     assert record["state"] == 1
     optional = ("temperature", "touched", "struck", "grains")
     assert {name for name in optional if getattr(particles, name) is not None} == expected
+
+
+# What `agglom check` calls the arrays, and what decides whether they are there.
+NAMES = {
+    "temperature": lambda scene: temperatures_of(scene.laws.heating, scene.cooling, 1, 300.0),
+    "time of last cooling": lambda scene: new_cooling_times(scene.cooling, 1),
+    "time of last impact": lambda scene: new_impact_times(scene.laws.restitution, 1),
+    "number of grains": lambda scene: new_grains(scene.laws.fragmentation, 1),
+}
+temperatures_of = getattr(new_temperatures, "py_func", new_temperatures)
+JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("**/*.yaml"))
+
+
+@pytest.mark.parametrize("job", JOBS, ids=lambda job: job.stem)
+def test_what_a_campaign_says_it_does_not_know_of_a_particle_is_not_allocated(job):
+    campaign = load_campaign(job)
+    scene = build_scene(campaign.scene, campaign.parameters())
+    assert missing_arrays(campaign.scene) == [n for n, new in NAMES.items() if new(scene) is None]
 
 
 CROWD = {"particles": 120, "size_ratio": 0.8, "end_time": 1e-3}

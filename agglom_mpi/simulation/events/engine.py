@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import stage
+from agglom_mpi.compilation import rare_stage, stage
 from agglom_mpi.simulation.contact import BONDED, collide, merge
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.events.cells import leave
@@ -139,6 +139,14 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
             load_velocity(movers, particles, events.due[k])
             set_turn(scene, cells, movers, events.due[k])
         return Happening(2, RANGE, kind, i, j, True)
+    due = renew(scene, particles, ledger, events, i, j, kind, size, now)
+    return Happening(due, RANGE, kind, i, j, False)
+
+
+@rare_stage
+def renew(scene, particles, ledger, events, i, j, kind, size, now):  # type: ignore[no-untyped-def]
+    """Bond particles i and j that hit, or take in the pieces beyond `size`; how many are due."""
+    movers, cells = events.movers, events.cells
     leave(cells, movers, i)
     leave(cells, movers, j)
     due = 2 + particles.size[0] - size
@@ -152,4 +160,4 @@ def hit(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped
     for k in range(due):
         settle_in(scene, particles, events, events.due[k], now)
     events.alive[0] += due - 2
-    return Happening(tidy(scene, particles, events, due, now), RANGE, kind, i, j, False)
+    return tidy(scene, particles, events, due, now)

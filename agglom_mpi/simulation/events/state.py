@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, rare_stage
+from agglom_mpi.compilation import allocating, rare_stage, stage
 from agglom_mpi.simulation.events.cell_size import FEW, best_cells, choose_range, cost_of_look
 from agglom_mpi.simulation.events.cells import (
     ALONG,
@@ -71,7 +71,7 @@ def new_events(particles):  # type: ignore[no-untyped-def]
     )
 
 
-@rare_stage
+@stage
 def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
     """Start particle i, which is new in its place or its size, at `now` in s."""
     load_mover(events.movers, particles, i, now)
@@ -79,7 +79,7 @@ def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
     set_turn(scene, events.cells, events.movers, i)
 
 
-@rare_stage
+@stage
 def tidy(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
     """Start over if other cells are worth it by now, or empty slots have used up the room.
 
