@@ -15,11 +15,26 @@ from agglom_mpi.simulation.events.tournament import set_time
 SLACK: Final = 1e-9
 """Share of b² by which b² − ac may be negative from rounding, for whom c is not far above b²/a."""
 
+COARSE: Final = 3.0 * 2.0**-52
+"""An approach speed over √(v_i² + v_j²) that rounding may leave behind: (|v_i| + |v_j|) 2⁻⁵³ for
+each axis make √6 · 2⁻⁵³ at most, and the quotient of w and d by reach, below d, is no sharper."""
+
 
 @fused_stage
 def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
     """Square of the cross product of two vectors."""
     return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
+
+
+@stage
+def is_resolved(path, other, closing, reach):  # type: ignore[no-untyped-def]
+    """Whether two that touch approach by more than their velocities are rounded to.
+
+    An impulse that is too small for the velocities would be repeated for ever.
+    """
+    squares = path["u"] ** 2 + path["v"] ** 2 + path["w"] ** 2
+    squares += other["u"] ** 2 + other["v"] ** 2 + other["w"] ** 2
+    return closing * closing > COARSE * COARSE * squares * reach * reach
 
 
 @fused_stage
@@ -54,7 +69,8 @@ def first_hit(scene, movers, near, count, x, y, z, i, now, barred):  # type: ign
             discriminant = square * reach * reach - miss
             time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
             first = time < hit_time or (time == hit_time and j < partner)
-            if first and discriminant > 0.0 and time < movers.plan[j]["hit_time"] and j != barred:
+            sought = first and discriminant > 0.0 and time < movers.plan[j]["hit_time"]
+            if sought and j != barred and (excess > 0.0 or is_resolved(path, other, closing, reach)):
                 hit_time = time
                 partner = np.int64(j)
     return hit_time, partner
