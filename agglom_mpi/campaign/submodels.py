@@ -52,7 +52,7 @@ def submodels(scene: SceneModel) -> tuple[list[str], list[str]]:
 
 
 def missing_arrays(scene: SceneModel) -> list[str]:
-    """What need not be known of each particle; `simulation.allocation` does the same."""
+    """Name what need not be known of each particle; `simulation.allocation` does the same."""
     kept = {
         "temperature": scene.heating.law != "none",
         "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",

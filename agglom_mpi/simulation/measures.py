@@ -54,12 +54,14 @@ def fluctuation(particles):  # type: ignore[no-untyped-def]
 
 
 @stage
-def thermal_energy(temperature, particles, heat_capacity, reference):  # type: ignore[no-untyped-def]
-    """Thermal energy in J above the temperature `reference` in K; none without temperatures."""
+def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
+    """Thermal energy in J above the scene's temperature; none where nothing heats."""
     energy = 0.0
-    if temperature is not None:
+    if heating is not None:
+        capacity = scene.laws.heat_capacity
         for i in range(particles.size[0]):
-            energy += particles.mass[i] * heat_capacity * (temperature[i] - reference)
+            excess = particles.temperature[i] - scene.temperature
+            energy += particles.mass[i] * capacity * excess
     return energy
 
 
@@ -174,8 +176,9 @@ def measure(scene, particles, out):  # type: ignore[no-untyped-def]
 def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-untyped-def]
     """Write counts and closure errors into the outcome record.
 
-    `start` holds momentum, mass, kinetic energy and sum of m|v| of the start, the latter two in the
-    centre-of-mass frame. With heat the first law is closed; without, only what impacts dissipate.
+    `start` holds momentum, mass, kinetic energy, sum of m|v| and heat of the start, kinetic energy
+    and sum in the centre-of-mass frame, heat above the scene's temperature. With heat the first law
+    is closed; without, only what impacts dissipate.
     """
     tally, energy = ledger.tally, ledger.energy
     out["steps"] = tally[STEPS]
@@ -187,7 +190,7 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
     out["floored_temperatures"] = tally[FLOORED]
     out["largest_residual"] = ledger.residual[0]
     momentum, _ = total_momentum(particles)
-    initial_momentum, _, initial_energy, impetus = start
+    initial_momentum, _, initial_energy, impetus, heat = start
     square = 0.0
     for axis in range(3):
         square += (momentum[axis] - initial_momentum[axis]) ** 2
@@ -198,9 +201,7 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
     if scene.laws.heating is None:
         balance += energy[DISSIPATED]
     else:
-        balance += thermal_energy(
-            particles.temperature, particles, scene.laws.heat_capacity, scene.temperature
-        )
+        balance += thermal_energy(scene.laws.heating, scene, particles) - heat
         balance += energy[RADIATED] + energy[SURFACE] + energy[UNRESOLVED] - energy[REACTION]
     flowed = initial_energy + energy[REACTION] + energy[EXCHANGED] + energy[SURFACE]
     out["energy_error"] = balance / flowed if flowed > 0.0 else balance

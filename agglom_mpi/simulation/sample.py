@@ -21,6 +21,7 @@ from agglom_mpi.simulation.measures import (
     is_finite,
     measure,
     measure_ledger,
+    thermal_energy,
     total_momentum,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
@@ -119,7 +120,8 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
 def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyped-def]
     """Run particles from where they are to the scene's end, and measure them into `record`."""
     drift = enter_frame(scene, particles)
-    start = total_momentum(particles) + fluctuation(particles)
+    heat = thermal_energy(scene.laws.heating, scene, particles)
+    start = (*total_momentum(particles), *fluctuation(particles), heat)
     end = advance(scene.engine, scene, particles, ledger, abort)
     record["end_time"] = end
     for i in range(particles.size[0]):
