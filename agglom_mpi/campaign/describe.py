@@ -32,7 +32,7 @@ def sections(campaign: "Campaign") -> list[Section]:
         ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
         ("Submodels", used),
-        ("Left out", left_out + _unkept(campaign)),
+        ("Left out", left_out + _unkept(campaign) or ["nothing"]),
     ]
 
 
@@ -40,8 +40,9 @@ def _unkept(campaign: "Campaign") -> list[str]:
     lines = []
     if arrays := missing_arrays(campaign.scene):
         lines.append(f"not known of a particle: {', '.join(arrays)}")
-    stored = "single particles, states before the end" if campaign.plan else "anything"
-    return [*lines, f"not stored of a sample: {stored}"]
+    if campaign.plan is not None:
+        lines.append("not stored of a sample: single particles, states before the end")
+    return lines
 
 
 def _run(campaign: "Campaign") -> list[str]:
