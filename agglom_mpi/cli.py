@@ -176,10 +176,10 @@ def report(file: str, as_json: bool) -> None:
     """Print the best strings of a campaign FILE.h5, also while it is being written."""
 
     def run() -> int:
-        from agglom_mpi.database.reader import open_campaign
+        from agglom_mpi.database.reader import open_inversion
         from agglom_mpi.report.summary import as_text, collect_summary, summarise
 
-        opened = open_campaign(file)
+        opened = open_inversion(file)
         if as_json:
             click.echo(as_text(collect_summary(opened)))
         else:

@@ -12,7 +12,7 @@ from agglom_mpi.accuracy.study import Study
 from agglom_mpi.accuracy.trials import Trial, refusal
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
 from agglom_mpi.campaign.source import Problem
-from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.database.reader import CampaignFile, open_inversion
 
 
 class Extent(NamedTuple):
@@ -77,7 +77,7 @@ def make_plan(options: Options) -> Plan:
         )
     campaign, scenes = _read(options.sources)
     parameters = campaign.parameters(options.settings) if campaign else np.zeros(0)
-    history = open_campaign(options.history) if options.history else None
+    history = open_inversion(options.history) if options.history else None
     trials: dict[str, Trial] = {}
     if campaign is not None:
         refused = refusal(Trial(campaign, parameters, 1))

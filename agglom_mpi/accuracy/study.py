@@ -75,6 +75,7 @@ class Study(Work):
 
     max_failures = 100
     top = 1
+    purpose = "accuracy study"
 
     def __init__(self, campaign: Campaign, trials: Mapping[str, Trial], budget: float) -> None:
         self.campaign = campaign

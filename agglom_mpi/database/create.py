@@ -18,6 +18,7 @@ from agglom_mpi.database.schema import (
     FAILURE_CAPACITY,
     FORMAT,
     FORMAT_VERSION,
+    INVERSION,
     LEG_CAPACITY,
     STATUS,
     VARIABLE_TABLE,
@@ -46,6 +47,7 @@ def create_campaign_file(
     max_samples: int,
     generations: int,
     population: int,
+    purpose: str = INVERSION,
 ) -> None:
     """Create the file of a campaign; whoever calls holds its `CampaignLock`.
 
@@ -59,6 +61,8 @@ def create_campaign_file(
         Search box in SI units; equal where a variable is fixed, nan where it is unused.
     strings, max_samples, generations, population : int
         Room for so many strings, samples of each, generations, strings in a population.
+    purpose : str
+        What the strings are for, in words; only an inversion has best ones.
 
     Raises
     ------
@@ -78,6 +82,7 @@ def create_campaign_file(
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "title": title,
+        "purpose": purpose,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "code_version": code_version,
         "sources_sha256": sources_sha256,

@@ -10,12 +10,13 @@ import numpy as np
 
 from agglom_mpi.database import frames
 from agglom_mpi.database.access import NotACampaign, open_file
+from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.database.table import Believed, Rows, Table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["CampaignFile", "NotACampaign", "Status", "open_campaign"]
+__all__ = ["CampaignFile", "NotACampaign", "Status", "open_campaign", "open_inversion"]
 
 
 class Status(NamedTuple):
@@ -164,3 +165,20 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
             for name, value in file.attrs.items()
         }
     return CampaignFile(path, attributes)
+
+
+def open_inversion(path: str | os.PathLike[str]) -> CampaignFile:
+    """Open the file of a campaign that searched, for what only such a one has.
+
+    Raises
+    ------
+    NotACampaign
+        As from `open_campaign`, and if the strings are for something else.
+    OSError
+        If it is missing or cannot be read.
+    """
+    file = open_campaign(path)
+    purpose = file.attributes.get("purpose", INVERSION)
+    if purpose != INVERSION:
+        raise NotACampaign(f"{path}: holds the samples of an {purpose}, not an inversion's")
+    return file

@@ -11,6 +11,9 @@ from agglom_mpi.variables import VARIABLES
 FORMAT: Final = "agglom_mpi campaign"
 FORMAT_VERSION: Final = 1
 
+INVERSION: Final = "inversion"
+"""What strings of a file are for, if a campaign searched with them."""
+
 ORIGINS: Final = ("random", "offspring")
 """Where a string comes from, by its `origin`."""
 STATES: Final = ("", "completed", "failed")

@@ -66,6 +66,7 @@ def prepare(path: Path, work: Work, accept_code_change: bool) -> CampaignFile:
             identity=work.identity(),
             seed=campaign.seed,
             title=campaign.title,
+            purpose=work.purpose,
             code_version=__version__,
             sources_sha256=deciding_sources(),
             lower=campaign.variables.lower,

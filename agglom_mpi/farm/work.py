@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import Engine
+from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.search import (
     Batch,
     Ensemble,
@@ -57,11 +58,14 @@ class Work(ABC):
         Samples that may raise before the run is given up.
     top
         Strings in the mean of the best.
+    purpose
+        What the strings are for, in words.
     """
 
     campaign: Campaign
     max_failures: int
     top: int
+    purpose: str
 
     @property
     @abstractmethod
@@ -100,6 +104,8 @@ class Work(ABC):
 
 class CampaignWork(Work):
     """The inversion that a campaign file describes."""
+
+    purpose = INVERSION
 
     def __init__(self, campaign: Campaign) -> None:
         target = campaign.stopping.target

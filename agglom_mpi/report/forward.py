@@ -40,9 +40,9 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         parameters = campaign.parameters(request.settings)
         stored = None
     else:
-        from agglom_mpi.database.reader import open_campaign
+        from agglom_mpi.database.reader import open_inversion
 
-        file = open_campaign(request.source)
+        file = open_inversion(request.source)
         campaign = Campaign.from_text(file.campaign_text, str(request.source))
         if request.settings:
             raise _mistake(request, "--set", "is for YAML files; a recorded string is as it is")

@@ -75,6 +75,17 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
     }
 
 
+@pytest.mark.parametrize("command", ["report", "simulate --string 0", "accuracy -o b --history"])
+def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
+    words = ["agglom", *command.split(), "a/samples.h5"]
+    words += ["small.yaml"] if "accuracy" in command else []
+    done = subprocess.run(
+        words, cwd=studied, env=environment(), capture_output=True, text=True, check=False
+    )
+    expected = "a/samples.h5: holds the samples of an accuracy study, not an inversion's\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
+
+
 def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
     history = open_campaign(studied / "small.h5")
     again = open_campaign(studied / "a" / "samples.h5")
