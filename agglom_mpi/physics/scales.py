@@ -34,7 +34,9 @@ def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
     """Mass of a grain in kg; a ValueError if it is beyond `LIGHTEST` and `HEAVIEST`."""
     radius = grain_radius(scene, value)
     power = math.log10(value["density"]) + 3.0 * math.log10(radius) if radius > 0.0 else -math.inf
-    mass = value["density"] * 4.0 / 3.0 * math.pi * radius**3 if abs(power) < 200.0 else math.nan
+    # A power of a length is not the same in every unit, in the last digit; products are.
+    cube = radius * radius * radius if abs(power) < 200.0 else math.nan
+    mass = value["density"] * 4.0 / 3.0 * math.pi * cube
     if not LIGHTEST <= mass <= HEAVIEST:
         raise ValueError(
             f"a grain of radius {radius:.3g} m and density {value['density']:.3g} kg/m^3 has a "

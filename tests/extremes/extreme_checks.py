@@ -13,6 +13,7 @@ from agglom_mpi.simulation.particles import EXCHANGED, REACTION, SURFACE
 from agglom_mpi.simulation.scene import EventDriven
 
 ROUNDING = 2.0**-52
+VANISHING = 1e-200
 COUNTS = ("particles", "steps", "particle_steps", "collisions", "merges", "breakups")
 
 
@@ -154,11 +155,14 @@ def fingerprint(scene, record, particles):
     n = int(record["particles"])
     numbers: dict[str, Any] = {name: record[name].item() for name in record.dtype.names}
     numbers["end_time"] = 0.0 if scene.end_time == 0.0 else numbers["end_time"] / scene.end_time
+    # Where products come near the smallest number of float64, they lose digits.
+    for name, value in numbers.items():
+        numbers[name] = 0.0 if abs(value) < VANISHING else value
     return {
         **numbers,
         "position": (particles.position[:, :n] / scene.half_width).tolist(),
         "radius": (particles.radius[:n] / scene.radius).tolist(),
         "mass": (particles.mass[:n] / scene.mass).tolist(),
-        "temperature": particles.temperature[:n].tolist(),
+        "temperature": [t if t > VANISHING else 0.0 for t in particles.temperature[:n].tolist()],
         "grains": particles.grains[:n].tolist(),
     }

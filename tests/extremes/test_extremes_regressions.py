@@ -10,6 +10,7 @@ from extreme_scenes import Drawn
 from extreme_states import Arranged, carry
 
 from agglom_mpi.compilation import kernel
+from agglom_mpi.physics.scales import grain_mass
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.contact import merged_radius
 from agglom_mpi.simulation.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED, OUTCOME
@@ -271,6 +272,10 @@ def test_neighbours_stay_apart_after_a_drift_of_a_billion_boxes():
 # units
 
 
+def campaign_of_two():
+    return Drawn({**SCENE, "particles": 2}, VALUES, 0).campaign()
+
+
 @kernel
 def merged(first, second):
     return merged_radius(first, second)
@@ -284,6 +289,17 @@ def test_the_radius_of_a_merged_sphere_is_the_same_in_any_unit_of_length(power):
         assert merged(first * unit, second * unit) == radius * unit
         assert radius == merged(second, first)
         assert radius == pytest.approx((first**3 + second**3) ** (1.0 / 3.0), rel=1e-15)
+
+
+@pytest.mark.parametrize("power", [-41, -2, -1, 1, 5, 40])
+def test_the_mass_of_a_grain_is_the_same_in_any_unit_of_length(power):
+    """The C library's power differs in the last digit for one of two thousand."""
+    unit, scene = 2.0**power, campaign_of_two().scene
+    other = scene.model_copy(update={"half_width": scene.half_width * unit})
+    for size_ratio in np.random.default_rng(2).uniform(0.01, 0.8, 20_000):
+        value = {"size_ratio": size_ratio, "density": 1234.5}
+        mass = grain_mass(scene, value)
+        assert grain_mass(other, value | {"density": 1234.5 * unit**-3}) == mass
 
 
 def test_an_end_time_of_zero_changes_nothing():
