@@ -186,7 +186,7 @@ def _draw(
     mean, half = frame["mean b/b0"], frame["half width"]
     curve = Curve("mean b/b⁰", frame[column], mean, mean - half, mean + half)
     axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
-    axes.set_xticks(list(frame[column]), [f"{value:.3g}" for value in frame[column]])
+    axes.set_xticks(list(frame[column]), [_plain(value) for value in frame[column]])
     axes.minorticks_off()
 
 
@@ -210,10 +210,14 @@ def _conclusions(
         )
         beyond = abs(change.mean) > change.half_width
         yield (
-            f"{place[column] / own:.3g} times {what} ({place[column]:.3g} {unit}) changes mean "
+            f"{place[column] / own:.3g} times {what} ({_plain(place[column])} {unit}) changes mean "
             f"b/b⁰ by {measured(change)} ({100 * change.mean / home['mean b/b0']:+.1f} %), "
             f"{'beyond' if beyond else 'within'} the error, and the objective from "
             f"{home['objective']:.3f} to {place['objective']:.3f}, at "
             f"{digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} times the "
             "time of a sample."
         )
+
+
+def _plain(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

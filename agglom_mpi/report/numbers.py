@@ -1,13 +1,20 @@
 """Numbers as a person reads them."""
 
 import math
+from typing import Final
+
+ROUNDING: Final = 1e-14
+"""Share of a mean that equal samples may differ by."""
 
 
 def with_error(value: float, error: float) -> str:
-    """Value ± standard error, both to two digits of the error: `0.0123 ± 0.0045`."""
+    """Value ± standard error, both to two digits of the error: `0.0123 ± 0.0045`.
+
+    An error that is nothing but rounding is none.
+    """
     if not math.isfinite(value):
         return "no result"
-    if not math.isfinite(error) or error <= 0.0:
+    if not math.isfinite(error) or error <= ROUNDING * abs(value):
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(error)))
     if digits > 12:

@@ -121,6 +121,19 @@ def test_what_goes_wrong_in_an_extreme_scene_is_said(campaign):
     )
 
 
+def test_heaps_of_pieces_may_overlap_and_what_never_breaks_may_not(campaign):
+    heaps = made_up([1.5] * 4, collisions=10, breakups=2, overlaps=70)
+    more = made_up([1.5] * 4, collisions=10, breakups=2, overlaps=90)
+    names = [extremes.published_name(name) for name in ("same", "more", "solid")]
+    published = dict(zip(names, (heaps, more, heaps), strict=True))
+    ours = {"same": heaps, "more": heaps, "solid": made_up([1.5] * 4, collisions=10)}
+    found = extremes.extremes(dict.fromkeys(ours, campaign), ours | published)
+    expected = ("`more`, published: 90 overlaps.", "`solid`, published: 70 overlaps.")
+    assert found.failures == expected
+    assert "in 0 scenes, temperatures go below zero in 0" in found.conclusions[2]
+    assert "spheres overlap that should not in 2." in found.conclusions[2]
+
+
 def test_all_samples_may_fail(campaign):
     rows = made_up([0.0] * 4, failed=range(4))
     rows["reason"] = 3

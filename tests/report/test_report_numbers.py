@@ -17,6 +17,7 @@ from agglom_mpi.report.numbers import duration, with_error
         (1.23456, math.nan, "1.235"),
         (1.23456, 0.0, "1.235"),
         (1.23456, math.inf, "1.235"),
+        (4.64159, 3e-16, "4.642"),
         (math.inf, 0.1, "no result"),
         (math.nan, math.nan, "no result"),
         (1e-20, 1e-22, "1e-20 ± 1.0e-22"),
