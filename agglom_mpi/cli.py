@@ -11,6 +11,8 @@ import click
 from agglom_mpi import __version__
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
 
+_PATH = click.Path(path_type=Path)
+
 
 def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
     """Read `90`, `90s`, `30m`, `2h`, `1:30:00` or Slurm's `1-12:00:00`."""
@@ -59,8 +61,9 @@ def _is_mistake(error: Exception) -> bool:
     if isinstance(error, CampaignError):
         return True
     from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
+    from agglom_mpi.report.export import ExportError
 
-    return isinstance(error, NotACampaign)
+    return isinstance(error, (NotACampaign, ExportError))
 
 
 @click.command(
@@ -186,6 +189,36 @@ def report(file: str, as_json: bool) -> None:
             from agglom_mpi.report.display import print_wide
 
             print_wide(summarise(opened))
+        return 0
+
+    sys.exit(_finish(run))
+
+
+@main.command(
+    epilog="Examples:  agglom export accretion_2003.h5 --compact accretion_2003_compact.h5   "
+    "agglom export accretion_2003.h5 --csv tables"
+)
+@click.argument("file")
+@click.option("--compact", type=_PATH, metavar="OUT.h5", help="A compressed copy of the file.")
+@click.option(
+    "--csv",
+    type=_PATH,
+    metavar="DIR",
+    help="The tables as strings.csv, samples.csv and generations.csv.",
+)
+def export(file: str, compact: Path | None, csv: Path | None) -> None:
+    """Write a campaign FILE.h5 in another form; give --compact, --csv or both.
+
+    What is final is taken, also while the file is being written; no existing file is overwritten.
+    """
+    if compact is None and csv is None:
+        raise click.UsageError("nothing to write: give --compact OUT.h5, --csv DIR or both")
+
+    def run() -> int:
+        from agglom_mpi.report.export import export
+
+        for line in export(Path(file), compact, csv):
+            click.echo(line)
         return 0
 
     sys.exit(_finish(run))

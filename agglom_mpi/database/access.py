@@ -37,7 +37,8 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
     Raises
     ------
     NotACampaign
-        If it is something else, truncated, damaged or of another format version.
+        If it is something else, truncated, damaged or of another format version, or a compact
+        copy to be written to.
     OSError
         If it is missing or cannot be read; names the path.
     """
@@ -55,10 +56,21 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
         _check_format(file, path)
         if thorough:
             _check_tables(file, path)
+        if write:
+            refuse_compact(file, path)
     except BaseException:
         file.close()
         raise
     return file
+
+
+def refuse_compact(file: h5py.File, path: Path) -> None:
+    """Raise NotACampaign if writing to the file could tear it: its rows lie in chunks."""
+    if file["samples"].chunks is not None:
+        raise NotACampaign(
+            f"{path}: a compact copy, which can be read but not continued; continue the file "
+            "that it was made of, or start another with --output"
+        )
 
 
 def located(error: OSError | RuntimeError, path: Path) -> OSError:

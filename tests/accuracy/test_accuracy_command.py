@@ -86,6 +86,26 @@ def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
+def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
+    words = ["agglom", "export", "a/samples.h5", "--compact", str(tmp_path / "c.h5")]
+    done = subprocess.run(
+        [*words, "--csv", str(tmp_path)],
+        cwd=studied,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    original, copy = open_campaign(studied / "a" / "samples.h5"), open_campaign(tmp_path / "c.h5")
+    assert copy.attributes["purpose"] == "accuracy study"
+    assert copy.all_sample_rows().tobytes() == original.all_sample_rows().tobytes()
+    assert copy.string_rows().tobytes() == original.string_rows().tobytes()
+    lines = {path.stem: path.read_text().count("\n") - 1 for path in tmp_path.glob("*.csv")}
+    assert lines["samples"] == len(original.all_sample_rows())
+    assert lines["strings"] == len(original.string_rows())
+
+
 def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
     history = open_campaign(studied / "small.h5")
     again = open_campaign(studied / "a" / "samples.h5")

@@ -35,7 +35,10 @@ AGGLOM = (
 )
 
 
-@pytest.mark.parametrize("arguments", [["check", QUICKSTART], ["report", "--help"], ["--help"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["check", QUICKSTART], ["report", "--help"], ["export", "--help"], ["--help"]],
+)
 def test_looking_at_a_campaign_loads_no_heavy_library(arguments):
     assert loaded(AGGLOM, *arguments).isdisjoint(HEAVY)
 
@@ -43,6 +46,12 @@ def test_looking_at_a_campaign_loads_no_heavy_library(arguments):
 @pytest.mark.parametrize("option", [[], ["--json"]])
 def test_a_report_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finished, option):
     modules = loaded(AGGLOM, "report", finished / "tiny.h5", *option)
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
+
+
+def test_a_copy_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finished, tmp_path):
+    modules = loaded(AGGLOM, "export", finished / "tiny.h5", "--compact", tmp_path / "copy.h5")
     assert "h5py" in modules
     assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
 
