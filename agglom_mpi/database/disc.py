@@ -1,5 +1,6 @@
 """HDF5 files on a disc that may fill up: a failed write is told by us, not by HDF5."""
 
+import errno
 import io
 import os
 from collections.abc import Iterator
@@ -19,32 +20,32 @@ class Disc(io.FileIO):
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+")
-        self._error: OSError | None = None
+        super().__init__(os.fspath(path), "w+")
+        self._error = 0
 
     def check(self) -> None:
-        """Raise the OSError of the first write that failed."""
-        if self._error is not None:
-            raise self._error
+        """Raise an OSError if a write has failed."""
+        if self._error:
+            raise OSError(self._error, os.strerror(self._error), self.name)
 
     def write(self, data: Any) -> int:
         """Write all of it, or pretend to."""
         view = memoryview(data).cast("B")
         written = 0
         try:
-            while self._error is None and written < len(view):
+            while not self._error and written < len(view):
                 written += super().write(view[written:]) or 0
         except OSError as error:
-            self._error = error
+            self._error = error.errno or errno.EIO
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
         """Cut or lengthen the file, or pretend to."""
         try:
-            if self._error is None:
+            if not self._error:
                 return super().truncate(size)
         except OSError as error:
-            self._error = error
+            self._error = error.errno or errno.EIO
         return size or 0
 
 
@@ -58,10 +59,14 @@ def new_file(path: Path) -> Iterator[tuple[h5py.File, Disc]]:
         At the end, if a write failed; `Disc.check` says so before.
     """
     with Disc(path) as disc:
-        access = h5p.create(h5p.FILE_ACCESS)
-        access.set_fileobj_driver(h5fd.fileobj_driver, disc)
-        access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
-        name = os.fsencode(path)
-        with h5py.File(h5f.create(name, h5f.ACC_TRUNC, fapl=access)) as file:
+        with h5py.File(h5f.create(os.fsencode(path), fapl=_access_list(disc))) as file:
             yield file, disc
         disc.check()
+
+
+def _access_list(disc: Disc) -> h5p.PropFAID:
+    # Not to be kept: it holds the disc, and HDF5 lets go of it after Python has ended.
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_fileobj_driver(h5fd.fileobj_driver, disc)
+    access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+    return access

@@ -61,16 +61,14 @@ def write_tables(file: CampaignFile, directory: Path) -> Iterator[str]:
     Numbers are written with as many digits as tell them apart, so that they read back to the same
     float64, by Python's `float` and by whatever else rounds correctly.
     """
+    tables = {directory / f"{name}.csv": as_columns(getattr(file, name)) for name in TABLES}
     directory.mkdir(parents=True, exist_ok=True)
-    lines = []
     with ExitStack() as files:
-        for name in TABLES:
-            path = directory / f"{name}.csv"
+        for path, table in tables.items():
             temporary = files.enter_context(whole_file(path))
-            table = getattr(file, name)
-            as_columns(table).to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
-            lines.append(f"{path}: {len(table)} rows")
-    yield from lines
+            table.to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
+    for path, table in tables.items():
+        yield f"{path}: {len(table)} rows"
 
 
 def as_columns(table: "pd.DataFrame") -> "pd.DataFrame":

@@ -3,12 +3,13 @@
 import importlib.util
 import json
 import os
+import subprocess
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from farm_runs import decisions, invert
+from farm_runs import decisions, environment, invert
 
 from agglom_mpi import open_campaign
 
@@ -154,6 +155,22 @@ def test_a_target_that_cannot_be_written_is_one_message(mistaken, tmp_path):
     )
     said = mistaken("export", "tiny.h5", "--compact", tmp_path / "nowhere" / "c.h5")
     assert said == f"{tmp_path}/nowhere/c.h5: No such file or directory"
+
+
+@pytest.mark.parametrize("blocks", [1, 4, 8])
+def test_a_full_disc_is_one_message(finished, tmp_path, blocks):
+    words = ["agglom", "export", "tiny.h5", "--compact", str(tmp_path / "copy.h5")]
+    done = subprocess.run(
+        ["bash", "-c", f"ulimit -f {blocks}; exec {' '.join(words)}"],
+        cwd=finished,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (2, f"{tmp_path}/copy.h5: File too large\n")
+    assert os.listdir(tmp_path) == []
 
 
 def test_without_pandas_it_says_what_to_install_and_writes_nothing(

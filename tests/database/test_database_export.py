@@ -132,11 +132,19 @@ def test_two_exports_to_one_name_do_not_mix(tmp_path):
     assert os.listdir(tmp_path) == ["a.csv"]
 
 
-def test_a_failed_copy_leaves_nothing_and_names_the_file(filled, copy, file_size_limit):
-    file_size_limit(100_000)
-    with pytest.raises(OSError, match=r"too large.*copy\.h5"):
+@pytest.mark.parametrize("missing", [1, 3000, 60_000, "all but 500"])
+def test_a_full_disc_leaves_nothing_and_the_process_whole(
+    filled, copy, file_size_limit, missing, tmp_path
+):
+    write_compact(filled, tmp_path / "good.h5")
+    size = (tmp_path / "good.h5").stat().st_size
+    file_size_limit(500 if missing == "all but 500" else size - missing)
+    with pytest.raises(OSError, match=r"too large: '.*/copy\.h5'$"):
         write_compact(filled, copy)
-    assert os.listdir(filled.parent) == [filled.name]
+    assert sorted(os.listdir(tmp_path)) == ["good.h5", filled.name]
+    file_size_limit(size)
+    write_compact(filled, copy)  # HDF5 crashed here after a failed write of its cache
+    assert contents(copy) == contents(filled)
 
 
 def test_a_copy_in_a_missing_directory_names_the_file(filled, tmp_path):
