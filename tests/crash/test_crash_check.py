@@ -5,7 +5,6 @@ import signal
 import time
 
 import h5py
-import numpy as np
 import pytest
 from farm_runs import (
     SMALL,
@@ -21,6 +20,7 @@ from farm_runs import (
     write_campaign,
 )
 
+from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.table import Table
 from agglom_mpi.farm.check import check_file
 
@@ -78,14 +78,27 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
     assert_same(path, wanted)
 
 
-def test_a_stopped_campaign_is_sound_and_a_forged_sample_in_it_is_found(folder):
+@pytest.fixture
+def stopped(folder):
+    """Return the file of a campaign that was stopped in mid generation, and a judged string."""
     path = folder / "slow.h5"
-    done = invert(folder, "slow.yaml", "--max-walltime", "1s")
-    assert done.returncode == 75
-    text = assert_sound(path)
-    assert text.endswith("\n  stopped: the walltime limit is reached")
+    process = start(folder, "slow.yaml")
+    try:
+        wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 2, process)
+        os.kill(process.pid, signal.SIGUSR1)
+        process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    assert process.returncode == 75
+    assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
+    return path, int(open_campaign(path).result_rows()["string"][-1])
+
+
+def test_a_forged_sample_in_a_generation_that_is_not_over_is_found(stopped):
+    path, judged = stopped
     with h5py.File(path, "r+") as file:
-        judged = int(np.flatnonzero(file["results_done"][:])[-1])
         table = Table(file, "samples", path)
         place = judged * int(file.attrs["max_samples"])
         row = table.rows.read(place, 1)
@@ -93,16 +106,12 @@ def test_a_stopped_campaign_is_sound_and_a_forged_sample_in_it_is_found(folder):
         table.write(place, row)
     code, text = verdict(path)
     assert code == 1
-    assert f"replay: the samples give other results of strings {judged}" in text or (
-        f"strings {judged}," in text
-    )
+    assert "  replay: the samples give other " in text or "  replay: ends before " in text
 
 
-def test_a_result_or_generation_that_a_stopped_campaign_must_have_is_missed(folder):
-    path = folder / "slow.h5"
-    assert invert(folder, "slow.yaml", "--max-walltime", "1s").returncode == 75
+def test_a_result_that_a_stopped_campaign_must_have_is_missed(stopped):
+    path, judged = stopped
     with h5py.File(path, "r+") as file:
-        judged = int(np.flatnonzero(file["results_done"][:])[-1])
         file["results_done"][judged] = 0
     code, text = verdict(path)
     assert code == 1
@@ -117,8 +126,10 @@ def test_a_failed_campaign_is_sound(tmp_path):
     assert done.returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"
     text = assert_sound(tmp_path / "small.h5")
-    assert "5 failures are whole" in text
-    assert "\n  failed: 5 samples raised errors" in text
+    failures = len(open_campaign(tmp_path / "small.h5").failures())
+    assert failures >= 5
+    assert f" and {failures} failures are whole\n" in text
+    assert text.endswith(f"\n  failed: {failures} samples raised errors")
 
 
 def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
