@@ -56,6 +56,12 @@ def test_a_copy_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finishe
     assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
 
 
+def test_verifying_a_campaign_file_loads_hdf5_but_neither_simulator_nor_mpi(finished):
+    modules = loaded(AGGLOM, "check", finished / "tiny.h5")
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY, "rich"} - {"h5py"})
+
+
 def test_simulating_a_campaign_loads_the_compiler_but_neither_hdf5_nor_mpi_nor_tables(finished):
     modules = loaded(AGGLOM, "simulate", finished / "tiny.yaml", "--samples", "1")
     assert "numba" in modules
