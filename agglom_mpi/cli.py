@@ -11,6 +11,8 @@ import click
 from agglom_mpi import __version__
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
 
+_PATH = click.Path(path_type=Path)
+
 
 def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
     """Read `90`, `90s`, `30m`, `2h`, `1:30:00` or Slurm's `1-12:00:00`."""
@@ -59,8 +61,9 @@ def _is_mistake(error: Exception) -> bool:
     if isinstance(error, CampaignError):
         return True
     from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
+    from agglom_mpi.report.export import ExportError
 
-    return isinstance(error, NotACampaign)
+    return isinstance(error, (NotACampaign, ExportError))
 
 
 @click.command(
@@ -150,15 +153,28 @@ def main() -> None:
     """Look at campaigns and campaign files, and simulate single strings."""
 
 
-@main.command(epilog="Example:  agglom check jobs/quickstart.yaml")
-@click.argument("campaign")
-def check(campaign: str) -> None:
-    """Validate CAMPAIGN.yaml and print what would run."""
+@main.command(
+    epilog="Examples:  agglom check jobs/quickstart.yaml   agglom check accretion_2003.h5"
+)
+@click.argument("file")
+def check(file: str) -> None:
+    """Validate CAMPAIGN.yaml and print what would run, or verify what FILE.h5 holds.
+
+    Of a campaign file, also while it is being written: whether every final row is whole, the
+    numbers agree, and the search decides again from the samples what it decided. Exit codes of
+    that: 0 sound, 1 damaged, 2 no campaign file.
+    """
 
     def run() -> int:
+        if _is_hdf5(file):
+            from agglom_mpi.farm.check import check_file
+
+            text, code = check_file(file)
+            click.echo(text)
+            return code
         from agglom_mpi.campaign import load_campaign
 
-        loaded = load_campaign(campaign)
+        loaded = load_campaign(file)
         if loaded.plan is None:
             loaded.check_scales(loaded.parameters())
         else:
@@ -167,6 +183,17 @@ def check(campaign: str) -> None:
         return 0
 
     sys.exit(_finish(run))
+
+
+def _is_hdf5(path: str) -> bool:
+    """Whether a path is to be read as HDF5: by what the file begins with, or by its name."""
+    if path.endswith(".h5"):
+        return True
+    try:
+        with open(path, "rb") as file:
+            return file.read(8) == b"\x89HDF\r\n\x1a\n"
+    except OSError:
+        return False
 
 
 @main.command(epilog="Example:  agglom report accretion_2003.h5")
@@ -186,6 +213,36 @@ def report(file: str, as_json: bool) -> None:
             from agglom_mpi.report.display import print_wide
 
             print_wide(summarise(opened))
+        return 0
+
+    sys.exit(_finish(run))
+
+
+@main.command(
+    epilog="Examples:  agglom export accretion_2003.h5 --compact accretion_2003_compact.h5   "
+    "agglom export accretion_2003.h5 --csv tables"
+)
+@click.argument("file")
+@click.option("--compact", type=_PATH, metavar="OUT.h5", help="A compressed copy of the file.")
+@click.option(
+    "--csv",
+    type=_PATH,
+    metavar="DIR",
+    help="The tables as strings.csv, samples.csv and generations.csv.",
+)
+def export(file: str, compact: Path | None, csv: Path | None) -> None:
+    """Write a campaign FILE.h5 in another form; give --compact, --csv or both.
+
+    What is final is taken, also while the file is being written; no existing file is overwritten.
+    """
+    if compact is None and csv is None:
+        raise click.UsageError("nothing to write: give --compact OUT.h5, --csv DIR or both")
+
+    def run() -> int:
+        from agglom_mpi.report.export import export
+
+        for line in export(Path(file), compact, csv):
+            click.echo(line)
         return 0
 
     sys.exit(_finish(run))

@@ -14,6 +14,10 @@ class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a ca
     """The file is no campaign file that this program can read; one line says why."""
 
 
+class DamagedCampaign(NotACampaign):
+    """The file was a campaign file once; nothing here can open it any more."""
+
+
 def create_file(path: Path) -> h5py.File:
     """Make an empty HDF5 file in the oldest format, replacing what is there.
 
@@ -37,7 +41,8 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
     Raises
     ------
     NotACampaign
-        If it is something else, truncated, damaged or of another format version.
+        If it is something else, of another format version, or a compact copy to be written to;
+        truncated or damaged, a `DamagedCampaign`.
     OSError
         If it is missing or cannot be read; names the path.
     """
@@ -50,15 +55,26 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
     except OSError as error:
         if error.errno:
             raise located(error, path) from error
-        raise NotACampaign(f"{path}: {_explain(str(error))}") from error
+        raise _explain(path, str(error)) from error
     try:
         _check_format(file, path)
         if thorough:
             _check_tables(file, path)
+        if write:
+            refuse_compact(file, path)
     except BaseException:
         file.close()
         raise
     return file
+
+
+def refuse_compact(file: h5py.File, path: Path) -> None:
+    """Raise NotACampaign if writing to the file could tear it: its rows lie in chunks."""
+    if file["samples"].chunks is not None:
+        raise NotACampaign(
+            f"{path}: a compact copy, which can be read but not continued; continue the file "
+            "that it was made of, or start another with --output"
+        )
 
 
 def located(error: OSError | RuntimeError, path: Path) -> OSError:
@@ -83,12 +99,12 @@ def _access_list() -> h5p.PropFAID:
     return access
 
 
-def _explain(message: str) -> str:
+def _explain(path: Path, message: str) -> NotACampaign:
     if "signature not found" in message:
-        return "not an HDF5 file"
+        return NotACampaign(f"{path}: not an HDF5 file")
     if "truncated file" in message:
-        return "a truncated HDF5 file"
-    return f"a damaged HDF5 file ({message})"
+        return DamagedCampaign(f"{path}: a truncated HDF5 file")
+    return DamagedCampaign(f"{path}: a damaged HDF5 file ({message})")
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
@@ -102,14 +118,14 @@ def _check_tables(file: h5py.File, path: Path) -> None:
                     f"agglom_mpi expects (written by version {file.attrs['code_version']})"
                 )
     except (KeyError, OSError, RuntimeError) as error:
-        raise NotACampaign(f"{path}: a damaged campaign file ({error})") from error
+        raise DamagedCampaign(f"{path}: a damaged campaign file ({error})") from error
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
     try:
         kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
     except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise NotACampaign(f"{path}: a damaged HDF5 file ({error})") from error
+        raise DamagedCampaign(f"{path}: a damaged HDF5 file ({error})") from error
     if kind != FORMAT:
         raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
     if version != FORMAT_VERSION:

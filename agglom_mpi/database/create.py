@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
-from agglom_mpi.database.access import create_file, located, open_file
+from agglom_mpi.database.access import create_file, located, open_file, refuse_compact
 from agglom_mpi.database.schema import (
     FAILURE_CAPACITY,
     FORMAT,
@@ -111,10 +111,11 @@ def grow_campaign_file(path: str | os.PathLike[str], strings: int, generations: 
     Raises
     ------
     NotACampaign, OSError
-        As from opening and writing; the old file is then as it was.
+        As from opening for writing, and from writing; the old file is then as it was.
     """
     path = Path(os.path.realpath(path))
     with open_file(path) as old:
+        refuse_compact(old, path)
         attributes = dict(old.attrs)
         room = int(attributes["strings"]), len(old["generations"])
         if strings <= room[0] and generations <= room[1]:
@@ -135,9 +136,9 @@ def _new_file(path: Path) -> Iterator[h5py.File]:
             yield file
         if path.exists():
             shutil.copymode(path, temporary)
-        _sync(temporary)
+        sync(temporary)
         os.replace(temporary, path)
-        _sync(path.parent)
+        sync(path.parent)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
         if isinstance(error, (OSError, RuntimeError)):
@@ -163,6 +164,7 @@ def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -
             done = _dataset(file, layout.done, np.dtype("u1"), capacity)
             done.attrs["meaning"] = f"1 where a row of /{layout.name} is final, 0 where absent"
             done.attrs["row"] = layout.row
+            done.attrs["unit"] = ""
 
 
 def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py.Dataset:
@@ -200,7 +202,8 @@ def _copy(old: h5py.File, new: h5py.File, layout: Layout, path: Path) -> None:
             target.done.write(at, source_table.done.read(at, length))
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a directory, are on the disc."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

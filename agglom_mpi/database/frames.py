@@ -39,7 +39,8 @@ def strings(
     second["hit_maximum"] = second["hit_maximum"] == 1
     for name in ("samples_used", "failed"):
         second[name] = second[name].fillna(0).astype(np.int64)
-    second["seconds"] = processor_seconds(samples, len(rows))[rows["string"]]
+    room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
+    second["seconds"] = processor_seconds(samples, room)[rows["string"]]
     fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
     return _with_units(pandas.concat([first, second], axis=1), fields)
 

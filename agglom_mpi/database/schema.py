@@ -161,6 +161,7 @@ LEGS: Final = Layout(
         Field("hdf5", "S64", "", "version of HDF5"),
         Field("mpi", "S64", "", "MPI library"),
         Field("sources_sha256", "S64", "", "SHA-256 of the simulation sources"),
+        Field("git_revision", "S64", "", "commit of the sources, empty if they are no checkout"),
         Field("samples", "i8", "1", "samples simulated in this leg"),
         Field("busy_seconds", "f8", "s", "sum of the time that they took"),
         CRC,
@@ -178,6 +179,14 @@ STATUS: Final = Layout(
         Field("updated", "f8", "s", "Unix time of the last change"),
         Field("reason", "S128", "", "why it is in this state"),
     ),
+)
+
+
+DIGEST_MEANING: Final = (
+    "BLAKE2b (digest_size 8, read as little-endian) of what the generation rests on: of strings "
+    "proposed for it, by number, the ten parameters; then of their /results all columns but crc; "
+    "then of their used /samples, by string and sample, all columns but seconds, rank and crc; "
+    "row after row, the columns in their order here, little-endian and without padding"
 )
 
 
@@ -199,6 +208,7 @@ def generations_layout(population: int) -> Layout:
             Field("samples_simulated", "i8", "1", "samples simulated so far, used or not"),
             Field("seconds", "f8", "s", "wall-clock time so far, summed over legs"),
             Field("population", "i8", "", "strings in rank order, the best first", (population,)),
+            Field("digest", "u8", "", DIGEST_MEANING),
             CRC,
         ),
     )

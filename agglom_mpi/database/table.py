@@ -101,9 +101,8 @@ class Table:
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
         """Start and length of each unbroken run of final rows in a range."""
         done = self.done.read(first, self.capacity - first if count is None else count)
-        edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False)) + first
-        for start, stop in edges.reshape(-1, 2).tolist():
-            yield start, stop - start
+        for start, length in unbroken(done):
+            yield first + start, length
 
     def end(self) -> int:
         """Find the number after that of the last final row."""
@@ -113,6 +112,13 @@ class Table:
     def following(self) -> int:
         """Find the row to append: the next one, or the last if there is no more room."""
         return min(self.end(), self.capacity - 1)
+
+
+def unbroken(done: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Start and length of each run of done bytes that are set."""
+    edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
+    for start, stop in edges.reshape(-1, 2).tolist():
+        yield start, stop - start
 
 
 def checksums(rows: np.ndarray) -> np.ndarray:

@@ -150,10 +150,12 @@ class CampaignWriter:
         samples_simulated: int,
         seconds: float,
         population: ArrayLike,
+        digest: int,
     ) -> None:
         """Store the state of the search after a generation, after the samples that wait.
 
-        `population` is (S,) string numbers, the best first; `seconds` are summed over legs.
+        `population` is (S,) string numbers, the best first; `seconds` are summed over legs;
+        `digest` is that of `database.digest`.
         """
         self.flush()
         self._put(
@@ -170,6 +172,7 @@ class CampaignWriter:
             samples_simulated=samples_simulated,
             seconds=seconds,
             population=population,
+            digest=digest,
         )
 
     def begin_leg(
@@ -180,6 +183,7 @@ class CampaignWriter:
         host: str,
         code_version: str,
         sources_sha256: str,
+        git_revision: str,
         versions: Mapping[str, str],
     ) -> int:
         """Record a start of the program; return the number of this leg.
@@ -202,6 +206,7 @@ class CampaignWriter:
             host=host,
             code_version=code_version,
             sources_sha256=sources_sha256,
+            git_revision=git_revision,
             **{name: versions.get(name, "") for name in VERSIONS},
         )
         return index

@@ -1,6 +1,7 @@
 """The books of a run: everything decided goes to the campaign file, and to whoever watches."""
 
 import time
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.evidence import Evidence, result_row
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary
 from agglom_mpi.variables import NAMES
 
@@ -36,18 +38,24 @@ class Stored:
         self.parameters = {
             int(row["string"]): np.array([row[name] for name in NAMES]) for row in strings
         }
-        self.results = {int(row["string"]) for row in file.result_rows()}
+        results = file.result_rows()
+        self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
         self.generations = {int(row["generation"]) for row in file.generation_rows()}
         self.samples = file.all_sample_rows()
         self.seconds = _seconds_of_legs(file)
 
     def restore(self, batch: Batch, first: int) -> Batch:
         """Replace proposals by what is stored of them, bit for bit."""
-        parameters = batch.parameters.copy()
-        for row in range(len(parameters)):
-            if first + row in self.parameters:
-                parameters[row] = self.parameters[first + row]
-        return batch._replace(parameters=parameters)
+        return restored(batch, first, self.parameters)
+
+
+def restored(batch: Batch, first: int, known: Mapping[int, NDArray[np.float64]]) -> Batch:
+    """Replace the strings of a batch, which are numbered from `first`, that are known."""
+    parameters = batch.parameters.copy()
+    for row in range(len(parameters)):
+        if first + row in known:
+            parameters[row] = known[first + row]
+    return batch._replace(parameters=parameters)
 
 
 def _seconds_of_legs(file: CampaignFile) -> float:
@@ -82,6 +90,7 @@ class Books:
         self._stored = stored
         self._watcher = watcher
         self._top = top
+        self._evidence = Evidence(stored.samples)
 
     @property
     def rate(self) -> float:
@@ -96,11 +105,13 @@ class Books:
     def simulated(self, results: NDArray[np.void]) -> None:
         """Store the samples of one batch."""
         self._writer.put_samples(results)
+        self._evidence.simulated(results)
         self.samples += len(results)
         self.busy_seconds += float(results["seconds"].sum())
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store new strings before any of their samples is handed out."""
+        self._evidence.proposed(batch.parameters)
         if any(int(string) not in self._stored.parameters for string in ids):
             self._writer.put_strings(
                 int(ids[0]),
@@ -113,8 +124,11 @@ class Books:
 
     def judged(self, string: int, result: EnsembleResult) -> None:
         """Store the result of a string."""
-        if string not in self._stored.results:
+        row = self._stored.results.get(string)
+        if row is None:
+            row = result_row(string, result)
             self._writer.put_result(string, **result._asdict())
+        self._evidence.judged(string, row)
 
     def generation_done(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
@@ -133,6 +147,7 @@ class Books:
             samples_simulated=simulated,
             seconds=self.seconds,
             population=summary.population,
+            digest=self._evidence.digest(),
         )
         self._writer.sync()
         self._watcher.generation(summary, simulated, self.rate)

@@ -15,6 +15,7 @@ from agglom_mpi.campaign import Campaign
 from agglom_mpi.compilation import sources_digest
 from agglom_mpi.database.create import create_campaign_file, grow_campaign_file
 from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.farm.revision import git_revision
 from agglom_mpi.farm.work import Work
 
 
@@ -132,5 +133,6 @@ def leg_fields(ranks: int, mpi: str) -> dict[str, Any]:
         "host": socket.gethostname(),
         "code_version": __version__,
         "sources_sha256": deciding_sources(),
+        "git_revision": git_revision(),
         "versions": versions() | {"mpi": mpi},
     }

@@ -1,13 +1,17 @@
 """`agglom accuracy` from the command line: plain, with MPI, again, and with bad input."""
 
+import shutil
 import subprocess
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from farm_runs import QUICKSTART, environment, finish, need_mpirun
 
 from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.table import Table
+from agglom_mpi.farm.check import check_file
 from agglom_mpi.simulation.outcome import COLUMNS
 
 
@@ -84,6 +88,47 @@ def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
     )
     expected = "a/samples.h5: holds the samples of an accuracy study, not an inversion's\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
+
+
+def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
+    words = ["agglom", "export", "a/samples.h5", "--compact", str(tmp_path / "c.h5")]
+    done = subprocess.run(
+        [*words, "--csv", str(tmp_path)],
+        cwd=studied,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    original, copy = open_campaign(studied / "a" / "samples.h5"), open_campaign(tmp_path / "c.h5")
+    assert copy.attributes["purpose"] == "accuracy study"
+    assert copy.all_sample_rows().tobytes() == original.all_sample_rows().tobytes()
+    assert copy.string_rows().tobytes() == original.string_rows().tobytes()
+    lines = {path.stem: path.read_text().count("\n") - 1 for path in tmp_path.glob("*.csv")}
+    assert lines["samples"] == len(original.all_sample_rows())
+    assert lines["strings"] == len(original.string_rows())
+
+
+def test_the_samples_of_a_study_are_checked_but_for_the_search_that_there_was_not(studied):
+    text, code = check_file(str(studied / "a" / "samples.h5"))
+    assert code == 0, text
+    assert "\n  digests: 1 of 1 generation verified\n" in text
+    assert "\n  replay: left out; the strings of an accuracy study are not searched\n" in text
+    assert text.endswith("\n  finished: all set-ups are measured")
+
+
+def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
+    path = tmp_path / "samples.h5"
+    shutil.copy(studied / "a" / "samples.h5", path)
+    with h5py.File(path, "r+") as file:
+        table = Table(file, "samples", path)
+        row = table.rows.read(1, 1)
+        row["mean_radius_ratio"] *= 1.0 + 1e-12
+        table.write(1, row)
+    text, code = check_file(str(path))
+    assert code == 1
+    assert "generations: what 0 rests on is not what it was" in text
 
 
 def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):

@@ -35,7 +35,10 @@ AGGLOM = (
 )
 
 
-@pytest.mark.parametrize("arguments", [["check", QUICKSTART], ["report", "--help"], ["--help"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["check", QUICKSTART], ["report", "--help"], ["export", "--help"], ["--help"]],
+)
 def test_looking_at_a_campaign_loads_no_heavy_library(arguments):
     assert loaded(AGGLOM, *arguments).isdisjoint(HEAVY)
 
@@ -45,6 +48,18 @@ def test_a_report_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finis
     modules = loaded(AGGLOM, "report", finished / "tiny.h5", *option)
     assert "h5py" in modules
     assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
+
+
+def test_a_copy_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(finished, tmp_path):
+    modules = loaded(AGGLOM, "export", finished / "tiny.h5", "--compact", tmp_path / "copy.h5")
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY, "pydantic", "pint", "ruamel"} - {"h5py"})
+
+
+def test_verifying_a_campaign_file_loads_hdf5_but_neither_simulator_nor_mpi(finished):
+    modules = loaded(AGGLOM, "check", finished / "tiny.h5")
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY, "rich"} - {"h5py"})
 
 
 def test_simulating_a_campaign_loads_the_compiler_but_neither_hdf5_nor_mpi_nor_tables(finished):

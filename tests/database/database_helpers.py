@@ -77,6 +77,7 @@ def put_generation(writer, generation: int) -> None:
         samples_simulated=2100,
         seconds=12.5,
         population=np.arange(POPULATION)[::-1],
+        digest=2**64 - 1,
     )
 
 
@@ -87,5 +88,6 @@ def begin_leg(writer, started: float = 1e9) -> int:
         host="knöten",
         code_version="0.1.0",
         sources_sha256="s" * 64,
+        git_revision="a" * 40,
         versions={"python": "3.11.7", "mpi": "MPICH " + "x" * 100},
     )

@@ -14,6 +14,7 @@ from farm_runs import (
 )
 
 from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.farm.check import check_file
 
 NO_LIBRARY = """
 import sys
@@ -33,6 +34,7 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     need_mpirun()
     finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
     assert_same(tmp_path / "ranks.h5", decisions(small / "small.h5"))
+    assert check_file(str(tmp_path / "ranks.h5"))[1] == 0
     file = open_campaign(tmp_path / "ranks.h5")
     assert file.legs()["ranks"].tolist() == [ranks]
     assert set(file.all_sample_rows()["rank"]) == set(range(ranks))

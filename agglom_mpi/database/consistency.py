@@ -1,0 +1,167 @@
+"""Do the numbers in a campaign file agree with each other, and with the digests?"""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.digest import generation_digest, used_samples
+from agglom_mpi.database.schema import LEG_CAPACITY, ORIGINS, VARIABLE_TABLE
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
+from agglom_mpi.variables import NAMES, VARIABLES
+
+EXIT_CODES: Final = (-1, 0, 1, 75)
+"""What a leg can have ended with; -1 if it did not."""
+
+
+def check_numbers(contents: Contents) -> None:
+    """Find rows that are absent although others rest on them, and numbers that cannot be."""
+    contents.faults += _wrong_variables(contents)
+    _find_absent_strings(contents)
+    _find_absent_samples(contents)
+    _find_absent_of_generations(contents)
+    for table, wrong, what in _impossible(contents):
+        if wrong.any():
+            rows = contents.rows[table][wrong]
+            columns = ("string", "sample") if table == "samples" else ("string",)
+            keys = rows[list(columns)].tolist()
+            named_keys = named(key if len(key) == 2 else key[0] for key in keys)
+            contents.faults.append(f"{table}: {what} in {named_keys}")
+    for what, number in _disagreements(contents):
+        contents.faults.append(f"generations: {what} in {number} does not follow from the results")
+    contents.faults += _wrong_legs(contents)
+
+
+def check_digests(contents: Contents) -> int:
+    """Compare the digests of all generations that rest on whole rows; how many are right."""
+    right, wrong = 0, []
+    lost = contents.lost_strings
+    strings, results = contents.rows["strings"], contents.rows["results"]
+    samples = used_samples(contents.rows["samples"], results)
+    for row in contents.rows["generations"]:
+        mine = strings[strings["generation"] == row["generation"]]
+        ids = mine["string"]
+        if not len(ids) or not lost.isdisjoint(range(ids[0], ids[-1] + 1)):
+            continue
+        digest = generation_digest(
+            np.column_stack([mine[name] for name in NAMES]),
+            results[np.isin(results["string"], ids)],
+            samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
+        )
+        if digest == int(row["digest"]):
+            right += 1
+        else:
+            wrong.append(int(row["generation"]))
+    if wrong:
+        contents.faults.append(
+            f"generations: what {named(wrong)} rests on is not what it was: a parameter, result "
+            "or used sample has been changed together with its checksum"
+        )
+    return right
+
+
+def _wrong_variables(contents: Contents) -> Iterator[str]:
+    rows = contents.rows["variables"]
+    names = [name.rstrip(b"\0") for name in rows["name"].tolist()]
+    units = [unit.rstrip(b"\0") for unit in rows["unit"].tolist()]
+    if names != [v.name.encode() for v in VARIABLES] or units != [
+        v.unit.encode() for v in VARIABLES
+    ]:
+        yield f"{VARIABLE_TABLE.name}: other names or units than those of this program"
+
+
+def _find_absent_strings(contents: Contents) -> None:
+    """Every string up to the last that anything is stored of must be there."""
+    stored = contents.numbers("strings")
+    needed = contents.numbers("samples") | contents.numbers("results")
+    last = max(stored | needed, default=-1)
+    contents.miss("strings", set(range(last + 1)) - stored, "though later ones are stored")
+
+
+def _find_absent_samples(contents: Contents) -> None:
+    samples, results = contents.rows["samples"], contents.rows["results"]
+    most = int(contents.attributes["max_samples"])
+    used = np.clip(results["samples_used"], 0, most)
+    places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
+    places += np.arange(len(places))
+    gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
+    missing = {divmod(place, most) for place in gaps.tolist()}
+    contents.miss("samples", missing, "though the results of their strings rest on them")
+    counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
+    final = len(samples) + sum(1 for key in contents.lost["samples"] if key not in missing)
+    if final + len(missing) < counted:
+        contents.faults.append(
+            f"samples: {counted - final - len(missing)} unused ones are absent; {counted} had been "
+            "simulated when the last generation was stored"
+        )
+
+
+def _find_absent_of_generations(contents: Contents) -> None:
+    strings = contents.rows["strings"]
+    last = max([*contents.recorded, *(strings["generation"] - 1)], default=-1)
+    missing = set(range(int(last) + 1)) - contents.recorded
+    contents.miss("generations", missing, "though later ones have begun")
+    decided = np.isin(strings["generation"], contents.rows["generations"]["generation"])
+    without = set(strings["string"][decided].tolist()) - contents.numbers("results")
+    contents.miss("results", without, "though the generations of their strings are stored")
+
+
+def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
+    """Look for numbers that no run writes; yields table, mask of its rows, and what is wrong."""
+    strings, results = contents.rows["strings"], contents.rows["results"]
+    parents, most = strings["parents"], int(contents.attributes["max_samples"])
+    yield "strings", strings["origin"] >= len(ORIGINS), "unknown origin"
+    unborn = (parents < -1) | (parents >= strings["string"][:, None])
+    yield "strings", unborn.any(axis=1), "parents that were not there yet"
+    used, failed = results["samples_used"], results["failed"]
+    yield "results", (used < 1) | (used > most), "number of samples used"
+    samples = used_samples(contents.rows["samples"], results)
+    failures = samples["string"][samples["state"] == FAILED]
+    found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
+    whole = ~np.isin(results["string"], list(contents.lost_strings))
+    yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
+    samples = contents.rows["samples"]
+    yield "samples", ~np.isin(samples["state"], (COMPLETED, FAILED)), "unknown state"
+    odd = (samples["reason"] > 0) != (samples["state"] == FAILED)
+    yield "samples", odd | (samples["reason"] >= len(REASONS)), "reason of failure"
+
+
+def _disagreements(contents: Contents) -> Iterator[tuple[str, int]]:
+    """Find what in a generation does not follow from results; yields that and its number."""
+    strings = contents.rows["strings"]
+    results = {int(row["string"]): row for row in contents.rows["results"]}
+    for row in contents.rows["generations"]:
+        number = int(row["generation"])
+        ids = strings["string"][strings["generation"] <= number].tolist()
+        if contents.lost_strings & set(range(max(ids, default=0) + 1)):
+            continue  # nothing can be said
+        if row["evaluations"] != len(ids):
+            yield "number of strings judged", number
+        used = sum(int(results[string]["samples_used"]) for string in ids)
+        if not used == row["samples_used"] <= row["samples_simulated"]:
+            yield "number of samples used", number
+        population = row["population"].tolist()
+        if not set(population) <= set(ids):
+            yield "strings of the population", number
+            continue
+        worth = [(float(results[string]["objective"]), string) for string in population]
+        if worth != sorted(set(worth)):
+            yield "order of the population", number
+        best = results[population[0]]
+        stored = row["best_string"], row["best_objective"], row["best_standard_error"].tobytes()
+        if stored != (population[0], best["objective"], best["standard_error"].tobytes()):
+            yield "best string", number
+
+
+def _wrong_legs(contents: Contents) -> Iterator[str]:
+    legs = contents.rows["legs"]
+    ended = np.isfinite(legs["stopped"])
+    odd = (legs["ranks"] < 1) | ~np.isin(legs["exit_code"], EXIT_CODES) | (legs["samples"] < 0)
+    odd |= ended & (legs["exit_code"] == -1)
+    if odd.any():
+        yield f"legs: numbers that cannot be in {named(np.flatnonzero(odd).tolist())}"
+    elif ended.all() and not contents.lost["legs"] and len(legs) < LEG_CAPACITY:
+        simulated, stored = int(legs["samples"].sum()), len(contents.rows["samples"])
+        if stored > simulated:
+            yield f"legs: simulated {simulated} samples in all, but {stored} are stored"

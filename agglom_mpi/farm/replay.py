@@ -1,0 +1,176 @@
+"""Deciding again, from the samples in a file, what the file says that was decided."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.farm.books import restored
+from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
+from agglom_mpi.variables import NAMES
+
+
+class Replayed(NamedTuple):
+    """How much of what is stored was decided again, and is the same."""
+
+    strings: int
+    results: int
+    generations: int
+
+
+class Recorder:
+    """Observer of an inversion that remembers everything."""
+
+    def __init__(self) -> None:
+        self.batches: list[tuple[NDArray[np.int64], Batch]] = []
+        self.results: dict[int, EnsembleResult] = {}
+        self.summaries: dict[int, GenerationSummary] = {}
+
+    def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Take new strings."""
+
+    def judged(self, string: int, result: EnsembleResult) -> None:
+        """Take a result."""
+        self.results[string] = result
+
+    def generation_done(self, summary: GenerationSummary) -> None:
+        """Take a generation."""
+        self.summaries[summary.generation] = summary
+
+
+def replay(contents: Contents) -> Replayed:
+    """Decide everything again as a resume does, and compare; nothing is simulated.
+
+    Faults, and rows that the decisions need but are absent, are added to the contents.
+    """
+    try:
+        campaign = Campaign.from_text(str(contents.attributes["campaign"]), str(contents.path))
+        _check_campaign(campaign, contents)
+        campaign = campaign.with_generations(contents.room["generations"])
+        recorder, inversion = _decide(campaign, contents)
+    except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        contents.faults.append(f"replay: not possible: {error}")
+        return Replayed(0, 0, 0)
+    counts = Replayed(
+        _compare_strings(recorder, contents),
+        _compare_results(recorder, contents),
+        _compare_generations(recorder, contents),
+    )
+    _check_end(inversion, recorder, contents)
+    return counts
+
+
+def _check_campaign(campaign: Campaign, contents: Contents) -> None:
+    """Make sure that the text gives what else the file says of the campaign."""
+    if campaign.sha256() != contents.attributes["campaign_sha256"] or (
+        campaign.identity() != contents.identity
+    ):
+        contents.faults.append("campaign: the text in the file is not that of its identity")
+    rows, box = contents.rows["variables"], campaign.variables
+    bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
+    if not all(np.array_equal(*pair, equal_nan=True) for pair in bounds):
+        contents.faults.append("variables: other bounds than in the campaign's text")
+
+
+def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion]:
+    known = {
+        int(row["string"]): np.array([row[name] for name in NAMES])
+        for row in contents.rows["strings"]
+    }
+    recorder = Recorder()
+
+    def restore(batch: Batch, first: int) -> Batch:
+        recorder.batches.append((np.arange(first, first + len(batch.parameters)), batch))
+        return restored(batch, first, known)
+
+    inversion = CampaignWork(campaign).inversion(restore, recorder)
+    for row in contents.rows["samples"]:
+        inversion.accept(int(row["string"]), int(row["sample"]), row)
+    inversion.start()
+    return recorder, inversion
+
+
+def _compare_strings(recorder: Recorder, contents: Contents) -> int:
+    stored = {int(row["string"]): row for row in contents.rows["strings"]}
+    same, other = 0, []
+    for ids, batch in recorder.batches:
+        for i, string in enumerate(ids.tolist()):
+            row = stored.get(string)
+            if row is None:
+                continue
+            agrees = (
+                row["generation"] == batch.generation
+                and row["slot"] == batch.slot[i]
+                and row["origin"] == batch.origin[i]
+                and np.array_equal(row["parents"], batch.parents[i])
+                and _close([row[name] for name in NAMES], batch.parameters[i])
+            )
+            same += agrees
+            if not agrees:
+                other.append(string)
+    if other:
+        contents.faults.append(f"replay: the search proposes other strings than {named(other)}")
+    return same
+
+
+def _compare_results(recorder: Recorder, contents: Contents) -> int:
+    stored = {int(row["string"]): row for row in contents.rows["results"]}
+    pairs = [(i, result, stored[i]) for i, result in recorder.results.items() if i in stored]
+    other = [
+        i
+        for i, result, row in pairs
+        if not all(_close(row[name], value) for name, value in result._asdict().items())
+    ]
+    if other:
+        contents.faults.append(f"replay: the samples give other results of strings {named(other)}")
+    if contents.settled:
+        absent = recorder.results.keys() - stored.keys()
+        contents.miss("results", absent, "though the samples judge their strings")
+    return len(pairs) - len(other)
+
+
+def _compare_generations(recorder: Recorder, contents: Contents) -> int:
+    stored = {int(row["generation"]): row for row in contents.rows["generations"]}
+    pairs = [(i, done, stored[i]) for i, done in recorder.summaries.items() if i in stored]
+    other = [
+        i
+        for i, done, row in pairs
+        if (row["best_string"], row["evaluations"], row["samples_used"])
+        != (done.best, done.evaluations, done.samples_used)
+        or not np.array_equal(row["population"], done.population)
+        or not _close(
+            [row[name] for name in ("best_objective", "best_standard_error", "mean_of_top")],
+            [done.objective, done.standard_error, done.mean_of_top],
+        )
+    ]
+    if other:
+        contents.faults.append(f"replay: the search ends otherwise in generations {named(other)}")
+    if contents.settled:
+        absent = recorder.summaries.keys() - contents.recorded
+        contents.miss("generations", absent, "though all their strings are judged")
+    return len(pairs) - len(other)
+
+
+def _check_end(inversion: Inversion, recorder: Recorder, contents: Contents) -> None:
+    """Where the replay ends there must be nothing stored beyond, unless something is lost."""
+    if any(contents.lost.values()):
+        return
+    beyond = set(inversion.live) & contents.numbers("results")
+    beyond |= contents.numbers("strings") - {int(i) for ids, _ in recorder.batches for i in ids}
+    if beyond:
+        contents.faults.append(f"replay: ends before strings {named(beyond)}, which are stored")
+    if (
+        contents.settled
+        and contents.status.state == "finished"
+        and set(inversion.live) & (contents.numbers("strings"))
+    ):
+        contents.faults.append("status: finished, but the search is not")
+
+
+def _close(stored: object, decided: object) -> bool:
+    """Whether numbers agree; in the last digits they need not on another kind of processor."""
+    left, right = np.asarray(stored, float), np.asarray(decided, float)
+    return bool(np.allclose(left, right, rtol=1e-9, atol=1e-12, equal_nan=True))

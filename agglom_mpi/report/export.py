@@ -1,0 +1,82 @@
+"""What `agglom export` writes: a compact copy of a campaign file, its tables as text, or both."""
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from agglom_mpi.database.compact import write_compact
+from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.database.whole import refuse_existing, whole_file
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TABLES: Final = ("generations", "strings", "samples")
+"""In an order in which no row of a growing file is read before those that refer to it."""
+
+
+class ExportError(ValueError):
+    """The export is not possible; one line says why."""
+
+
+def export(source: Path, compact: Path | None, directory: Path | None) -> Iterator[str]:
+    """Write what is asked for, yielding a line on each file that is there; see `agglom export`.
+
+    Raises
+    ------
+    ExportError
+        If pandas is missing, or a name that is to be a directory is none.
+    NotACampaign, OSError
+        As from `write_compact`; before anything is written, if any of the files is there already.
+    """
+    file = open_campaign(source)
+    if directory is not None:
+        check_library()
+        if directory.exists() and not directory.is_dir():
+            raise ExportError(f"{directory}: is no directory")
+    targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
+    for target in [compact, *targets] if compact is not None else targets:
+        refuse_existing(target)
+    if compact is not None:
+        copied = write_compact(source, compact)
+        sizes = " of ".join(f"{path.stat().st_size / 1e6:.3g} MB" for path in (compact, source))
+        yield f"{compact}: {copied.strings} strings, {copied.samples} samples, {sizes}"
+        if copied.damaged:
+            yield f"{compact}: {copied.damaged} damaged rows, copied as they are"
+    if directory is not None:
+        yield from write_tables(file, directory)
+
+
+def check_library() -> None:
+    """Raise an ExportError if what makes tables is not installed."""
+    if importlib.util.find_spec("pandas") is None:
+        raise ExportError("tables need pandas: pip install 'agglom_mpi[report]'")
+
+
+def write_tables(file: CampaignFile, directory: Path) -> Iterator[str]:
+    """Write the three tables into a directory, which is made; no name appears before all are whole.
+
+    Numbers are written with as many digits as tell them apart, so that they read back to the same
+    float64, by Python's `float` and by whatever else rounds correctly.
+    """
+    tables = {directory / f"{name}.csv": as_columns(getattr(file, name)) for name in TABLES}
+    directory.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as files:
+        for path, table in tables.items():
+            temporary = files.enter_context(whole_file(path))
+            table.to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
+    for path, table in tables.items():
+        yield f"{path}: {len(table)} rows"
+
+
+def as_columns(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Name the columns with their units, and write a population as numbers with spaces between."""
+    table = table.copy()
+    if "population" in table:
+        table["population"] = [" ".join(map(str, ids)) for ids in table["population"]]
+    units = table.attrs["units"]
+    return table.rename(
+        columns={name: f"{name} ({unit})" for name, unit in units.items() if unit not in ("", "1")}
+    )

@@ -1,0 +1,303 @@
+"""`agglom check FILE.h5`: what is sound, what is damaged, and what a resume would compute again."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from farm_runs import SMALL, assert_same, decisions, finish, write_campaign
+
+from agglom_mpi.database.create import grow_campaign_file
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.schema import layouts
+from agglom_mpi.database.table import Table
+from agglom_mpi.farm.check import check_file
+
+TABLES = ("strings", "results", "samples", "generations")
+AGAIN = {
+    "strings": "propose again strings {0}",
+    "results": "judge again strings {0}",
+    "samples": "simulate again sample {1} of string {0}",
+    "generations": "decide again generations {0}",
+}
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory):
+    """Return the finished file of a small campaign of three generations."""
+    folder = tmp_path_factory.mktemp("searched")
+    write_campaign(folder / "small.yaml", **SMALL)
+    finish(folder, "small.yaml", "-q")
+    return folder / "small.h5"
+
+
+@pytest.fixture
+def copy(searched, tmp_path):
+    shutil.copy(searched, tmp_path / "copy.h5")
+    shutil.copy(searched.with_suffix(".yaml"), tmp_path / "small.yaml")
+    return tmp_path / "copy.h5"
+
+
+def places(path, table):
+    """Offsets of all final rows of a table and of their done bytes, size of a row, and numbers."""
+    with h5py.File(path, "r") as file:
+        final = np.flatnonzero(file[f"{table}_done"][:])
+        size = file[table].dtype.itemsize
+        first, done = (file[name].id.get_offset() for name in (table, f"{table}_done"))
+        most = int(file.attrs["max_samples"])
+    numbers = [divmod(row, most) if table == "samples" else (row,) for row in final.tolist()]
+    return (first + final * size).tolist(), (done + final).tolist(), size, numbers
+
+
+def flip(path, offset, bits):
+    with path.open("r+b") as file:
+        file.seek(offset)
+        byte = file.read(1)[0]
+        file.seek(offset)
+        file.write(bytes([byte ^ bits]))
+
+
+def forge(path, table, number, **changes):
+    """Change a row together with its checksum."""
+    with h5py.File(path, "r+") as file:
+        opened = Table(file, table, path)
+        row = opened.rows.read(number, 1)
+        for name, value in changes.items():
+            row[name] = value
+        opened.write(number, row)
+
+
+def lines(path, code):
+    text, found = check_file(str(path))
+    assert found == code, text
+    return text.splitlines()
+
+
+def test_a_sound_file_is_said_to_be_and_left_as_it_is(agglom, copy):
+    before = copy.read_bytes(), copy.stat().st_mtime_ns
+    done = agglom("check", copy)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert (copy.read_bytes(), copy.stat().st_mtime_ns) == before
+    file = open_campaign(copy)
+    strings, used = len(file.string_rows()), file.result_rows()["samples_used"].sum()
+    assert done.stdout.splitlines() == [
+        f"{copy}: sound",
+        f"  checksums: {strings} strings, {strings} results, 3 generations, "
+        f"{len(file.all_sample_rows())} samples ({used} used), 1 leg and 0 failures are whole",
+        "  digests: 3 of 3 generations verified",
+        f"  replay: the samples lead again to {strings} of {strings} strings, {strings} of "
+        f"{strings} results and 3 of 3 populations",
+        "  finished: all 3 generations are done",
+    ]
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_any_flipped_byte_of_a_final_row_is_found(finished, tmp_path, table):
+    path = tmp_path / "flipped.h5"
+    shutil.copy(finished / "tiny.h5", path)
+    rows, _, size, numbers = places(path, table)
+    chance = np.random.default_rng(1984)
+    chosen = chance.permutation([(i, at) for i in range(len(rows)) for at in range(size)])[:60]
+    for i, at in chosen.tolist():
+        bits = int(chance.integers(1, 256))
+        flip(path, rows[i] + at, bits)
+        text = "\n".join(lines(path, 1))
+        assert " have a wrong checksum\n" in text
+        assert f"a resume would {AGAIN[table].format(*numbers[i])}" in text
+        flip(path, rows[i] + at, bits)
+    lines(path, 0)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_any_flipped_done_byte_is_found(finished, tmp_path, table):
+    path = tmp_path / "flipped.h5"
+    shutil.copy(finished / "tiny.h5", path)
+    _, done, _, numbers = places(path, table)
+    for offset, number in zip(done, numbers, strict=True):
+        for bits in (1, 2, 0x80):
+            flip(path, offset, bits)
+            text = "\n".join(lines(path, 1))
+            if bits == 1:
+                assert f"  {table}: " in text
+                assert " absent, though " in text
+                assert f"a resume would {AGAIN[table].format(*number)}" in text
+            else:
+                assert f"{table}_done: neither 0 nor 1 for " in text
+            flip(path, offset, bits)
+    lines(path, 0)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_done_byte_that_is_set_without_a_row_is_found(copy, table):
+    grow_campaign_file(copy, 40, 9)
+    lines(copy, 0)
+    with h5py.File(copy, "r+") as file:
+        absent = np.flatnonzero(file[f"{table}_done"][:] == 0)[0]
+        file[f"{table}_done"][absent] = 1
+    assert " have a wrong checksum\n" in "\n".join(lines(copy, 1))
+
+
+def test_what_is_said_to_be_computed_again_is_and_the_file_is_sound_afterwards(searched, copy):
+    wanted = decisions(searched)
+    with h5py.File(copy, "r+") as file:
+        most = int(file.attrs["max_samples"])
+        for table, number in (("strings", 17), ("results", 5), ("samples", 3 * most + 1)):
+            file[f"{table}_done"][number] = 0
+        row = file["generations"][1]
+        row["best_objective"] += 1.0
+        file["generations"][1] = row
+        row = file["samples"][20 * most]
+        row["merges"] += 1
+        file["samples"][20 * most] = row
+    text = "\n".join(lines(copy, 1))
+    assert (
+        "a resume would propose again strings 17, simulate again sample 1 of string 3, sample 0 of "
+        "string 20, judge again strings 5, decide again generations 1\n"
+    ) in text
+    assert "believes all rows" not in text
+    finish(copy.parent, "small.yaml", "-q", "-o", copy.name)
+    lines(copy, 0)
+    assert_same(copy, wanted)
+
+
+def test_a_damaged_sample_that_nothing_rests_on_is_said_to_be_unused(copy):
+    file = open_campaign(copy)
+    result = next(row for row in file.result_rows() if row["samples_used"] < file.max_samples)
+    string, sample = int(result["string"]), int(result["samples_used"])
+    most, simulated = file.max_samples, len(file.all_sample_rows())
+    with h5py.File(copy, "r+") as opened:
+        samples = Table(opened, "samples", copy)
+        row = samples.rows.read(string * most, 1)
+        row["sample"] = sample
+        samples.write(string * most + sample, row)
+    assert f"legs: simulated {simulated} samples in all, but {simulated + 1}" in lines(copy, 1)[1]
+    forge(copy, "legs", 0, samples=simulated + 1)
+    lines(copy, 0)
+    with h5py.File(copy, "r+") as opened:
+        row = opened["samples"][string * most + sample]
+        row["merges"] += 1
+        opened["samples"][string * most + sample] = row
+    text = "\n".join(lines(copy, 1))
+    assert f"no result rests on sample {sample} of string {string}: only computed again if" in text
+    assert "a resume would" not in text
+    assert "digests: 3 of 3 generations" in text
+
+
+FORGERIES = [
+    ("samples", 0, {"mean_radius_ratio": 1.5}, "the samples give other results of strings 0"),
+    ("samples", 0, {"largest_residual": 0.5}, "generations: what 0 rests on is not what it was"),
+    ("samples", 0, {"state": 7}, "samples: unknown state in sample 0 of string 0"),
+    ("samples", 0, {"reason": 3}, "samples: reason of failure in sample 0 of string 0"),
+    ("samples", 0, {"sample": 1}, "samples: numbers of another row in sample 0 of string 0"),
+    ("strings", 14, {"density": 6e3}, "the search proposes other strings than 14"),
+    ("strings", 14, {"slot": 0}, "the search proposes other strings than 14"),
+    ("strings", 14, {"parents": [[3, 14]]}, "strings: parents that were not there yet in 14"),
+    ("strings", 14, {"origin": 9}, "strings: unknown origin in 14"),
+    ("results", 2, {"growth_number": 1.0}, "generations: what 0 rests on is not what it was"),
+    ("results", 2, {"objective": 9.0}, "the samples give other results of strings 2"),
+    ("results", 2, {"failed": 1}, "results: number of failed samples in 2"),
+    ("results", 2, {"samples_used": 0}, "results: number of samples used in 2"),
+    ("results", 2, {"samples_used": 31}, "results: number of samples used in 2"),
+    ("generations", 1, {"digest": 1}, "generations: what 1 rests on is not what it was"),
+    ("generations", 1, {"evaluations": 1}, "number of strings judged in 1 does not follow"),
+    ("generations", 1, {"samples_used": 1}, "number of samples used in 1 does not follow"),
+    ("generations", 1, {"best_string": 0}, "best string in 1 does not follow"),
+    ("generations", 1, {"mean_of_top": 0.5}, "the search ends otherwise in generations 1"),
+    ("generations", 1, {"population": [range(12)]}, "order of the population in 1 does not"),
+    ("generations", 1, {"population": [range(90, 102)]}, "strings of the population in 1 does"),
+    ("generations", 2, {"samples_simulated": 10**6}, "unused ones are absent; 1000000 had been"),
+    ("legs", 0, {"ranks": 0}, "legs: numbers that cannot be in 0"),
+]
+
+
+@pytest.mark.parametrize(("table", "number", "changes", "expected"), FORGERIES)
+def test_a_row_that_was_forged_with_its_checksum_is_found(copy, table, number, changes, expected):
+    forge(copy, table, number, **changes)
+    text = "\n".join(lines(copy, 1))
+    assert expected in text
+    assert "a resume believes all rows with right checksums, and would not mend" in text
+
+
+def test_another_order_of_equal_worth_is_found_by_the_replay(copy):
+    population = open_campaign(copy).generation_rows()["population"][2].copy()
+    forge(copy, "generations", 2, population=[np.roll(population, 1)])
+    text = "\n".join(lines(copy, 1))
+    assert "the search ends otherwise in generations 2" in text
+
+
+@pytest.mark.parametrize("table", ["legs", "failures"])
+def test_a_damaged_row_that_no_resume_makes_again_is_said_to_stay(copy, table):
+    if table == "failures":
+        forge(copy, table, 0, text=b"no error")
+    flip(copy, places(copy, table)[0][0] + 3, 1)
+    text = "\n".join(lines(copy, 1))
+    assert f"{table}: 0 have a wrong checksum\n" in text
+    assert "would not mend the rest" in text
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value", "expected"),
+    [
+        ("variables", "lower", 0.2, "variables: other bounds than in the campaign's text"),
+        ("variables", "name", b"velocity", "variables: other names or units"),
+        ("status", "state", b"runny", "status: unknown state 'runny'"),
+    ],
+)
+def test_a_changed_table_without_checksums_is_found(copy, table, column, value, expected):
+    with h5py.File(copy, "r+") as file:
+        row = file[table][0]
+        row[column] = value
+        file[table][0] = row
+    assert expected in "\n".join(lines(copy, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("seed: 1", "seed: 2", "campaign: the text in the file is not that of its identity"),
+        ("population: 12", "population: x", "replay: not possible: "),
+    ],
+)
+def test_another_campaign_text_is_found(copy, old, new, expected):
+    with h5py.File(copy, "r+") as file:
+        text = file.attrs["campaign"]
+        assert text.count(old) == 1
+        file.attrs["campaign"] = text.replace(old, new)
+    assert expected in "\n".join(lines(copy, 1))
+
+
+def test_tables_of_the_wrong_length_are_damage(copy):
+    with h5py.File(copy, "r+") as file:
+        file.attrs["strings"] = int(file.attrs["strings"]) + 1
+    assert "(/strings has 28 rows, not 29)" in "\n".join(lines(copy, 1))
+
+
+def test_a_truncated_file_is_damaged_beyond_what_a_resume_can_read(agglom, copy):
+    with copy.open("r+b") as file:
+        file.truncate(copy.stat().st_size - 1)
+    done = agglom("check", copy)
+    assert (done.exit_code, done.stderr) == (1, "")
+    assert done.stdout.splitlines() == [
+        f"{copy}: a truncated HDF5 file",
+        "  no resume can read it: restore a copy, or start afresh with --output",
+    ]
+
+
+def test_what_is_no_campaign_file_is_bad_input(mistaken, tmp_path):
+    (tmp_path / "text.h5").write_text("no database")
+    with h5py.File(tmp_path / "other.dat", "w") as file:
+        file["x"] = 1
+    assert mistaken("check", "nothing.h5") == "nothing.h5: No such file or directory"
+    assert mistaken("check", tmp_path / "text.h5").endswith("text.h5: not an HDF5 file")
+    assert mistaken("check", tmp_path / "other.dat").endswith("not an agglom_mpi campaign")
+
+
+def test_a_campaign_file_is_known_by_its_content(agglom, copy):
+    copy.rename(copy.with_name("results"))
+    assert agglom("check", copy.with_name("results")).stdout.endswith("generations are done\n")
+
+
+def test_every_table_is_read_or_known_to_have_no_checksum(copy):
+    with h5py.File(copy, "r") as file:
+        tables = layouts(int(file.attrs["population"]))
+    assert {table.name for table in tables if table.final} == {*TABLES, "legs", "failures"}

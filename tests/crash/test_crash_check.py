@@ -1,0 +1,141 @@
+"""`agglom check` on files that are being written, were killed, went on, or failed."""
+
+import os
+import signal
+import time
+
+import h5py
+import pytest
+from farm_runs import (
+    SMALL,
+    assert_same,
+    finish,
+    inject,
+    invert,
+    need_mpirun,
+    samples_in,
+    start,
+    state,
+    wait_until,
+    write_campaign,
+)
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.table import Table
+from agglom_mpi.farm.check import check_file
+
+EVERY_SAMPLE_RAISES = """
+import agglom_mpi.farm.simulator as simulator
+
+simulate_scene = simulator.simulate_scene
+
+def never(scene, random, abort):
+    if not abort[0]:
+        raise ArithmeticError("injected")
+    return simulate_scene(scene, random, abort)
+
+simulator.simulate_scene = never
+"""
+
+
+def verdict(path):
+    text, code = check_file(str(path))
+    assert text.startswith(f"{path}: {'damaged' if code else 'sound'}\n"), text
+    return code, text
+
+
+def assert_sound(path):
+    code, text = verdict(path)
+    assert code == 0, text
+    return text
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted, ranks):
+    if ranks is not None:
+        need_mpirun()
+    path = folder / "slow.h5"
+    said = set()
+    for leg in range(2):
+        process = start(folder, "slow.yaml", ranks=ranks)
+        try:
+            wait_until(lambda: samples_in(path) > 0, process)
+            begin = time.monotonic()
+            while process.poll() is None:
+                said.add(assert_sound(path))
+                if leg == 0 and time.monotonic() - begin > 1.0:
+                    os.killpg(process.pid, signal.SIGKILL)
+                    process.communicate(timeout=30)
+            process.communicate(timeout=30)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.communicate(timeout=30)
+        assert process.returncode == (-signal.SIGKILL if leg == 0 else 0)
+        said.add(assert_sound(path))
+    assert len(said) > 10
+    assert "\n  digests: 3 of 3 generations verified\n" in assert_sound(path)
+    assert_same(path, wanted)
+
+
+@pytest.fixture
+def stopped(folder):
+    """Return the file of a campaign that was stopped in mid generation, and a judged string."""
+    path = folder / "slow.h5"
+    process = start(folder, "slow.yaml")
+    try:
+        wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 2, process)
+        os.kill(process.pid, signal.SIGUSR1)
+        process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    assert process.returncode == 75
+    assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
+    return path, int(open_campaign(path).result_rows()["string"][-1])
+
+
+def test_a_forged_sample_in_a_generation_that_is_not_over_is_found(stopped):
+    path, judged = stopped
+    with h5py.File(path, "r+") as file:
+        table = Table(file, "samples", path)
+        place = judged * int(file.attrs["max_samples"])
+        row = table.rows.read(place, 1)
+        row["mean_radius_ratio"] *= 1.01
+        table.write(place, row)
+    code, text = verdict(path)
+    assert code == 1
+    assert "  replay: the samples give other " in text or "  replay: ends before " in text
+
+
+def test_a_result_that_a_stopped_campaign_must_have_is_missed(stopped):
+    path, judged = stopped
+    with h5py.File(path, "r+") as file:
+        file["results_done"][judged] = 0
+    code, text = verdict(path)
+    assert code == 1
+    assert f"results: {judged} are absent, though " in text
+    assert f"a resume would judge again strings {judged}" in text
+
+
+def test_a_failed_campaign_is_sound(tmp_path):
+    write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
+    folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
+    done = invert(tmp_path, "small.yaml", inject=folder)
+    assert done.returncode == 1
+    assert state(tmp_path / "small.h5")[0] == "failed"
+    text = assert_sound(tmp_path / "small.h5")
+    failures = len(open_campaign(tmp_path / "small.h5").failures())
+    assert failures >= 5
+    assert f" and {failures} failures are whole\n" in text
+    assert text.endswith(f"\n  failed: {failures} samples raised errors")
+
+
+def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
+    finish(folder, "slow.yaml", "--generations", "1")
+    assert "1 of 1 population\n" in assert_sound(folder / "slow.h5")
+    finish(folder, "slow.yaml", "--generations", "2")
+    assert "2 of 2 populations\n" in assert_sound(folder / "slow.h5")
+    finish(folder, "slow.yaml", "--generations", "1")
+    assert_sound(folder / "slow.h5")

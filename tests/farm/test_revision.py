@@ -1,0 +1,60 @@
+"""The commit of a checkout, read as git lays it down."""
+
+import pytest
+
+from agglom_mpi.farm.revision import git_revision
+from agglom_mpi.farm.store import leg_fields
+
+COMMIT = "0123456789abcdef0123456789abcdef01234567"
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    git = tmp_path / ".git"
+    (git / "refs" / "heads" / "deep").mkdir(parents=True)
+    (git / "HEAD").write_text("ref: refs/heads/deep/main\n")
+    return tmp_path
+
+
+def test_a_branch_is_followed_to_its_commit(checkout):
+    (checkout / ".git/refs/heads/deep/main").write_text(COMMIT + "\n")
+    assert git_revision(checkout) == COMMIT
+
+
+def test_a_packed_branch_is_found(checkout):
+    (checkout / ".git/packed-refs").write_text(
+        f"# pack-refs with: peeled\n{'f' * 40} refs/heads/deep/mainly\n{COMMIT} "
+        f"refs/heads/deep/main\n^{'e' * 40}\n"
+    )
+    assert git_revision(checkout) == COMMIT
+
+
+def test_a_detached_head_is_its_own_commit(checkout):
+    (checkout / ".git/HEAD").write_text(COMMIT + "\n")
+    assert git_revision(checkout) == COMMIT
+
+
+def test_a_second_working_tree_is_followed_to_the_repository(checkout, tmp_path):
+    (checkout / ".git/refs/heads/deep/side").write_text(COMMIT + "\n")
+    own = checkout / ".git/worktrees/second"
+    own.mkdir(parents=True)
+    (own / "HEAD").write_text("ref: refs/heads/deep/side\n")
+    (own / "commondir").write_text("../..\n")
+    second = tmp_path / "second"
+    second.mkdir()
+    (second / ".git").write_text(f"gitdir: {own}\n")
+    assert git_revision(second) == COMMIT
+
+
+@pytest.mark.parametrize("head", ["", "ref: refs/heads/none", "nonsense", "\xff"])
+def test_what_cannot_be_resolved_is_empty(checkout, head):
+    (checkout / ".git/HEAD").write_text(head, encoding="latin-1")
+    assert git_revision(checkout) == ""
+
+
+def test_what_is_no_checkout_has_no_revision(tmp_path):
+    assert git_revision(tmp_path) == ""
+
+
+def test_a_leg_records_the_revision_of_these_sources():
+    assert leg_fields(1, "")["git_revision"] == git_revision()
