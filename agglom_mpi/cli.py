@@ -12,6 +12,12 @@ from agglom_mpi import __version__
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
 
 _PATH = click.Path(path_type=Path)
+_DATABASE = click.option(
+    "--database",
+    type=click.Choice(["gathered", "parallel"]),
+    help="Who writes samples: rank 0, or every rank its own. "
+    "[default: every rank, where h5py was built with MPI]",
+)
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -83,6 +89,7 @@ def _is_mistake(error: Exception) -> bool:
     help="Stop cleanly after this long (90, 30m, 2h, 1:30:00); run again to go on.",
 )
 @click.option("--quiet", "-q", is_flag=True, help="Show nothing but errors.")
+@_DATABASE
 @click.option(
     "--accept-code-change",
     is_flag=True,
@@ -323,6 +330,7 @@ def simulate(
     help="Stop cleanly after this long (90, 30m, 2h, 1:30:00); run again to go on.",
 )
 @click.option("--quiet", "-q", is_flag=True, help="Show nothing but errors.")
+@_DATABASE
 @click.option(
     "--accept-code-change",
     is_flag=True,

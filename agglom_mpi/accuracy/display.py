@@ -18,9 +18,11 @@ class StudyDisplay(Display):
 
     unit = "set-ups"
 
-    def begin(self, work: "Work", path: str, ranks: int, inversion: "Inversion") -> None:
+    def begin(
+        self, work: "Work", path: str, ranks: int, inversion: "Inversion", database: str
+    ) -> None:
         """Say what runs, and prepare the live line."""
-        super().begin(work, path, ranks, inversion)
+        super().begin(work, path, ranks, inversion, database)
         self._said = time.monotonic()
 
     def total(self, work: "Work") -> int:

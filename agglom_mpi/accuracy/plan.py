@@ -55,6 +55,7 @@ class Options(NamedTuple):
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
+    database: str | None = None
 
 
 class Plan(NamedTuple):

@@ -34,7 +34,8 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
         directory = Path(options.out)
         directory.mkdir(parents=True, exist_ok=True)
         check_writable(directory / SAMPLES)
-        return Order(plans[0].study, directory / SAMPLES, options.accept_code_change)
+        path = directory / SAMPLES
+        return Order(plans[0].study, path, options.accept_code_change, options.database)
 
     def finish(order: Order) -> None:
         display.message("writing the report")

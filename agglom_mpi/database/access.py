@@ -3,11 +3,15 @@
 import os
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 from h5py import h5f, h5p
 
 from agglom_mpi.database.schema import FORMAT, FORMAT_VERSION, layouts
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
 
 
 class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
@@ -32,11 +36,18 @@ def create_file(path: Path) -> h5py.File:
         raise located(error, path) from error
 
 
-def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py.File:
+def open_file(
+    path: Path,
+    *,
+    write: bool = False,
+    thorough: bool = True,
+    world: "Intracomm | None" = None,
+) -> h5py.File:
     """Open a campaign file and make sure that it is one.
 
     Not `thorough`, it only believes what the file says of itself: the columns of all tables
-    take longer to check than a few rows to read.
+    take longer to check than a few rows to read. With a `world` all its ranks open the file
+    together, and close it together.
 
     Raises
     ------
@@ -51,7 +62,7 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
     if path.is_file() and path.stat().st_size == 0:
         raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")
     try:
-        file = h5py.File(h5f.open(os.fsencode(path), flags, fapl=_access_list()))
+        file = h5py.File(h5f.open(os.fsencode(path), flags, fapl=_access_list(world)))
     except OSError as error:
         if error.errno:
             raise located(error, path) from error
@@ -89,8 +100,12 @@ def located(error: OSError | RuntimeError, path: Path) -> OSError:
     return OSError(f"{path}: {error}")
 
 
-def _access_list() -> h5p.PropFAID:
+def _access_list(world: "Intracomm | None" = None) -> h5p.PropFAID:
     access = h5p.create(h5p.FILE_ACCESS)
+    if world is not None:
+        from mpi4py import MPI
+
+        access.set_fapl_mpio(world, MPI.Info())
     # A sieve buffer would hold rows back and let their done bytes reach the file first.
     access.set_sieve_buf_size(0)
     access.set_file_locking(False, True)

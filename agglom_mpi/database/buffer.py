@@ -27,6 +27,11 @@ class SampleBuffer:
         self._since = 0.0
 
     @property
+    def count(self) -> int:
+        """Rows that wait."""
+        return self._count
+
+    @property
     def full(self) -> bool:
         """Whether enough rows wait to be worth writing."""
         return self._count >= FLUSH_ROWS

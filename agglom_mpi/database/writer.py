@@ -1,43 +1,79 @@
-"""Writing a campaign file with serial HDF5: raw data in rows laid out beforehand, no metadata."""
+"""Writing a campaign file: raw data in rows laid out beforehand, no metadata."""
 
+import errno
 import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
+import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.database.access import open_file
-from agglom_mpi.database.buffer import SampleBuffer
+from agglom_mpi.database.samples import SampleWriter, sync_descriptor
 from agglom_mpi.database.schema import CAMPAIGN_STATES, VERSIONS
+from agglom_mpi.database.stopwatch import Stopwatch
 from agglom_mpi.database.table import Rows, Table
 from agglom_mpi.variables import NAMES
 
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
 
 class CampaignWriter:
-    """The only writer of a campaign file; whoever opens it holds the `CampaignLock`.
+    """The writer of a campaign file; whoever opens it holds the `CampaignLock`.
+
+    It is the only one, until `share` lets other ranks write samples of their own.
 
     Everything but samples is in the file, visible to readers and safe from a kill of the
     process, when its `put_` returns; samples are after `flush`. Only `sync` guards against a
     crash of the machine. Failed writes raise OSError with the path, and can be repeated;
     numbers beyond the room in the file raise IndexError.
+
+    Attributes
+    ----------
+    clock
+        Time spent here.
+    samples
+        Writes samples.
+    shared
+        Whether other ranks have the file open, too.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(os.path.realpath(path))
-        self._file = open_file(self.path, write=True)
-        attributes = self._file.attrs
-        self._buffer = SampleBuffer(int(attributes["strings"]), int(attributes["max_samples"]))
-        self._tables = {
-            name: Table(self._file, name, self.path)
-            for name in ("strings", "results", "samples", "failures", "generations", "legs")
-        }
-        self._status = Rows(self._file["status"], self.path)
+        self.clock = Stopwatch()
+        self.shared = False
         self._descriptor = os.open(self.path, os.O_RDONLY)
+        self._open(open_file(self.path, write=True))
+
+    def _open(self, file: h5py.File) -> None:
+        self._file = file
+        self.samples = SampleWriter(file, self.path, self.clock)
+        self._tables = {
+            name: Table(file, name, self.path)
+            for name in ("strings", "results", "failures", "generations", "legs")
+        }
+        self._status = Rows(file["status"], self.path)
+
+    def share(self, world: "Intracomm") -> None:
+        """Close the file and open it again together with all other ranks, each a `RankFile`.
+
+        From now on closing is collective.
+
+        Raises
+        ------
+        OSError
+            If some rank cannot open it.
+        """
+        self.flush()
+        self._file.close()
+        self.shared = True
+        self._open(open_file(self.path, write=True, thorough=False, world=world))
 
     def put_strings(
         self,
@@ -68,30 +104,23 @@ class CampaignWriter:
         rows["origin"], rows["parents"] = origins, parents
         for column, name in enumerate(NAMES):
             rows[name] = values[:, column]
-        self._tables["strings"].write(first_id, rows)
-
-    def put_samples(self, records: np.ndarray) -> None:
-        """Take sample rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
-
-        Of rows for the same sample that wait together, the first is kept. Flushes by itself
-        when many wait.
-        """
-        self._buffer.add(records, time.monotonic())
-        if self._buffer.full:
-            self.flush()
+        with self.clock:
+            self._tables["strings"].write(first_id, rows)
 
     def flush_due(self, now: float | None = None) -> bool:
-        """Flush if a sample has waited for long at `time.monotonic()` = now; say if so."""
-        due = self._buffer.due(time.monotonic() if now is None else now)
+        """Flush if a sample has waited for long, as `SampleWriter.flush_due`; say if so."""
+        due = self.samples.flush_due(now)
         if due:
-            self.flush()
+            self._check_place()
         return due
 
     def flush(self) -> None:
-        """Write the samples that wait; consecutive ones in one go."""
-        for first, rows in self._buffer.runs():
-            self._tables["samples"].write(first, rows)
-        self._buffer.clear()
+        """Write the samples that wait."""
+        self.samples.flush()
+
+    def put_samples(self, records: np.ndarray) -> None:
+        """Take samples, which wait for `flush`, as `SampleWriter.put`."""
+        self.samples.put(records)
 
     def put_result(
         self,
@@ -180,7 +209,10 @@ class CampaignWriter:
         *,
         started: float,
         ranks: int,
+        nodes: int,
+        database: str,
         host: str,
+        processor: str,
         code_version: str,
         sources_sha256: str,
         git_revision: str,
@@ -192,6 +224,12 @@ class CampaignWriter:
         ----------
         started : float
             Unix time, s.
+        ranks, nodes : int
+            MPI ranks, and the machines that they are on.
+        database : str
+            Who writes samples: `gathered` or `parallel`.
+        host, processor : str
+            Machine of rank 0, and its kind of processor.
         versions : mapping
             Library versions by the names of `schema.VERSIONS`; those left out stay empty.
         """
@@ -202,8 +240,11 @@ class CampaignWriter:
             started=started,
             stopped=np.nan,
             ranks=ranks,
+            nodes=nodes,
+            database=database,
             exit_code=-1,
             host=host,
+            processor=processor,
             code_version=code_version,
             sources_sha256=sources_sha256,
             git_revision=git_revision,
@@ -212,32 +253,56 @@ class CampaignWriter:
         return index
 
     def end_leg(
-        self, index: int, *, stopped: float, exit_code: int, samples: int, busy_seconds: float
+        self,
+        index: int,
+        *,
+        stopped: float,
+        exit_code: int,
+        samples: int,
+        busy_seconds: float,
+        database_seconds: float,
     ) -> None:
-        """Record the end of a leg; `stopped` in Unix time, `busy_seconds` summed over samples."""
+        """Record the end of a leg.
+
+        `stopped` is in Unix time; `busy_seconds` are summed over samples, `database_seconds` over
+        ranks.
+        """
         row = self._tables["legs"].rows.read(index, 1)
         row["stopped"], row["exit_code"] = stopped, exit_code
         row["samples"], row["busy_seconds"] = samples, busy_seconds
-        self._tables["legs"].write(index, row)
+        row["database_seconds"] = database_seconds
+        with self.clock:
+            self._tables["legs"].write(index, row)
 
     def set_status(self, state: str, reason: str = "") -> None:
         """Say what the campaign is doing: running, stopped, finished or failed."""
         if state not in CAMPAIGN_STATES:
             raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
         fields = {"state": state, "updated": time.time(), "reason": reason}
-        self._status.write(0, _row(self._status.dtype, fields))
+        with self.clock:
+            self._status.write(0, _row(self._status.dtype, fields))
 
     def sync(self) -> None:
         """Flush, and wait until everything is on the disc."""
         self.flush()
-        try:
-            os.fsync(self._descriptor)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(self.path)) from error
+        self._check_place()
+        with self.clock:
+            sync_descriptor(self._descriptor, self.path)
+
+    def _check_place(self) -> None:
+        """Raise an OSError if the file is no longer found under its name."""
+        with self.clock:
+            try:
+                found = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
+            except FileNotFoundError:
+                found = False
+        if not found:
+            message = "was removed or replaced while it was being written"
+            raise OSError(errno.ENOENT, message, str(self.path))
 
     def give_up(self, reason: str) -> None:
         """After a failed write: forget the samples that wait, and say why if the file takes it."""
-        self._buffer.clear()
+        self.samples.forget()
         with suppress(OSError):
             self.set_status("failed", reason)
 
@@ -260,11 +325,14 @@ class CampaignWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        # In an emergency the others would not join in: whoever catches this aborts the job.
+        if error is None or not self.shared:
+            self.close()
 
     def _put(self, table: str, number: int, **fields: Any) -> None:
         rows = self._tables[table]
-        rows.write(number, _row(rows.rows.dtype, fields))
+        with self.clock:
+            rows.write(number, _row(rows.rows.dtype, fields))
 
 
 def _row(dtype: np.dtype, fields: Mapping[str, Any]) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The books of a run: everything decided goes to the campaign file, and to whoever watches."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.backlog import Backlog
 from agglom_mpi.farm.evidence import Evidence, result_row
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary
 from agglom_mpi.variables import NAMES
@@ -91,6 +93,8 @@ class Books:
         self._watcher = watcher
         self._top = top
         self._evidence = Evidence(stored.samples)
+        self._backlog = Backlog()
+        self.synced: Callable[[], None] = lambda: None
 
     @property
     def rate(self) -> float:
@@ -102,9 +106,12 @@ class Books:
         """Wall-clock seconds of all legs."""
         return self._stored.seconds + time.monotonic() - self.begun
 
-    def simulated(self, results: NDArray[np.void]) -> None:
-        """Store the samples of one batch."""
-        self._writer.put_samples(results)
+    def simulated(self, results: NDArray[np.void], writes: int | None = None) -> None:
+        """Store the samples of one batch, unless the rank `writes` does so itself."""
+        if writes is None:
+            self._writer.put_samples(results)
+        else:
+            self._backlog.delivered(writes, len(results))
         self._evidence.simulated(results)
         self.samples += len(results)
         self.busy_seconds += float(results["seconds"].sum())
@@ -127,15 +134,24 @@ class Books:
         row = self._stored.results.get(string)
         if row is None:
             row = result_row(string, result)
-            self._writer.put_result(string, **result._asdict())
+            self._backlog.store(partial(self._writer.put_result, string, **result._asdict()))
         self._evidence.judged(string, row)
+
+    def written(self, rank: int, count: int) -> None:
+        """Take note that so many more samples of a rank are in the file."""
+        self._backlog.written(rank, count)
+
+    def finish(self) -> None:
+        """Store what waits: all ranks have stopped, and written what they had."""
+        self._backlog.finish()
 
     def generation_done(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
         if summary.generation in self._stored.generations:
             return
         simulated = len(self._stored.samples) + self.samples
-        self._writer.put_generation(
+        store = partial(
+            self._writer.put_generation,
             summary.generation,
             best_string=summary.best,
             best_objective=summary.objective,
@@ -149,5 +165,10 @@ class Books:
             population=summary.population,
             digest=self._evidence.digest(),
         )
-        self._writer.sync()
+        self._backlog.store(lambda: self._seal(store))
         self._watcher.generation(summary, simulated, self.rate)
+
+    def _seal(self, store: Callable[[], None]) -> None:
+        store()
+        self._writer.sync()
+        self.synced()

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from agglom_mpi.farm.messages import (
     FAILED_SAMPLE,
     FAILURE,
+    FAREWELL,
     MOST_TASKS,
     RESULT,
     RESULTS,
     STOP,
+    SYNC,
     TASKS,
+    UNWRITTEN,
+    WRITTEN,
 )
 from agglom_mpi.farm.simulator import Simulator, SimulatorThread
 
@@ -22,12 +26,18 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
+NO_RESULTS: Final = np.zeros(0, RESULT)
+NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
+
+
 class Delivery(NamedTuple):
-    """What a rank sent: results of one batch (possibly none) and failures."""
+    """What a rank sent: results of one batch, failures, samples that it has written meanwhile."""
 
     rank: int
-    results: NDArray[np.void]
-    failures: NDArray[np.void]
+    results: NDArray[np.void] = NO_RESULTS
+    failures: NDArray[np.void] = NO_FAILURES
+    written: int = 0
+    stopped: bool = False
 
 
 class Crew:
@@ -39,26 +49,35 @@ class Crew:
         Of this rank.
     world
         The MPI world; None for a plain run.
+
+    Attributes
+    ----------
+    size
+        Number of ranks.
+    database_seconds
+        Time that ranks which have stopped spent on the campaign file, s.
     """
 
     def __init__(self, simulator: Simulator, world: "Intracomm | None") -> None:
         self.size = 1 if world is None else world.size
+        self.database_seconds = 0.0
         self._world = world
         self._thread = SimulatorThread(simulator)
         self._sends: list[tuple[Any, NDArray[np.void]]] = []
-        self._results = np.zeros(MOST_TASKS, RESULT)
-        self._failure = np.zeros(1, FAILED_SAMPLE)
+        self._buffers: dict[int, NDArray[Any]] = {
+            RESULTS: np.zeros(MOST_TASKS, RESULT),
+            FAILURE: np.zeros(1, FAILED_SAMPLE),
+            UNWRITTEN: np.zeros(1, FAILED_SAMPLE),
+            WRITTEN: np.zeros(1, np.int64),
+            STOP: np.zeros(1, FAREWELL),
+        }
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
         """Give a rank a batch; never waits."""
         if rank == 0 or self._world is None:
             self._thread.put(tasks)
             return
-        from mpi4py import MPI
-
-        request = self._world.Isend([tasks, MPI.BYTE], dest=rank, tag=TASKS)
-        self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
-        self._sends.append((request, tasks))
+        self._post(tasks, rank, TASKS)
 
     def deliveries(self, timeout: float) -> Iterator[Delivery]:
         """Everything that has arrived; waits at most `timeout` in s for own results."""
@@ -66,37 +85,40 @@ class Crew:
         finished = self._thread.take(timeout)
         while finished is not None:
             results, failures = finished
-            yield Delivery(0, results, np.concatenate([np.zeros(0, FAILED_SAMPLE), *failures]))
+            yield Delivery(0, results, np.concatenate([NO_FAILURES, *failures]))
             finished = self._thread.take(0.0)
 
-    def dismiss(self, code: int) -> None:
-        """Stop every rank, which then exit with `code`; samples under way are abandoned."""
-        if self._world is None:
-            self._thread.stop()
-            return
-        message = np.array([code], np.int32)
-        requests = [sent for sent, _ in self._sends]
+    def sync(self) -> None:
+        """Ask all other ranks to put on the disc what they have written; never waits."""
         for rank in range(1, self.size):
-            requests.append(self._world.Isend(message, dest=rank, tag=STOP))
+            self._post(np.zeros(1, np.int32), rank, SYNC)
+
+    def dismiss(self, code: int) -> Iterator[Delivery]:
+        """Stop every rank, which then exit with `code`, and yield what they still send.
+
+        Samples under way are abandoned. `database_seconds` is complete when this ends.
+        """
         self._thread.stop()
-        self._see_off()
-        for request in requests:
+        if self._world is None:
+            return
+        for rank in range(1, self.size):
+            self._post(np.array([code], np.int32), rank, STOP)
+        working = self.size - 1
+        while working:
+            for delivery in self._mail():
+                yield delivery
+                working -= delivery.stopped
+            time.sleep(0.001)
+        for request, _ in self._sends:
             request.Wait()
 
-    def _see_off(self) -> None:
-        """Drop what workers still send, for they may wait in it, until each says it stopped."""
+    def _post(self, message: NDArray[Any], rank: int, tag: int) -> None:
         from mpi4py import MPI
 
         assert self._world is not None
-        status = MPI.Status()
-        working = self.size - 1
-        while working:
-            if not self._world.Iprobe(source=MPI.ANY_SOURCE, tag=MPI.ANY_TAG, status=status):
-                time.sleep(0.001)
-                continue
-            rank, tag = status.Get_source(), status.Get_tag()
-            self._world.Recv([self._results, MPI.BYTE], source=rank, tag=tag)
-            working -= tag == STOP
+        request = self._world.Isend([message, MPI.BYTE], dest=rank, tag=tag)
+        self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
+        self._sends.append((request, message))
 
     def _mail(self) -> Iterator[Delivery]:
         if self.size == 1 or self._world is None:
@@ -106,10 +128,20 @@ class Crew:
         status = MPI.Status()
         while self._world.Iprobe(source=MPI.ANY_SOURCE, tag=MPI.ANY_TAG, status=status):
             rank, tag = status.Get_source(), status.Get_tag()
-            if tag == FAILURE:
-                self._world.Recv([self._failure, MPI.BYTE], source=rank, tag=tag)
-                yield Delivery(rank, np.zeros(0, RESULT), self._failure.copy())
-            else:
-                self._world.Recv([self._results, MPI.BYTE], source=rank, tag=RESULTS, status=status)
-                count = status.Get_count(MPI.BYTE) // RESULT.itemsize
-                yield Delivery(rank, self._results[:count].copy(), np.zeros(0, FAILED_SAMPLE))
+            buffer = self._buffers[tag]
+            self._world.Recv([buffer, MPI.BYTE], source=rank, tag=tag, status=status)
+            count = status.Get_count(MPI.BYTE) // buffer.itemsize
+            yield self._read(rank, tag, buffer[:count].copy())
+
+    def _read(self, rank: int, tag: int, content: NDArray[Any]) -> Delivery:
+        if tag == RESULTS:
+            return Delivery(rank, results=content)
+        if tag == FAILURE:
+            return Delivery(rank, failures=content)
+        if tag == WRITTEN:
+            return Delivery(rank, written=int(content[0]))
+        if tag == UNWRITTEN:
+            host, text = (content[name][0].decode() for name in ("host", "text"))
+            raise OSError(f"rank {rank} on {host}: {text}")
+        self.database_seconds += float(content["database_seconds"][0])
+        return Delivery(rank, stopped=True)

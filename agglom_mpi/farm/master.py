@@ -76,6 +76,14 @@ class Master:
                 self._tick(crew, shown)
         return End(FINISHED, "finished", self.finished_because)
 
+    def wind_up(self, crew: Crew, code: int) -> None:
+        """Stop all ranks with an exit code, and store what they still have."""
+        for delivery in crew.dismiss(code):
+            for failure in delivery.failures:
+                self._report_exception(failure)
+            self._count(delivery)
+        self.books.finish()
+
     def _hand_out(self, crew: Crew, scheduler: Scheduler) -> None:
         for _ in range(2):
             for rank in range(crew.size):
@@ -86,14 +94,21 @@ class Master:
     def _take(self, scheduler: Scheduler, delivery: Delivery) -> None:
         for failure in delivery.failures:
             self._report_exception(failure)
-        if len(delivery.results):
-            self.books.simulated(delivery.results)
+        self._count(delivery)
         for row in delivery.results:
             string, sample = int(row["string"]), int(row["sample"])
             scheduler.returned(delivery.rank, string, sample, float(row["seconds"]))
             if row["state"] == FAILED:
                 self._count_failure(row)
             self.inversion.accept(string, sample, row)
+
+    def _count(self, delivery: Delivery) -> None:
+        """Store what a rank sent, or take note that it does so itself."""
+        if len(delivery.results):
+            writes = delivery.rank if self._writer.shared and delivery.rank else None
+            self.books.simulated(delivery.results, writes)
+        if delivery.written:
+            self.books.written(delivery.rank, delivery.written)
 
     def _count_failure(self, row) -> None:  # type: ignore[no-untyped-def]
         if row["reason"] == EXCEPTION:

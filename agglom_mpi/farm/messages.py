@@ -12,6 +12,9 @@ TASKS: Final = 1
 RESULTS: Final = 2
 FAILURE: Final = 3
 STOP: Final = 4
+WRITTEN: Final = 5
+UNWRITTEN: Final = 6
+SYNC: Final = 7
 """Message tags."""
 
 POLL: Final = 0.001
@@ -27,6 +30,9 @@ FAILED_SAMPLE: Final = np.dtype(
     [("string", "i8"), ("sample", "i8"), ("rank", "i4"), ("host", "S64"), ("text", "S1000")]
 )
 """The traceback of a sample that raised."""
+
+FAREWELL: Final = np.dtype([("database_seconds", "f8")])
+"""The last word of a rank that has stopped: time that it spent on the campaign file, s."""
 
 MOST_TASKS: Final = 64
 """Tasks in one message at most."""

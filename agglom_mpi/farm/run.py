@@ -1,5 +1,6 @@
 """A whole run, from what is asked to the exit code, on every rank."""
 
+import os
 import sys
 import time
 import traceback
@@ -12,14 +13,16 @@ from agglom_mpi.campaign import CampaignError, load_campaign
 from agglom_mpi.database.access import NotACampaign
 from agglom_mpi.database.lock import CampaignInUse, CampaignLock
 from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.samples import RankFile
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
 from agglom_mpi.farm.crew import Crew
 from agglom_mpi.farm.launch import warms_first
 from agglom_mpi.farm.master import End, Master
+from agglom_mpi.farm.sharing import PARALLEL, choose_database, find_nodes
 from agglom_mpi.farm.simulator import Simulator
-from agglom_mpi.farm.store import StoreError, leg_fields, output_path, prepare
+from agglom_mpi.farm.store import StoreError, in_words, leg_fields, output_path, prepare
 from agglom_mpi.farm.work import CampaignWork, Work
 from agglom_mpi.farm.worker import work as serve
 from agglom_mpi.report.display import Display
@@ -41,14 +44,20 @@ class Options(NamedTuple):
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
+    database: str | None = None
 
 
 class Order(NamedTuple):
-    """Work, the file that keeps it, and whether samples of other sources may be in there."""
+    """Work and the file that keeps it.
+
+    `accept_code_change` says whether samples of other sources may be in there, `database` who
+    writes samples, None for what suits.
+    """
 
     work: Work
     path: Path
     accept_code_change: bool
+    database: str | None = None
 
 
 def invert(options: Options, world: "Intracomm | None") -> int:
@@ -71,7 +80,7 @@ def read_order(options: Options) -> Order:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     path = output_path(campaign, options.output)
-    return Order(CampaignWork(campaign), path, options.accept_code_change)
+    return Order(CampaignWork(campaign), path, options.accept_code_change, options.database)
 
 
 def carry_out(
@@ -112,18 +121,28 @@ def carry_out(
 def follow(world: "Intracomm") -> int:
     """Be a worker."""
     ignore_signals()
-    code, work = world.bcast(None, root=0)
+    code, work, path = world.bcast(None, root=0)
     if work is None:
         return int(code)
     simulator = Simulator(work, world.rank)
     warm_up(simulator, world)
-    return serve(world, simulator)
+    nodes = find_nodes(world)
+    file = None if path is None else RankFile(path, world, syncs=nodes.syncs)
+    code = serve(world, simulator, file)
+    if file is not None:
+        file.close()
+    return int(code)
 
 
-def tell(world: "Intracomm | None", code: int, work: Work | None = None) -> None:
-    """Let the workers begin, or go home with an exit code before anything began."""
+def tell(
+    world: "Intracomm | None", code: int, work: Work | None = None, path: Path | None = None
+) -> None:
+    """Let the workers begin, or go home with an exit code before anything began.
+
+    With a `path` they write their samples there themselves.
+    """
     if world is not None:
-        world.bcast((code, work), root=0)
+        world.bcast((code, work, path), root=0)
 
 
 def lead(
@@ -138,9 +157,10 @@ def lead(
     with ExitStack() as stack:
         try:
             order = read()
-            work, path = order.work, order.path
+            work, path = order.work, Path(os.path.realpath(order.path))
+            database = choose_database(order.database, world)
             stack.enter_context(CampaignLock(path))
-            file = prepare(path, work, order.accept_code_change)
+            file = prepare(order.path, work, order.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
         except MISTAKES as error:
             display.error(in_words(error))
@@ -151,35 +171,29 @@ def lead(
             tell(world, FINISHED)
             if file.status().state != "finished":  # killed just after the last generation
                 writer.set_status("finished", master.finished_because)
-            display.message(f"{path} is finished already: nothing to do")
+            display.message(f"{order.path} is finished already: nothing to do")
         else:
-            tell(world, FINISHED, work)
+            tell(world, FINISHED, work, path if database == PARALLEL else None)
             try:
-                end = run_leg(work, path, writer, master, display, stop, world)
+                end = run_leg(order, database, writer, master, display, stop, world)
             except OSError as error:
-                display.error(f"{error}; everything written before is whole, run again to go on")
+                kept = "everything written before is whole, run again to go on"
+                display.error(f"{in_words(error)}; {kept if path.exists() else 'it is lost'}")
                 writer.give_up(str(error))
                 if world is not None:
                     world.Abort(FAILURE)
                 return FAILURE
             if end.code != FINISHED:
                 show = display.error if end.code == FAILURE else display.message
-                show(f"stopped: {end.reason}; everything simulated so far is in {path}")
+                show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
                 return end.code
     finish(order)
     return FINISHED
 
 
-def in_words(error: Exception) -> str:
-    """Text of a mistake of the user's; of one with a file, the file first."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
-
-
 def run_leg(
-    work: Work,
-    path: Path,
+    order: Order,
+    database: str,
     writer: CampaignWriter,
     master: Master,
     display: Display,
@@ -187,22 +201,29 @@ def run_leg(
     world: "Intracomm | None",
 ) -> End:
     """Simulate on all ranks, and record this start and stop of the program."""
-    ranks = 1 if world is None else world.size
-    display.begin(work, str(path), ranks, master.inversion)
-    simulator = Simulator(work, 0)
+    ranks, books = 1 if world is None else world.size, master.books
+    display.begin(order.work, str(order.path), ranks, master.inversion, database)
+    simulator = Simulator(order.work, 0)
     warm_up(simulator, world)
-    leg = writer.begin_leg(**leg_fields(ranks, mpi_version(world)))
+    nodes = find_nodes(world).number
+    if database == PARALLEL and world is not None:
+        writer.share(world)
+    about = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
+    leg = writer.begin_leg(**about)
     writer.set_status("running")
     crew = Crew(simulator, world)
+    if nodes > 1 and writer.shared:
+        books.synced = crew.sync
     with display:
         end = master.run(crew, stop)
-    crew.dismiss(end.code)
+    master.wind_up(crew, end.code)
     writer.end_leg(
         leg,
         stopped=time.time(),
         exit_code=end.code,
-        samples=master.books.samples,
-        busy_seconds=master.books.busy_seconds,
+        samples=books.samples,
+        busy_seconds=books.busy_seconds,
+        database_seconds=writer.clock.seconds + crew.database_seconds,
     )
     writer.set_status(end.state, end.reason)
     writer.sync()

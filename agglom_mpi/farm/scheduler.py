@@ -108,13 +108,11 @@ class Scheduler:
         chosen: list[tuple[int, int]] = []
         while ahead and len(chosen) < count:
             string = min(ahead, key=lambda name: (ahead[name], name))
-            sample = self._next(string)
-            if sample >= live[string].max_samples:
-                del ahead[string]
-                continue
-            chosen.append((string, sample))
-            self._handed_out[string] = sample + 1
-            ahead[string] = self._next(string) - live[string].next_sample
+            # Consecutive samples: rows that lie together are written together.
+            while len(chosen) < count and self._next(string) < live[string].max_samples:
+                chosen.append((string, self._next(string)))
+                self._handed_out[string] += 1
+            del ahead[string]
         return chosen
 
     def _next(self, string: int) -> int:

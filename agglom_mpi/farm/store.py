@@ -125,14 +125,38 @@ def versions() -> dict[str, str]:
     return found
 
 
-def leg_fields(ranks: int, mpi: str) -> dict[str, Any]:
+def leg_fields(
+    ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
+) -> dict[str, Any]:
     """Collect what is recorded of a start of the program."""
     return {
         "started": time.time(),
         "ranks": ranks,
+        "nodes": nodes,
+        "database": database,
         "host": socket.gethostname(),
+        "processor": processor(),
         "code_version": __version__,
         "sources_sha256": deciding_sources(),
         "git_revision": git_revision(),
         "versions": versions() | {"mpi": mpi},
     }
+
+
+def processor() -> str:
+    """Kind of processor that this is, as far as the system says."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            for line in file:
+                if line.startswith("model name"):
+                    return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def in_words(error: Exception) -> str:
+    """Text of a mistake of the user's; of one with a file, the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

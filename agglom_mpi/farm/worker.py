@@ -1,36 +1,113 @@
 """A rank that simulates what it is sent until it is told to stop."""
 
+import time
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglom_mpi.farm.messages import FAILURE, MOST_TASKS, POLL, RESULTS, STOP, TASK, TASKS
+from agglom_mpi.database.samples import RankFile
+from agglom_mpi.farm.messages import (
+    FAILURE,
+    FAREWELL,
+    MOST_TASKS,
+    POLL,
+    RESULTS,
+    STOP,
+    SYNC,
+    TASK,
+    TASKS,
+    UNWRITTEN,
+    WRITTEN,
+    failed_sample,
+)
 from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.farm.store import in_words
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-def work(world: "Intracomm", simulator: Simulator) -> int:
-    """Serve rank 0 until it says stop; return the exit code that it sends."""
-    from mpi4py import MPI
+def work(world: "Intracomm", simulator: Simulator, file: RankFile | None) -> int:
+    """Serve rank 0 until it says stop; return the exit code that it sends.
 
-    thread = SimulatorThread(simulator)
-    status = MPI.Status()
-    tasks = np.zeros(MOST_TASKS, TASK)
-    while True:
-        while world.Iprobe(source=0, tag=MPI.ANY_TAG, status=status):
-            if status.Get_tag() == STOP:
-                code = np.zeros(1, np.int32)
-                world.Recv(code, source=0, tag=STOP)
-                thread.stop()
-                world.Send([code, MPI.BYTE], dest=0, tag=STOP)
-                return int(code[0])
-            world.Recv([tasks, MPI.BYTE], source=0, tag=TASKS, status=status)
-            thread.put(tasks[: status.Get_count(MPI.BYTE) // TASK.itemsize].copy())
-        finished = thread.take(POLL)
+    With a `file` this rank writes its samples itself.
+    """
+    worker = Worker(world, simulator, file)
+    try:
+        while worker.code is None:
+            worker.serve()
+    except OSError as error:
+        worker.complain(error)
+        raise
+    return worker.code
+
+
+class Worker:
+    """The two ends of a rank: messages from rank 0, and the thread that simulates."""
+
+    def __init__(self, world: "Intracomm", simulator: Simulator, file: RankFile | None) -> None:
+        from mpi4py import MPI
+
+        self.code: int | None = None
+        self._world = world
+        self._file = file
+        self._told = 0
+        self._thread = SimulatorThread(simulator)
+        self._any, self._byte, self._status = MPI.ANY_TAG, MPI.BYTE, MPI.Status()
+        self._tasks = np.zeros(MOST_TASKS, TASK)
+
+    def serve(self) -> None:
+        """Read the mail, and pass on what has been simulated; waits at most `POLL`."""
+        while self._world.Iprobe(source=0, tag=self._any, status=self._status):
+            self._read(self._status.Get_tag())
+            if self.code is not None:
+                return
+        finished = self._thread.take(POLL)
         if finished is not None:
             results, failures = finished
+            if self._file is not None:
+                self._file.samples.put(results)
             for failure in failures:
-                world.Send([failure, MPI.BYTE], dest=0, tag=FAILURE)
-            world.Send([results, MPI.BYTE], dest=0, tag=RESULTS)
+                self._send(failure, FAILURE)
+            self._send(results, RESULTS)
+        if self._file is not None:
+            self._file.samples.flush_due()
+            self._tell_written(self._file)
+
+    def complain(self, error: OSError) -> None:
+        """Let rank 0 know that this rank cannot write, and leave it to end the job."""
+        self._send(failed_sample(-1, -1, self._world.rank, in_words(error)), UNWRITTEN)
+        time.sleep(30.0)
+
+    def _read(self, tag: int) -> None:
+        if tag == TASKS:
+            self._world.Recv([self._tasks, self._byte], source=0, tag=TASKS, status=self._status)
+            count = self._status.Get_count(self._byte) // TASK.itemsize
+            self._thread.put(self._tasks[:count].copy())
+            return
+        code = np.zeros(1, np.int32)
+        self._world.Recv(code, source=0, tag=tag)
+        if tag == SYNC and self._file is not None:
+            self._file.samples.flush()
+            self._file.sync()
+        elif tag == STOP:
+            self._stop()
+            self.code = int(code[0])
+
+    def _stop(self) -> None:
+        self._thread.stop()
+        farewell = np.zeros(1, FAREWELL)
+        if self._file is not None:
+            self._file.samples.flush()
+            self._tell_written(self._file)
+            self._file.sync()
+            farewell["database_seconds"] = self._file.clock.seconds
+        self._send(farewell, STOP)
+
+    def _tell_written(self, file: RankFile) -> None:
+        if file.samples.written > self._told:
+            self._send(np.array([file.samples.written - self._told]), WRITTEN)
+            self._told = file.samples.written
+
+    def _send(self, record: np.ndarray, tag: int) -> None:
+        self._world.Send([record, self._byte], dest=0, tag=tag)

@@ -1,5 +1,6 @@
 """What a run shows: a live line on a terminal, log lines elsewhere, nothing but errors if quiet."""
 
+import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
@@ -18,8 +19,12 @@ WIDEST: Final = 88
 
 def print_wide(content: RenderableType) -> None:
     """Print a table to standard output, not squeezed where that is no terminal."""
+    # Open MPI gives its ranks a terminal, whatever it then does with what they print there.
+    terminal = False if "OMPI_COMM_WORLD_SIZE" in os.environ else None
     # Titles and paths are the user's: neither [markup] nor :emoji: is meant.
-    console = Console(soft_wrap=True, markup=False, emoji=False)
+    console = Console(
+        soft_wrap=True, markup=False, emoji=False, highlight=False, force_terminal=terminal
+    )
     if not console.is_terminal:
         console.width = max(WIDEST, console.width)
     console.print(content)
@@ -51,14 +56,17 @@ class Display:
         """Show a result."""
         print_wide(content)
 
-    def begin(self, work: "Work", path: str, ranks: int, inversion: "Inversion") -> None:
+    def begin(
+        self, work: "Work", path: str, ranks: int, inversion: "Inversion", database: str
+    ) -> None:
         """Say what runs, and prepare the live line."""
         self._total = self.total(work)
         done = len(inversion.results)
         continued = f", {done} of them judged before" if done else ""
+        who = f"{ranks} ranks, {database} database" if ranks > 1 else "1 rank"
         self.message(
             f"{work.campaign.title or work.campaign.name}: {work.largest}"
-            f"{continued}, {ranks} rank{'s' if ranks > 1 else ''}, into {path}"
+            f"{continued}, {who}, into {path}"
         )
         if self._log.is_terminal and not self._quiet:
             self._progress = Progress(

@@ -85,7 +85,10 @@ def begin_leg(writer, started: float = 1e9) -> int:
     return writer.begin_leg(
         started=started,
         ranks=4,
+        nodes=2,
+        database="gathered",
         host="knöten",
+        processor="Z80",
         code_version="0.1.0",
         sources_sha256="s" * 64,
         git_revision="a" * 40,

@@ -110,7 +110,9 @@ def test_legs(path, writer):
     assert np.isnan(row["stopped"])
     assert row["host"].decode() == "knöten"
     assert len(row["mpi"]) == 64
-    writer.end_leg(0, stopped=1e9 + 5, exit_code=75, samples=300, busy_seconds=19.5)
+    writer.end_leg(
+        0, stopped=1e9 + 5, exit_code=75, samples=300, busy_seconds=19.5, database_seconds=0.2
+    )
     row = open_campaign(path).legs()[0]
     assert (row["exit_code"], row["stopped"], row["samples"]) == (75, 1e9 + 5, 300)
     assert row["ranks"] == 4
@@ -182,7 +184,7 @@ def test_a_failed_write_names_the_file_and_can_be_repeated(path, file_size_limit
 
 
 def test_a_repeated_write_succeeds(path, writer, monkeypatch):
-    table = writer._tables["samples"]
+    table = writer.samples._table
     put = table.write
     monkeypatch.setattr(table, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
     writer.put_samples(sample_rows(1, 0, 10))

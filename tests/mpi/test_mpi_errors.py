@@ -90,7 +90,7 @@ dismiss = crew.Crew.dismiss
 
 def late(self, code):
     time.sleep(0.3)  # every worker has results by now, and waits for them to be received
-    dismiss(self, code)
+    yield from dismiss(self, code)
 
 crew.Crew.dismiss = late
 """
@@ -168,7 +168,12 @@ def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
     failed = len(file.all_sample_rows())
     assert failed >= 5
     assert len(file.failures()) == failed
-    assert state(file.path) == ("failed", f"{failed} samples raised errors")
+    why, reason = state(file.path)
+    assert why == "failed"
+    counted, words = reason.split(" ", 1)
+    # Others that were under way arrived after that, and were stored.
+    assert 5 <= int(counted) <= failed
+    assert words == "samples raised errors"
     assert file.legs()["exit_code"].tolist() == [1]
     assert file.legs()["samples"].tolist() == [failed]
 

@@ -156,7 +156,9 @@ def test_a_terminal_shows_a_live_line(monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "120")
     campaign = load_campaign(write_campaign(tmp_path / "small.yaml", **SMALL))
     display = Display()
-    display.begin(CampaignWork(campaign), "small.h5", 2, type("Inversion", (), {"results": {}})())
+    display.begin(
+        CampaignWork(campaign), "small.h5", 2, type("Inversion", (), {"results": {}})(), "gathered"
+    )
     with display:
         display.tick(321, 1500.0, 0.9, 7)
         display.generation(GenerationSummary(0, 3, 0.1, 0.02, 0.2, np.arange(4), 4, 20), 330, 99.0)

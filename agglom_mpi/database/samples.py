@@ -1,0 +1,119 @@
+"""Samples into a campaign file: the one table that every rank may write to."""
+
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+
+from agglom_mpi.database.access import located, open_file
+from agglom_mpi.database.buffer import SampleBuffer
+from agglom_mpi.database.stopwatch import Stopwatch
+from agglom_mpi.database.table import Table
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class SampleWriter:
+    """Writes samples in runs of consecutive rows; they are visible to readers after `flush`.
+
+    Parameters
+    ----------
+    file
+        The campaign file, open for writing.
+    path
+        Its name.
+    clock
+        Runs while rows are written.
+
+    Attributes
+    ----------
+    written
+        Rows written so far.
+    """
+
+    def __init__(self, file: h5py.File, path: Path, clock: Stopwatch) -> None:
+        self.written = 0
+        self._clock = clock
+        self._table = Table(file, "samples", path)
+        self._buffer = SampleBuffer(int(file.attrs["strings"]), int(file.attrs["max_samples"]))
+
+    def put(self, records: np.ndarray) -> None:
+        """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
+
+        Of rows for the same sample that wait together, the first is kept. Flushes by itself
+        when many wait.
+        """
+        with self._clock:
+            self._buffer.add(records, time.monotonic())
+        if self._buffer.full:
+            self.flush()
+
+    def flush_due(self, now: float | None = None) -> bool:
+        """Flush if a sample has waited for long at `time.monotonic()` = now; say if so."""
+        due = self._buffer.due(time.monotonic() if now is None else now)
+        if due:
+            self.flush()
+        return due
+
+    def flush(self) -> None:
+        """Write the samples that wait; consecutive ones in one go."""
+        with self._clock:
+            for first, rows in self._buffer.runs():
+                self._table.write(first, rows)
+        self.written += self._buffer.count
+        self._buffer.clear()
+
+    def forget(self) -> None:
+        """Drop the samples that wait: writing has failed."""
+        self._buffer.clear()
+
+
+class RankFile:
+    """A campaign file as a rank other than 0 has it: open with all ranks, for samples.
+
+    Opening and closing are collective. Between the two there is no call that waits for another
+    rank: rows are raw data, and a plain descriptor puts them on the disc.
+
+    Parameters
+    ----------
+    path
+        The file, laid out already.
+    world
+        All ranks.
+    syncs
+        Whether `sync` is this rank's to do: one of a node does it for all.
+    """
+
+    def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
+        self.clock = Stopwatch()
+        self._path = path
+        self._file = open_file(path, write=True, world=world)
+        self._descriptor = os.open(path, os.O_RDONLY) if syncs else None
+        self.samples = SampleWriter(self._file, path, self.clock)
+
+    def sync(self) -> None:
+        """Wait until everything that ranks of this node have flushed is on the disc."""
+        if self._descriptor is not None:
+            with self.clock:
+                sync_descriptor(self._descriptor, self._path)
+
+    def close(self) -> None:
+        """Flush and close, together with all ranks."""
+        self.samples.flush()
+        self._file.close()
+        if self._descriptor is not None:
+            with suppress(OSError):
+                os.close(self._descriptor)
+
+
+def sync_descriptor(descriptor: int, path: Path) -> None:
+    """Wait until a file is on the disc; raises OSError with its path."""
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        raise located(error, path) from error
