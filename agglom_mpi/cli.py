@@ -47,7 +47,7 @@ def _seconds(context: click.Context, parameter: click.Parameter, text: str | Non
 
 
 def _finish(run: Callable[[], int]) -> int:
-    """Turn mistakes of the user's into one message on standard error and exit code 2."""
+    """Turn mistakes of the user's into one message on standard error and an exit code."""
     try:
         return run()
     except OSError as error:
@@ -57,6 +57,7 @@ def _finish(run: Callable[[], int]) -> int:
         if not _is_mistake(error):
             raise
         click.echo(str(error), err=True)
+        return int(getattr(error, "exit_code", BAD_INPUT))
     return BAD_INPUT
 
 

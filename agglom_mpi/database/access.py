@@ -1,5 +1,6 @@
 """Opening campaign files: no locks, no sieve buffer, and clear words when it is not one."""
 
+import errno
 import os
 import re
 from pathlib import Path
@@ -9,17 +10,25 @@ import h5py
 from h5py import h5f, h5p
 
 from agglom_mpi.database.schema import FORMAT, FORMAT_VERSION, layouts
+from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
+
+_LEAST_ROOM = 1 << 16
+"""Bytes; a disc with less room left is full."""
 
 
 class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
     """The file is no campaign file that this program can read; one line says why."""
 
+    exit_code = BAD_INPUT
+
 
 class DamagedCampaign(NotACampaign):
     """The file was a campaign file once; nothing here can open it any more."""
+
+    exit_code = FAILURE
 
 
 def create_file(path: Path) -> h5py.File:
@@ -95,9 +104,19 @@ def located(error: OSError | RuntimeError, path: Path) -> OSError:
     """
     found = re.search(r"errno = (\d+)", str(error))
     number = getattr(error, "errno", None) or (int(found[1]) if found else None)
+    if number is None and _is_full(path):  # MPI-IO does not say why it failed
+        number = errno.ENOSPC
     if number:
         return OSError(number, os.strerror(number), str(path))
     return OSError(f"{path}: {error}")
+
+
+def _is_full(path: Path) -> bool:
+    try:
+        room = os.statvfs(path)
+    except OSError:
+        return False
+    return room.f_bavail * room.f_frsize < _LEAST_ROOM
 
 
 def _access_list(world: "Intracomm | None" = None) -> h5p.PropFAID:

@@ -9,7 +9,7 @@ from agglom_mpi.database.schema import sample_dtype
 
 FLUSH_ROWS: Final = 256
 """Rows that wait at most."""
-FLUSH_AGE: Final = 1.0
+FLUSH_AGE: Final = 0.25
 """Seconds that a row waits at most."""
 
 

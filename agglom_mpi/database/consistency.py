@@ -99,7 +99,9 @@ def _find_absent_samples(contents: Contents) -> None:
 
 def _find_absent_of_generations(contents: Contents) -> None:
     strings = contents.rows["strings"]
-    last = max([*contents.recorded, *(strings["generation"] - 1)], default=-1)
+    # Where ranks write their samples themselves, judgements are stored somewhat later.
+    begun = strings["generation"] - 1 if contents.settled else ()
+    last = max([*contents.recorded, *begun], default=-1)
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
     decided = np.isin(strings["generation"], contents.rows["generations"]["generation"])

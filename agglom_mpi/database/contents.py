@@ -35,7 +35,7 @@ class Contents:
     recorded
         Generations that were final when all else had been read.
     settled
-        Whether nobody was writing.
+        Whether all had been written: nobody was writing, or had been kept from it.
     """
 
     path: Path

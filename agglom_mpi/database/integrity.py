@@ -54,7 +54,8 @@ def _read(file: h5py.File, path: Path) -> Contents:
     contents.rows["variables"] = Rows(file["variables"], path).read_all()
     generations = Table(file, "generations", path)
     contents.recorded = {at for first, n in generations.runs() for at in range(first, first + n)}
-    contents.settled = contents.status.state != "running" and contents.status == _status(file, path)
+    ended = contents.status.state in ("stopped", "finished")
+    contents.settled = ended and contents.status == _status(file, path)
     if contents.status.state not in CAMPAIGN_STATES:
         contents.faults.append(f"status: unknown state {contents.status.state!r}")
     return contents

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.campaign import CampaignError, load_campaign
-from agglom_mpi.database.access import NotACampaign
+from agglom_mpi.database.access import DamagedCampaign, NotACampaign
 from agglom_mpi.database.lock import CampaignInUse, CampaignLock
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.samples import RankFile
@@ -163,9 +163,10 @@ def lead(
             file = prepare(order.path, work, order.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
         except MISTAKES as error:
+            code = FAILURE if isinstance(error, DamagedCampaign) else BAD_INPUT
             display.error(in_words(error))
-            tell(world, BAD_INPUT)
-            return BAD_INPUT
+            tell(world, code)
+            return code
         master = Master(work, file, writer, display)
         if master.replay():
             tell(world, FINISHED)
@@ -179,7 +180,7 @@ def lead(
             except OSError as error:
                 kept = "everything written before is whole, run again to go on"
                 display.error(f"{in_words(error)}; {kept if path.exists() else 'it is lost'}")
-                writer.give_up(str(error))
+                writer.give_up(in_words(error))
                 if world is not None:
                     world.Abort(FAILURE)
                 return FAILURE

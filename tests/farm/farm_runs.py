@@ -54,6 +54,7 @@ def environment(inject=None, **variables):
     clean["PATH"] = os.pathsep.join([str(_BIN), clean.get("PATH", os.defpath)])
     clean |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     clean |= {"OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    clean |= {"OMPI_MCA_hwloc_base_binding_policy": "none"}
     clean |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
     return clean | variables
 

@@ -1,0 +1,149 @@
+"""Who writes samples, rank 0 or every rank its own, changes no byte of what is decided."""
+
+import os
+
+import h5py
+import numpy as np
+import pytest
+from farm_runs import (
+    SLOW,
+    TINY,
+    assert_same,
+    decisions,
+    finish,
+    inject,
+    invert,
+    need_mpirun,
+    state,
+    write_campaign,
+)
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.farm.check import check_file
+from agglom_mpi.farm.sharing import GATHERED, PARALLEL, choose_database
+from agglom_mpi.farm.store import StoreError
+
+ABLE = bool(h5py.get_config().mpi)
+
+TWO_NODES = """
+from agglom_mpi.farm import sharing, run
+
+def pretend(world):
+    return sharing.Nodes(2, world.rank == 1)
+
+run.find_nodes = pretend
+
+import os
+from agglom_mpi.database import samples
+
+synced = samples.RankFile.sync
+
+def sync(self):
+    synced(self)
+    with open("synced", "a") as file:
+        file.write("x" if self._descriptor is not None else ".")
+
+samples.RankFile.sync = sync
+"""
+
+
+@pytest.fixture
+def parallel():
+    """Go on only if HDF5 can write in parallel; the second build in the integration must."""
+    need_mpirun()
+    if not ABLE:
+        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
+        pytest.skip("this build of h5py is serial; the other one runs these tests")
+
+
+class World:
+    def __init__(self, size):
+        self.size = size
+
+
+def test_the_choice_follows_the_build(monkeypatch):
+    able = type("Configuration", (), {"mpi": True})
+    serial = type("Configuration", (), {"mpi": False})
+    monkeypatch.setattr(h5py, "get_config", lambda: able)
+    assert choose_database(None, World(2)) == PARALLEL
+    assert choose_database(GATHERED, World(2)) == GATHERED
+    assert choose_database(None, World(1)) == choose_database(None, None) == GATHERED
+    assert choose_database(PARALLEL, World(1)) == PARALLEL
+    with pytest.raises(StoreError, match="mpirun"):
+        choose_database(PARALLEL, None)
+    monkeypatch.setattr(h5py, "get_config", lambda: serial)
+    assert choose_database(None, World(2)) == GATHERED
+    with pytest.raises(StoreError, match=r"built without MPI.*allowed is gathered"):
+        choose_database(PARALLEL, World(2))
+
+
+def test_what_this_build_cannot_do_is_one_message_and_no_file(tmp_path):
+    write_campaign(tmp_path / "tiny.yaml", **TINY)
+    done = invert(tmp_path, "tiny.yaml", "--database", "parallel")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("--database parallel: ")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "tiny.h5").exists()
+
+
+@pytest.mark.parametrize("ranks", [2, 3, 5])
+def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parallel, ranks):
+    for database in (PARALLEL, GATHERED):
+        path = tmp_path / f"{database}.h5"
+        done = finish(
+            small, "small.yaml", "-o", path, "--database", database, "--quiet", ranks=ranks
+        )
+        assert done.stdout == done.stderr == ""
+        assert_same(path, decisions(small / "small.h5"))
+        assert check_file(str(path))[1] == 0
+        file = open_campaign(path)
+        assert set(file.all_sample_rows()["rank"]) == set(range(ranks))
+        leg = file.legs()[0]
+        assert (leg["database"].decode(), leg["ranks"], leg["nodes"]) == (database, ranks, 1)
+        assert leg["samples"] == len(file.all_sample_rows())
+        assert 0.0 < leg["database_seconds"] < leg["ranks"] * (leg["stopped"] - leg["started"])
+
+
+def test_the_start_says_who_writes(small, tmp_path, parallel):
+    done = finish(small, "small.yaml", "-o", tmp_path / "a.h5", ranks=2)
+    assert "2 ranks, parallel database, into " in done.stderr
+    done = finish(small, "small.yaml", "-o", tmp_path / "b.h5", "--database", "gathered", ranks=2)
+    assert "2 ranks, gathered database, into " in done.stderr
+
+
+def test_the_layout_does_not_depend_on_who_writes(small, tmp_path, parallel):
+    sizes = []
+    for database in (PARALLEL, GATHERED):
+        path = tmp_path / f"{database}.h5"
+        finish(small, "small.yaml", "-o", path, "--database", database, ranks=2)
+        with h5py.File(path, "r") as file:
+            places = {name: dataset.id.get_offset() for name, dataset in file.items()}
+            sizes.append((path.stat().st_size, places))
+    assert sizes[0] == sizes[1]
+
+
+def test_a_leg_may_be_written_otherwise_than_the_last(tmp_path, parallel):
+    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    finish(tmp_path, "slow.yaml", "-o", "straight.h5")
+    wanted = decisions(tmp_path / "straight.h5")
+    legs = [("parallel", 2), ("gathered", 3), ("parallel", 3), (None, None)]
+    for database, ranks in legs:
+        words = [] if database is None else ["--database", database]
+        invert(tmp_path, "slow.yaml", "--max-walltime", "0.7", *words, ranks=ranks)
+    finish(tmp_path, "slow.yaml")
+    assert_same(tmp_path / "slow.h5", wanted)
+    assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+    names = open_campaign(tmp_path / "slow.h5").legs()["database"].tolist()
+    assert names[:2] == [b"parallel", b"gathered"]
+
+
+def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
+    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    folder = inject(tmp_path / "inject", TWO_NODES)
+    finish(tmp_path, "slow.yaml", ranks=3, inject=folder)
+    said = (tmp_path / "synced").read_text()
+    generations = len(open_campaign(tmp_path / "slow.h5").generation_rows())
+    # After each generation but perhaps the last, and at the end, by the first rank of that node.
+    assert said.count("x") in (generations, generations + 1)
+    assert state(tmp_path / "slow.h5")[0] == "finished"
+    assert np.all(open_campaign(tmp_path / "slow.h5").legs()["nodes"] == 2)
