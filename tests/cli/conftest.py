@@ -31,9 +31,9 @@ def agglom(finished, monkeypatch):
 def mistaken(agglom):
     """Return a function that runs `agglom` and expects a mistake in one line."""
 
-    def run(*arguments):
+    def run(*arguments, code=2):
         result = agglom(*arguments)
-        assert result.exit_code == 2, result.output
+        assert result.exit_code == code, result.output
         assert result.stdout == ""
         assert result.stderr.count("\n") == 1
         return result.stderr.rstrip("\n")

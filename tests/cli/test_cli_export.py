@@ -127,12 +127,12 @@ def test_a_source_that_is_no_campaign_is_one_message(mistaken, finished, tmp_pat
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = 1
 
-    def said(source):
-        return mistaken("export", source, option, tmp_path / "out")
+    def said(source, code=2):
+        return mistaken("export", source, option, tmp_path / "out", code=code)
 
     assert said("nothing.h5") == "nothing.h5: No such file or directory"
     assert said(tmp_path / "text.h5").endswith("text.h5: not an HDF5 file")
-    assert said(tmp_path / "short.h5").endswith("short.h5: a truncated HDF5 file")
+    assert said(tmp_path / "short.h5", code=1).endswith("short.h5: a truncated HDF5 file")
     assert said(tmp_path / "other.h5").endswith("not an agglom_mpi campaign")
     assert not (tmp_path / "out").exists()
 

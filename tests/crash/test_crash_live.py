@@ -1,5 +1,6 @@
 """Readers of a file that another job is writing see whole rows, and ever more of them."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -56,7 +57,7 @@ def test_a_reader_polling_ten_times_a_second_never_fails(tmp_path, folder, wante
             process.communicate(timeout=30)
     assert process.returncode == 0, said
     assert len(seen) >= 5
-    for earlier, later in zip(seen, seen[1:], strict=False):
+    for earlier, later in itertools.pairwise(seen):
         assert all(a <= b for a, b in zip(earlier, later, strict=True))
     assert any(0 < counts[2] < look(path)[2] for counts in seen), "nothing was seen half done"
     assert_same(path, wanted)
