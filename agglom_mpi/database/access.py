@@ -41,7 +41,7 @@ def open_file(path: Path, *, write: bool = False, thorough: bool = True) -> h5py
     Raises
     ------
     NotACampaign
-        If it is something else, of another format version, or a compact copy to be written to;
+        If it is something else, of a newer format version, or a compact copy to be written to;
         truncated or damaged, a `DamagedCampaign`.
     OSError
         If it is missing or cannot be read; names the path.
@@ -128,9 +128,10 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise DamagedCampaign(f"{path}: a damaged HDF5 file ({error})") from error
     if kind != FORMAT:
         raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
-    if version != FORMAT_VERSION:
-        age = "a newer" if version > FORMAT_VERSION else "an older"
+    if version < 1:
+        raise NotACampaign(f"{path}: an {FORMAT} without a format version")
+    if version > FORMAT_VERSION:
         raise NotACampaign(
-            f"{path}: written by {age} version of agglom_mpi "
-            f"(format {version}; this program reads format {FORMAT_VERSION})"
+            f"{path}: has format version {version}, and this program reads versions up to "
+            f"{FORMAT_VERSION}: update agglom_mpi"
         )

@@ -154,7 +154,7 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
     Raises
     ------
     NotACampaign
-        If it is something else, truncated, damaged or of another format version.
+        If it is something else, truncated, damaged or of a newer format version.
     OSError
         If it is missing or cannot be read.
     """

@@ -10,6 +10,7 @@ from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
 FORMAT_VERSION: Final = 1
+"""What is written; files of any version from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
 """What strings of a file are for, if a campaign searched with them."""
