@@ -49,7 +49,7 @@ def replay(contents: Contents) -> Replayed:
     try:
         campaign = Campaign.from_text(str(contents.attributes["campaign"]), str(contents.path))
         _check_campaign(campaign, contents)
-        campaign = campaign.with_generations(contents.room["generations"])
+        campaign = campaign.with_generations(_generations(contents))
         recorder, inversion = _decide(campaign, contents)
     except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         contents.faults.append(f"replay: not possible: {error}")
@@ -61,6 +61,15 @@ def replay(contents: Contents) -> Replayed:
     )
     _check_end(inversion, recorder, contents)
     return counts
+
+
+def _generations(contents: Contents) -> int:
+    """Most generations to decide: all that there is room for, or that strings are stored of.
+
+    In a compact copy there is no room for the generation that the campaign was stopped in.
+    """
+    proposed = contents.rows["strings"]["generation"].tolist()
+    return max([contents.room["generations"], *(number + 1 for number in proposed)])
 
 
 def _check_campaign(campaign: Campaign, contents: Contents) -> None:

@@ -97,6 +97,20 @@ def test_a_compact_copy_is_as_sound_as_its_original(copy):
     assert lines(copy.with_name("compact.h5"), 0)[1:] == lines(copy, 0)[1:]
 
 
+def test_a_compact_copy_of_a_stopped_campaign_is_sound_too(copy):
+    with h5py.File(copy, "r+") as file:  # as if it had been stopped in the last generation
+        last, most = int(file["results"]["string"].max()), int(file.attrs["max_samples"])
+        file["generations_done"][2] = file["results_done"][last] = 0
+        file["samples_done"][last * most : (last + 1) * most] = 0
+        row = file["status"][0]
+        row["state"] = b"stopped"
+        file["status"][0] = row
+    write_compact(copy, copy.with_name("compact.h5"))
+    text = lines(copy.with_name("compact.h5"), 0)
+    assert f"lead again to {last + 1} of {last + 1} strings, {last} of {last} results" in text[3]
+    assert text[1:] == lines(copy, 0)[1:]
+
+
 def test_a_newer_format_version_is_refused_by_all_commands(mistaken, copy):
     with h5py.File(copy, "r+") as file:
         file.attrs["format_version"] = 2

@@ -20,7 +20,6 @@ from farm_runs import (
     write_campaign,
 )
 
-from agglom_mpi.database.compact import write_compact
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.table import Table
 from agglom_mpi.farm.check import check_file
@@ -95,15 +94,6 @@ def stopped(folder):
     assert process.returncode == 75
     assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
     return path, int(open_campaign(path).result_rows()["string"][-1])
-
-
-def test_a_compact_copy_of_a_stopped_campaign_is_sound(stopped):
-    path, _ = stopped
-    write_compact(path, path.with_name("copy.h5"))
-    assert (
-        assert_sound(path.with_name("copy.h5")).splitlines()[1:]
-        == (assert_sound(path).splitlines()[1:])
-    )
 
 
 def test_a_forged_sample_in_a_generation_that_is_not_over_is_found(stopped):
