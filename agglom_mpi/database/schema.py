@@ -14,6 +14,8 @@ FORMAT_VERSION: Final = 1
 
 INVERSION: Final = "inversion"
 """What strings of a file are for, if a campaign searched with them."""
+STUDY: Final = "accuracy study"
+"""What they are for, if they are set-ups to be compared."""
 
 ORIGINS: Final = ("random", "offspring")
 """Where a string comes from, by its `origin`."""

@@ -78,6 +78,8 @@ def _check_campaign(campaign: Campaign, contents: Contents) -> None:
         campaign.identity() != contents.identity
     ):
         contents.faults.append("campaign: the text in the file is not that of its identity")
+    if (campaign.seed, campaign.title) != tuple(contents.attributes[n] for n in ("seed", "title")):
+        contents.faults.append("attributes: another seed or title than in the campaign's text")
     rows, box = contents.rows["variables"], campaign.variables
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     if not all(np.array_equal(*pair, equal_nan=True) for pair in bounds):

@@ -315,6 +315,32 @@ def test_another_campaign_text_is_found(copy, old, new, expected):
     assert expected in "\n".join(lines(copy, 1))
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("purpose", "inversiom", "attributes: unknown purpose"),
+        ("seed", 3, "attributes: another seed or title than in the campaign's text"),
+        ("title", "", "attributes: another seed or title than in the campaign's text"),
+        ("identity", "{", "replay: not possible: "),
+        ("campaign_sha256", "", "campaign: the text in the file is not that of its identity"),
+    ],
+)
+def test_a_changed_attribute_is_found(copy, name, value, expected):
+    with h5py.File(copy, "r+") as file:
+        file.attrs[name] = value
+    assert expected in "\n".join(lines(copy, 1))
+
+
+def test_a_compact_copy_with_an_unreadable_chunk_is_damaged(copy):
+    compact = copy.with_name("compact.h5")
+    write_compact(copy, compact)
+    with h5py.File(compact) as file:
+        chunk = file["samples"].id.get_chunk_info(0)
+    flip(compact, chunk.byte_offset + 1, 0xFF)
+    (said, _) = lines(compact, 1)
+    assert said.startswith(f"{compact}: a damaged campaign file (")
+
+
 def test_tables_of_the_wrong_length_are_damage(copy):
     with h5py.File(copy, "r+") as file:
         file.attrs["strings"] = int(file.attrs["strings"]) + 1
