@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.accuracy.trials import Quota, Trial
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.database.schema import STUDY
 from agglom_mpi.farm.work import Restore, Room, Setup, Work
 from agglom_mpi.search import Batch, Inversion, Observer
 from agglom_mpi.search.proposals import NO_PARENT, RANDOM
@@ -75,7 +76,7 @@ class Study(Work):
 
     max_failures = 100
     top = 1
-    purpose = "accuracy study"
+    purpose = STUDY
 
     def __init__(self, campaign: Campaign, trials: Mapping[str, Trial], budget: float) -> None:
         self.campaign = campaign

@@ -3,10 +3,13 @@
 import errno
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import h5py
+import numpy as np
 from h5py import h5f, h5p
 
 from agglom_mpi.database.schema import FORMAT, FORMAT_VERSION, layouts
@@ -15,8 +18,13 @@ from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-_LEAST_ROOM = 1 << 16
+_LEAST_ROOM: Final = 1 << 16
 """Bytes; a disc with less room left is full."""
+
+_SYMPTOMS: Final = (
+    *(ArithmeticError, AttributeError, LookupError, MemoryError),
+    *(OSError, RuntimeError, TypeError, ValueError),
+)
 
 
 class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
@@ -61,7 +69,7 @@ def open_file(
     Raises
     ------
     NotACampaign
-        If it is something else, of another format version, or a compact copy to be written to;
+        If it is something else, of a newer format version, or a compact copy to be written to;
         truncated or damaged, a `DamagedCampaign`.
     OSError
         If it is missing or cannot be read; names the path.
@@ -77,15 +85,42 @@ def open_file(
             raise located(error, path) from error
         raise _explain(path, str(error)) from error
     try:
-        _check_format(file, path)
-        if thorough:
-            _check_tables(file, path)
+        with damage_named(path):
+            _check_format(file, path)
+            if thorough:
+                _check_tables(file, path)
         if write:
             refuse_compact(file, path)
     except BaseException:
         file.close()
         raise
     return file
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Raise a DamagedCampaign for what h5py and NumPy raise where HDF5's own bytes are damaged.
+
+    A failed system call, an OSError with a number, says nothing of the file and is passed on.
+    """
+    try:
+        yield
+    except NotACampaign:
+        raise
+    except _SYMPTOMS as error:
+        if isinstance(error, OSError) and error.errno:
+            raise
+        text = " ".join(str(error).removeprefix(f"{path}: ").split())
+        raise DamagedCampaign(f"{path}: a damaged campaign file ({text})") from error
+
+
+def read_attributes(file: h5py.File, path: Path) -> dict[str, Any]:
+    """Read what a campaign file says of itself; raises DamagedCampaign."""
+    with damage_named(path):
+        return {
+            name: value.item() if isinstance(value, np.generic) else value
+            for name, value in file.attrs.items()
+        }
 
 
 def refuse_compact(file: h5py.File, path: Path) -> None:
@@ -142,29 +177,24 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
-    try:
-        for layout in layouts(int(file.attrs["population"])):
-            names = (layout.name, layout.done) if layout.final else (layout.name,)
-            dtypes = [file[name].dtype for name in names]
-            if dtypes[0] != layout.dtype:
-                raise NotACampaign(
-                    f"{path}: table /{layout.name} has other columns than this version of "
-                    f"agglom_mpi expects (written by version {file.attrs['code_version']})"
-                )
-    except (KeyError, OSError, RuntimeError) as error:
-        raise DamagedCampaign(f"{path}: a damaged campaign file ({error})") from error
+    for layout in layouts(int(file.attrs["population"])):
+        names = (layout.name, layout.done) if layout.final else (layout.name,)
+        dtypes = [file[name].dtype for name in names]
+        if dtypes[0] != layout.dtype:
+            raise NotACampaign(
+                f"{path}: table /{layout.name} has other columns than this version of "
+                f"agglom_mpi expects (written by version {file.attrs['code_version']})"
+            )
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
-    try:
-        kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
-    except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise DamagedCampaign(f"{path}: a damaged HDF5 file ({error})") from error
+    kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
     if kind != FORMAT:
         raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
-    if version != FORMAT_VERSION:
-        age = "a newer" if version > FORMAT_VERSION else "an older"
+    if version < 1:
+        raise NotACampaign(f"{path}: an {FORMAT} without a format version")
+    if version > FORMAT_VERSION:
         raise NotACampaign(
-            f"{path}: written by {age} version of agglom_mpi "
-            f"(format {version}; this program reads format {FORMAT_VERSION})"
+            f"{path}: has format version {version}, and this program reads versions up to "
+            f"{FORMAT_VERSION}: update agglom_mpi"
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.database.contents import Contents, named
 from agglom_mpi.database.digest import generation_digest, used_samples
-from agglom_mpi.database.schema import LEG_CAPACITY, ORIGINS, VARIABLE_TABLE
+from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -17,6 +17,8 @@ EXIT_CODES: Final = (-1, 0, 1, 75)
 
 def check_numbers(contents: Contents) -> None:
     """Find rows that are absent although others rest on them, and numbers that cannot be."""
+    if contents.attributes.get("purpose") not in (INVERSION, STUDY):
+        contents.faults.append("attributes: unknown purpose")
     contents.faults += _wrong_variables(contents)
     _find_absent_strings(contents)
     _find_absent_samples(contents)

@@ -12,7 +12,7 @@ from typing import Final
 import h5py
 import numpy as np
 
-from agglom_mpi.database.access import DamagedCampaign, open_file
+from agglom_mpi.database.access import damage_named, open_file, read_attributes
 from agglom_mpi.database.contents import Contents, Key, named
 from agglom_mpi.database.reader import Status
 from agglom_mpi.database.schema import CAMPAIGN_STATES, layouts
@@ -35,19 +35,13 @@ def read_contents(path: str | os.PathLike[str]) -> Contents:
         If it is missing or cannot be read.
     """
     path = Path(path)
-    with open_file(path) as file:
-        try:
-            return _read(file, path)
-        except (IndexError, KeyError, RuntimeError, UnicodeDecodeError) as error:
-            raise DamagedCampaign(f"{path}: a damaged campaign file ({error})") from error
+    with open_file(path) as file, damage_named(path):
+        return _read(file, path)
 
 
 def _read(file: h5py.File, path: Path) -> Contents:
-    attributes = {
-        name: value.item() if isinstance(value, np.generic) else value
-        for name, value in file.attrs.items()
-    }
-    contents = Contents(path, attributes, _status(file, path), {}, {name: set() for name in _READ})
+    attributes, status = read_attributes(file, path), _status(file, path)
+    contents = Contents(path, attributes, status, {}, {name: set() for name in _READ})
     _check_shapes(file, contents)
     for name in _READ:
         contents.rows[name] = _final_rows(file, Table(file, name, path), contents)

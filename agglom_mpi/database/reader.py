@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from agglom_mpi.database import frames
-from agglom_mpi.database.access import NotACampaign, open_file
+from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.database.table import Believed, Rows, Table
 
@@ -154,17 +154,13 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
     Raises
     ------
     NotACampaign
-        If it is something else, truncated, damaged or of another format version.
+        If it is something else, truncated, damaged or of a newer format version.
     OSError
         If it is missing or cannot be read.
     """
     path = Path(path)
     with open_file(path) as file:
-        attributes = {
-            name: value.item() if isinstance(value, np.generic) else value
-            for name, value in file.attrs.items()
-        }
-    return CampaignFile(path, attributes)
+        return CampaignFile(path, read_attributes(file, path))
 
 
 def open_inversion(path: str | os.PathLike[str]) -> CampaignFile:

@@ -10,9 +10,12 @@ from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
 FORMAT_VERSION: Final = 1
+"""What is written; files of any version from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
 """What strings of a file are for, if a campaign searched with them."""
+STUDY: Final = "accuracy study"
+"""What they are for, if they are set-ups to be compared."""
 
 ORIGINS: Final = ("random", "offspring")
 """Where a string comes from, by its `origin`."""

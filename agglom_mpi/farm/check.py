@@ -7,7 +7,7 @@ from agglom_mpi.database.access import DamagedCampaign
 from agglom_mpi.database.consistency import check_digests, check_numbers
 from agglom_mpi.database.contents import Contents, named
 from agglom_mpi.database.integrity import read_contents
-from agglom_mpi.database.schema import INVERSION
+from agglom_mpi.database.schema import STUDY
 from agglom_mpi.exit_codes import FAILURE, FINISHED
 from agglom_mpi.farm.replay import Replayed, replay
 
@@ -35,8 +35,8 @@ def check_file(path: str) -> tuple[str, int]:
         return f"{error}\n  {said}", FAILURE
     check_numbers(contents)
     digests = check_digests(contents)
-    searched = contents.attributes.get("purpose", INVERSION) == INVERSION
-    replayed = replay(contents) if searched else None
+    studied = contents.attributes.get("purpose") == STUDY
+    replayed = None if studied else replay(contents)
     lines = [*_verified(contents, digests, replayed)]
     damage = [*contents.losses, *contents.faults]
     if damage:
@@ -56,8 +56,7 @@ def _verified(contents: Contents, digests: int, replayed: Replayed | None) -> It
     )
     yield f"digests: {digests} of {_count(rows['generations'], 'generation')} verified"
     if replayed is None:
-        purpose = contents.attributes["purpose"]
-        yield f"replay: left out; the strings of an {purpose} are not searched"
+        yield f"replay: left out; the strings of an {STUDY} are not searched"
     else:
         yield (
             f"replay: the samples lead again to {replayed.strings} of "

@@ -49,7 +49,7 @@ def replay(contents: Contents) -> Replayed:
     try:
         campaign = Campaign.from_text(str(contents.attributes["campaign"]), str(contents.path))
         _check_campaign(campaign, contents)
-        campaign = campaign.with_generations(contents.room["generations"])
+        campaign = campaign.with_generations(_generations(contents))
         recorder, inversion = _decide(campaign, contents)
     except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         contents.faults.append(f"replay: not possible: {error}")
@@ -63,12 +63,23 @@ def replay(contents: Contents) -> Replayed:
     return counts
 
 
+def _generations(contents: Contents) -> int:
+    """Most generations to decide: all that there is room for, or that strings are stored of.
+
+    In a compact copy there is no room for the generation that the campaign was stopped in.
+    """
+    proposed = contents.rows["strings"]["generation"].tolist()
+    return max([contents.room["generations"], *(number + 1 for number in proposed)])
+
+
 def _check_campaign(campaign: Campaign, contents: Contents) -> None:
     """Make sure that the text gives what else the file says of the campaign."""
     if campaign.sha256() != contents.attributes["campaign_sha256"] or (
         campaign.identity() != contents.identity
     ):
         contents.faults.append("campaign: the text in the file is not that of its identity")
+    if (campaign.seed, campaign.title) != tuple(contents.attributes[n] for n in ("seed", "title")):
+        contents.faults.append("attributes: another seed or title than in the campaign's text")
     rows, box = contents.rows["variables"], campaign.variables
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     if not all(np.array_equal(*pair, equal_nan=True) for pair in bounds):

@@ -41,7 +41,7 @@ def export(source: Path, compact: Path | None, directory: Path | None) -> Iterat
         refuse_existing(target)
     if compact is not None:
         copied = write_compact(source, compact)
-        sizes = " of ".join(f"{path.stat().st_size / 1e6:.3g} MB" for path in (compact, source))
+        sizes = _sizes(compact, source)
         yield f"{compact}: {copied.strings} strings, {copied.samples} samples, {sizes}"
         if copied.damaged:
             yield f"{compact}: {copied.damaged} damaged rows, copied as they are"
@@ -53,6 +53,12 @@ def check_library() -> None:
     """Raise an ExportError if what makes tables is not installed."""
     if importlib.util.find_spec("pandas") is None:
         raise ExportError("tables need pandas: pip install 'agglom_mpi[report]'")
+
+
+def _sizes(copy: Path, original: Path) -> str:
+    """Bytes of a copy, and those that the original takes, without its holes."""
+    taken = original.stat().st_blocks * 512
+    return f"{copy.stat().st_size / 1e6:.3g} MB of {taken / 1e6:.3g} MB on disc"
 
 
 def write_tables(file: CampaignFile, directory: Path) -> Iterator[str]:

@@ -5,8 +5,9 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from farm_runs import SMALL, assert_same, decisions, finish, write_campaign
+from farm_runs import SMALL, assert_same, decisions, finish, invert, write_campaign
 
+from agglom_mpi.database.compact import write_compact
 from agglom_mpi.database.create import grow_campaign_file
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.schema import layouts
@@ -91,6 +92,39 @@ def test_a_sound_file_is_said_to_be_and_left_as_it_is(agglom, copy):
     ]
 
 
+def test_a_compact_copy_is_as_sound_as_its_original(copy):
+    write_compact(copy, copy.with_name("compact.h5"))
+    assert lines(copy.with_name("compact.h5"), 0)[1:] == lines(copy, 0)[1:]
+
+
+def test_a_compact_copy_of_a_stopped_campaign_is_sound_too(copy):
+    with h5py.File(copy, "r+") as file:  # as if it had been stopped in the last generation
+        last, most = int(file["results"]["string"].max()), int(file.attrs["max_samples"])
+        file["generations_done"][2] = file["results_done"][last] = 0
+        file["samples_done"][last * most : (last + 1) * most] = 0
+        row = file["status"][0]
+        row["state"] = b"stopped"
+        file["status"][0] = row
+    write_compact(copy, copy.with_name("compact.h5"))
+    text = lines(copy.with_name("compact.h5"), 0)
+    assert f"lead again to {last + 1} of {last + 1} strings, {last} of {last} results" in text[3]
+    assert text[1:] == lines(copy, 0)[1:]
+
+
+def test_a_newer_format_version_is_refused_by_all_commands(mistaken, copy):
+    with h5py.File(copy, "r+") as file:
+        file.attrs["format_version"] = 2
+    before = copy.read_bytes()
+    said = f"{copy}: has format version 2, and this program reads versions up to 1: update "
+    target = copy.with_name("out")
+    for words in (["check"], ["report"], ["export", "--compact", target]):
+        assert mistaken(*words, copy) == said + "agglom_mpi"
+    done = invert(copy.parent, "small.yaml", "-o", copy.name)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith(f"{said.removeprefix(f'{copy.parent}/')}agglom_mpi\n")
+    assert copy.read_bytes() == before
+
+
 @pytest.mark.parametrize("table", TABLES)
 def test_any_flipped_byte_of_a_final_row_is_found(finished, tmp_path, table):
     path = tmp_path / "flipped.h5"
@@ -135,6 +169,21 @@ def test_a_done_byte_that_is_set_without_a_row_is_found(copy, table):
         absent = np.flatnonzero(file[f"{table}_done"][:] == 0)[0]
         file[f"{table}_done"][absent] = 1
     assert " have a wrong checksum\n" in "\n".join(lines(copy, 1))
+
+
+def test_a_torn_row_with_its_done_byte_set_is_found_and_computed_again(searched, copy):
+    with h5py.File(copy, "r+") as file:
+        most, size = int(file.attrs["max_samples"]), file["samples"].dtype.itemsize
+        start = file["samples"].id.get_offset() + (7 * most + 1) * size
+    with copy.open("r+b") as file:
+        file.seek(start + size // 2)
+        file.write(bytes(size - size // 2))
+    text = "\n".join(lines(copy, 1))
+    assert "samples: sample 1 of string 7 have a wrong checksum" in text
+    assert "a resume would simulate again sample 1 of string 7\n" in text
+    finish(copy.parent, "small.yaml", "-q", "-o", copy.name)
+    lines(copy, 0)
+    assert_same(copy, decisions(searched))
 
 
 def test_what_is_said_to_be_computed_again_is_and_the_file_is_sound_afterwards(searched, copy):
@@ -264,6 +313,32 @@ def test_another_campaign_text_is_found(copy, old, new, expected):
         assert text.count(old) == 1
         file.attrs["campaign"] = text.replace(old, new)
     assert expected in "\n".join(lines(copy, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("purpose", "inversiom", "attributes: unknown purpose"),
+        ("seed", 3, "attributes: another seed or title than in the campaign's text"),
+        ("title", "", "attributes: another seed or title than in the campaign's text"),
+        ("identity", "{", "replay: not possible: "),
+        ("campaign_sha256", "", "campaign: the text in the file is not that of its identity"),
+    ],
+)
+def test_a_changed_attribute_is_found(copy, name, value, expected):
+    with h5py.File(copy, "r+") as file:
+        file.attrs[name] = value
+    assert expected in "\n".join(lines(copy, 1))
+
+
+def test_a_compact_copy_with_an_unreadable_chunk_is_damaged(copy):
+    compact = copy.with_name("compact.h5")
+    write_compact(copy, compact)
+    with h5py.File(compact) as file:
+        chunk = file["samples"].id.get_chunk_info(0)
+    flip(compact, chunk.byte_offset + 1, 0xFF)
+    (said, _) = lines(compact, 1)
+    assert said.startswith(f"{compact}: a damaged campaign file (")
 
 
 def test_tables_of_the_wrong_length_are_damage(copy):

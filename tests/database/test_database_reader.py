@@ -8,6 +8,7 @@ import pytest
 from database_helpers import STRINGS, TEXT, put_generation, put_result, put_strings, sample_rows
 
 import agglom_mpi
+from agglom_mpi.database import access
 from agglom_mpi.database.reader import NotACampaign, open_campaign
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
@@ -170,8 +171,10 @@ def other_columns(file):
     ("change", "message"),
     [
         (set_attribute("format", "something else"), "not an agglom_mpi campaign"),
-        (set_attribute("format_version", 2), "newer version"),
-        (set_attribute("format_version", 0), "older version"),
+        (set_attribute("format_version", 2), "version 2, .* up to 1: update agglom_mpi"),
+        (set_attribute("format_version", 2**40), "version 1099511627776, .* up to 1: update"),
+        (set_attribute("format_version", 0), "without a format version"),
+        (lambda file: file.attrs.pop("format_version"), "without a format version"),
         (set_attribute("format_version", "two"), "damaged"),
         (remove_table, "damaged"),
         (other_columns, "/legs has other columns"),
@@ -180,10 +183,18 @@ def other_columns(file):
 def test_hdf5_that_is_no_campaign_of_this_version(path, change, message):
     with h5py.File(path, "r+") as file:
         change(file)
-    with pytest.raises(NotACampaign, match=message) as caught:
-        open_campaign(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    before = path.read_bytes()
+    for opened in (open_campaign, CampaignWriter):
+        with pytest.raises(NotACampaign, match=message) as caught:
+            opened(path)
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+    assert path.read_bytes() == before
+
+
+def test_a_program_of_a_later_format_reads_an_earlier_one(path, monkeypatch):
+    monkeypatch.setattr(access, "FORMAT_VERSION", 2)
+    assert open_campaign(path).attributes["format_version"] == 1
 
 
 def test_other_hdf5_file(tmp_path):

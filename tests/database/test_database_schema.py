@@ -25,6 +25,8 @@ def test_every_dataset_and_field_is_explained(path):
                 assert len(dataset.attrs["field_units"]) == len(dataset.dtype.names)
                 assert len(dataset.attrs["field_meanings"]) == len(dataset.dtype.names)
                 assert all(dataset.attrs["field_meanings"])
+            else:
+                assert dataset.attrs["unit"] == ""
         assert file["samples"].attrs["row"] == "row = string * max_samples + sample"
         assert len(file["samples"]) == len(file["samples_done"]) == STRINGS * MAX_SAMPLES
 
