@@ -7,10 +7,11 @@ from scenes import (
     HALF,
     breaking_adaptive_reentry,
     breaking_event_periodic,
-    event_periodic,
     make_scene,
 )
 
+from agglom_mpi.physics.friction import RestitutionScaledFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.simulation.box import Periodic
 from agglom_mpi.simulation.sample import simulate_scene
@@ -27,15 +28,25 @@ def stepping(restitution, steps=STEPS, **options):
     return make_scene(laws, FixedSteps(steps), Periodic(), **(CROWD | options))
 
 
+def flying(hardness, **options):
+    """Return a scene of the event engine without friction; the hard bounce elastically."""
+    scene = breaking_event_periodic(**(CROWD | options))
+    laws = scene.laws._replace(
+        hardness=ArrheniusHardness(hardness, 0.0), friction=RestitutionScaledFriction(0.0)
+    )
+    return scene._replace(laws=laws)
+
+
+HARD, SOFT = 1e60, 1.0
+"""Hardnesses in Pa at which nothing and everything bonds."""
+
 SCENES = {
-    "event": event_periodic(0.9, **CROWD),
-    "event, all bond": event_periodic(0.0, **CROWD),
-    "event, breaks, cools": breaking_event_periodic(**CROWD),
+    "event": breaking_event_periodic(**CROWD),
+    "event, all bounce": flying(HARD),
+    "event, all bond": flying(SOFT),
     "fixed": stepping(0.9),
     "fixed, all bond": stepping(0.0),
-    "adaptive, breaks, cools by Euler steps": breaking_adaptive_reentry(
-        2.0 * FLOOR, 20.0 * FLOOR, **CROWD
-    ),
+    "adaptive": breaking_adaptive_reentry(2.0 * FLOOR, 20.0 * FLOOR, **CROWD),
 }
 
 
