@@ -59,11 +59,11 @@ def run_batch(scene, position, velocity, abort, left):  # type: ignore[no-untype
     """Run the engine of a scene from each state, which the end replaces; see `Starts`, `Ends`."""
     grains = position.shape[2]
     for run in range(position.shape[0]):
-        particles = new_particles(scene, grains)
+        particles = new_particles(scene, grains, None)
         particles.position[:] = position[run]
         particles.velocity[:] = velocity[run]
         drift = enter_frame(scene, particles)
-        end = advance(scene.engine, scene, particles, new_ledger(), abort)
+        end = advance(scene.engine, scene, particles, new_ledger(), abort, None)
         leave_frame(scene, particles, drift, end)
         position[run] = particles.position
         velocity[run] = particles.velocity

@@ -1,9 +1,9 @@
 """The campaign: everything a file says, typed and in SI units."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -179,6 +179,7 @@ class Campaign:
         parameters: Mapping[str, float | str] | npt.ArrayLike,
         sample: int = 0,
         engine: str | Engine | None = None,
+        frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
     ) -> "Outcome":
         """Simulate one sample exactly as a rank of the campaign does.
 
@@ -191,6 +192,10 @@ class Campaign:
         engine
             Another engine than the campaign's, as for `engine`; `event` cools exactly, whatever
             the campaign's `integration` is.
+        frames
+            How many pictures of the particles to take, evenly spaced from 0 to the end time, or
+            their times in s, ascending; they are the outcome's `frames`. Looking does not change
+            the outcome. The first time that a kind of scene is looked at, it is compiled anew.
         """
         from agglom_mpi.simulation.sample import simulate
 
@@ -202,7 +207,17 @@ class Campaign:
                 message = f"have the shape {string.shape}; must be {COUNT} numbers"
                 raise CampaignError(Problem(self.name, None, "parameters", message))
         self.check_scales(string)
-        return simulate(self, string, sample, self.engine(engine))
+        times = None if frames is None else self._frame_times(frames, string)
+        return simulate(self, string, sample, self.engine(engine), times)
+
+    def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        from agglom_mpi.simulation.snapshots import frame_times
+
+        value = dict(zip(NAMES, string.tolist(), strict=True))
+        try:
+            return frame_times(frames, scales.end_time(self.scene, value))
+        except ValueError as error:
+            raise CampaignError(Problem(self.name, None, "frames", str(error))) from None
 
     def identity(self) -> dict[str, object]:
         """Everything that decides results, flat: `scene.particles` -> 100, in SI units."""

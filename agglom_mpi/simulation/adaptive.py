@@ -25,6 +25,7 @@ from agglom_mpi.simulation.neighbours import (
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
 from agglom_mpi.simulation.scene import AdaptiveSteps
+from agglom_mpi.simulation.step_frames import record_step
 from agglom_mpi.simulation.stepping import (
     aborted,
     cool,
@@ -40,7 +41,7 @@ MOST_STEPS: Final = 10_000_000
 
 
 @advance.answer(AdaptiveSteps)
-def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
+def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
     capacity = particles.mass.size
     partner = np.empty(capacity, np.int64)
     squared = np.empty(capacity)
@@ -60,6 +61,7 @@ def _adaptive_steps(engine, scene, particles, ledger, abort):  # type: ignore[no
         step = min(max(engine.floor, step), scene.end_time - time)
         if merged:
             compact(particles)
+        record_step(recorder, scene, particles, time, step, time + step)
         move(scene, particles, step)
         cool(scene.cooling, scene, particles, ledger, step)
         time = scene.end_time if time + step >= scene.end_time else time + step

@@ -67,8 +67,27 @@ def new_temperatures(heating, cooling, capacity, start):  # type: ignore[no-unty
 
 
 @allocating
-def new_particles(scene, capacity):  # type: ignore[no-untyped-def]
-    """Return the grains of a scene, not placed yet, with room for `capacity`."""
+def new_labels(frames, capacity):  # type: ignore[no-untyped-def]
+    """Return the numbers of the slots, shape (capacity,), or None where no frames are taken."""
+    if frames is None:
+        return None
+    return np.arange(capacity)
+
+
+@allocating
+def new_count(frames, start):  # type: ignore[no-untyped-def]
+    """Return a count that begins at `start`, shape (1,), or None where no frames are taken."""
+    if frames is None:
+        return None
+    return np.full(1, start)
+
+
+@allocating
+def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
+    """Return the grains of a scene, not placed yet, with room for `capacity`.
+
+    They have labels if there are `frames` to be taken.
+    """
     laws = scene.laws
     particles = Particles(
         np.zeros(1, np.int64),
@@ -80,6 +99,8 @@ def new_particles(scene, capacity):  # type: ignore[no-untyped-def]
         new_cooling_times(scene.cooling, capacity),
         new_impact_times(laws.restitution, capacity),
         new_grains(laws.fragmentation, capacity),
+        new_labels(frames, capacity),
+        new_count(frames, scene.particles),
     )
     particles.size[0] = scene.particles
     for i in range(scene.particles):

@@ -32,6 +32,7 @@ from agglom_mpi.simulation.particles import (
     book_cooling,
     copy_slot,
     empty_slot,
+    new_label,
     set_value,
     value_of,
 )
@@ -277,8 +278,8 @@ def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[
 def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
     """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
 
-    The first piece keeps the slot, the others are appended. Grains are dealt out as evenly as whole
-    numbers allow.
+    The first piece keeps slot and label, the others are appended. Grains are dealt out as evenly as
+    whole numbers allow.
     """
     grains = particles.grains[i]
     particles.mass[i] /= pieces
@@ -291,6 +292,7 @@ def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
             slot = particles.size[0]
             particles.size[0] += 1
             copy_slot(particles, i, slot)
+            new_label(particles.label, particles.labels_given, slot)
         for axis in range(3):
             coordinate = centre[axis] + sites[axis, piece]
             particles.position[axis, slot] = inside(scene.escape, coordinate, scene.half_width)

@@ -18,6 +18,7 @@ from agglom_mpi.simulation.neighbours import (
 )
 from agglom_mpi.simulation.particles import compact
 from agglom_mpi.simulation.scene import FixedSteps
+from agglom_mpi.simulation.step_frames import record_step
 from agglom_mpi.simulation.stepping import (
     aborted,
     cool,
@@ -31,7 +32,7 @@ from agglom_mpi.simulation.stepping import (
 
 
 @advance.answer(FixedSteps)
-def _fixed_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
+def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
     capacity = particles.mass.size
     partner = np.empty(capacity, np.int64)
     squared = np.empty(capacity)
@@ -51,6 +52,7 @@ def _fixed_steps(engine, scene, particles, ledger, abort):  # type: ignore[no-un
         merged = resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time)
         if merged:
             compact(particles)
+        record_step(recorder, scene, particles, time, step, (index + 1) * step)
         move(scene, particles, step)
         cool(scene.cooling, scene, particles, ledger, step)
     return scene.end_time

@@ -1,8 +1,9 @@
 """What one sample leaves behind: the record that travels from a rank to the campaign file."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 COMPLETED: Final = 1
 FAILED: Final = 2
@@ -61,3 +62,45 @@ COLUMNS: Final = (
 
 OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
 """One sample as a structured scalar; ledger columns end it."""
+
+
+class FinalParticles(NamedTuple):
+    """The n particles left at the end, in the order of their slots.
+
+    Grains start in the order of their placement. Two that bond go on in the slot of one of them,
+    with the event engine the lower; gaps close up; pieces are put at the end. More than 4096 the
+    event engine may sort by their place. So one sample always has one order.
+
+    Attributes
+    ----------
+    radii, masses, temperatures : array, shape (n,), m, kg and K
+    grains : array of int64, shape (n,), original grains in each
+    """
+
+    radii: npt.NDArray[np.float64]
+    masses: npt.NDArray[np.float64]
+    grains: npt.NDArray[np.int64]
+    temperatures: npt.NDArray[np.float64]
+
+
+def final_particles(scene: Any, particles: Any) -> FinalParticles:
+    """Copy what is left of a `Scene` at its end, its final `Particles`, for people and files.
+
+    Grains that the scene did not count are told by mass; temperatures that nothing changes are all
+    the scene's.
+    """
+    left = int(particles.size[0])
+    masses = np.array(particles.mass[:left])
+    warms, counts = particles.temperature is not None, particles.grains is not None
+    return FinalParticles(
+        radii=np.array(particles.radius[:left]),
+        masses=masses,
+        grains=(
+            np.array(particles.grains[:left])
+            if counts
+            else np.rint(masses / scene.mass).astype(np.int64)
+        ),
+        temperatures=(
+            np.array(particles.temperature[:left]) if warms else np.full(left, scene.temperature)
+        ),
+    )

@@ -55,6 +55,8 @@ class Particles(NamedTuple):
         Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
         Original grains in each particle, shape (capacity,); what cannot break need not count them.
+    label, labels_given
+        Who is who, shape (capacity,), and how many labels were given, shape (1,); see `Frames`.
     """
 
     size: np.ndarray
@@ -66,6 +68,8 @@ class Particles(NamedTuple):
     touched: np.ndarray | None
     struck: np.ndarray | None
     grains: np.ndarray | None
+    label: np.ndarray | None = None
+    labels_given: np.ndarray | None = None
 
 
 @allocating
@@ -97,24 +101,39 @@ def set_value(values, i, value):  # type: ignore[no-untyped-def]
 
 
 @stage
-def copy_value(values, source, target):  # type: ignore[no-untyped-def]
-    """Let `values[target]` be `values[source]`, where the scene has such an array."""
+def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
+    """Give slot i a label that nobody had before, where there are labels."""
+    if label is not None:
+        label[i] = labels_given[0]
+        labels_given[0] += 1
+
+
+@stage
+def copy_value(values, source, others, target):  # type: ignore[no-untyped-def]
+    """Let `others[target]` be `values[source]`, where the scene has such arrays."""
     if values is not None:
-        values[target] = values[source]
+        others[target] = values[source]
+
+
+@stage
+def copy_slot_to(particles: Particles, source: int, others: Particles, target: int) -> None:
+    """Copy one particle into a slot of other particles."""
+    for axis in range(3):
+        others.position[axis, target] = particles.position[axis, source]
+        others.velocity[axis, target] = particles.velocity[axis, source]
+    others.radius[target] = particles.radius[source]
+    others.mass[target] = particles.mass[source]
+    copy_value(particles.temperature, source, others.temperature, target)
+    copy_value(particles.touched, source, others.touched, target)
+    copy_value(particles.struck, source, others.struck, target)
+    copy_value(particles.grains, source, others.grains, target)
+    copy_value(particles.label, source, others.label, target)
 
 
 @stage
 def copy_slot(particles: Particles, source: int, target: int) -> None:
     """Copy one particle into another slot."""
-    for axis in range(3):
-        particles.position[axis, target] = particles.position[axis, source]
-        particles.velocity[axis, target] = particles.velocity[axis, source]
-    particles.radius[target] = particles.radius[source]
-    particles.mass[target] = particles.mass[source]
-    copy_value(particles.temperature, source, target)
-    copy_value(particles.touched, source, target)
-    copy_value(particles.struck, source, target)
-    copy_value(particles.grains, source, target)
+    copy_slot_to(particles, source, particles, target)
 
 
 @stage
@@ -162,4 +181,6 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
     permute(particles.temperature, order, count, scratch)
     permute(particles.touched, order, count, scratch)
     permute(particles.struck, order, count, scratch)
-    permute(particles.grains, order, count, np.empty(count, np.int64))
+    whole = np.empty(count, np.int64)
+    permute(particles.grains, order, count, whole)
+    permute(particles.label, order, count, whole)

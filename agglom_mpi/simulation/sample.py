@@ -26,7 +26,9 @@ from agglom_mpi.simulation.measures import (
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
 from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.recorder import new_recorder, note_drift, record_end, record_start
 from agglom_mpi.simulation.scene import Scene, build_scene
+from agglom_mpi.simulation.snapshots import Frames, new_frames
 from agglom_mpi.simulation.velocities import draw_velocities
 
 if TYPE_CHECKING:
@@ -57,6 +59,10 @@ class Outcome(NamedTuple):
         Run time of this sample.
     record : numpy.void
         The row that a campaign file stores.
+    final : FinalParticles
+        Radii in m, masses, grain counts and temperatures of the particles left.
+    frames : Frames or None
+        The particles at the times that were asked for.
     """
 
     mean_radius_ratio: float
@@ -72,6 +78,8 @@ class Outcome(NamedTuple):
     steps: int
     seconds: float
     record: Any
+    final: result.FinalParticles
+    frames: Frames | None = None
 
 
 LEDGER = (
@@ -85,7 +93,7 @@ LEDGER = (
 
 
 @kernel
-def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
+def run(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
     """Place, run and measure one sample; one crossing into compiled code.
 
     Parameters
@@ -94,6 +102,7 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     random : numpy.random.Generator
     abort : uint8 array, shape (1,); anything but 0 ends the run early
     out : array of `OUTCOME`, shape (1,), filled
+    frames : Frames, filled, or None
 
     Returns
     -------
@@ -103,7 +112,7 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
     capacity = scene.particles
     if scene.laws.fragmentation is not None:
         capacity = 2 * scene.particles
-    particles = new_particles(scene, capacity)
+    particles = new_particles(scene, capacity, frames)
     ledger = new_ledger()
     record = out[0]
     record["state"] = result.FAILED
@@ -112,17 +121,20 @@ def run(scene, random, abort, out):  # type: ignore[no-untyped-def]
         record["reason"] = result.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
-    carry_out(scene, particles, ledger, abort, record)
+    recorder = new_recorder(frames, scene, capacity)
+    carry_out(scene, particles, ledger, abort, record, recorder)
     return particles
 
 
 @stage
-def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyped-def]
+def carry_out(scene, particles, ledger, abort, record, recorder):  # type: ignore[no-untyped-def]
     """Run particles from where they are to the scene's end, and measure them into `record`."""
+    record_start(recorder, scene, particles)
     drift = enter_frame(scene, particles)
+    note_drift(recorder, drift)
     heat = thermal_energy(scene.laws.heating, scene, particles)
     start = (*total_momentum(particles), *fluctuation(particles), heat)
-    end = advance(scene.engine, scene, particles, ledger, abort)
+    end = advance(scene.engine, scene, particles, ledger, abort, recorder)
     record["end_time"] = end
     for i in range(particles.size[0]):
         catch_up(scene.cooling, scene, particles, ledger, i, end)
@@ -135,6 +147,7 @@ def carry_out(scene, particles, ledger, abort, record):  # type: ignore[no-untyp
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)
     leave_frame(scene, particles, drift, end)
+    record_end(recorder, scene, particles, end)
     record["state"] = result.COMPLETED
 
 
@@ -163,24 +176,29 @@ def simulate_scene(
     scene: Scene,
     random: np.random.Generator,
     abort: npt.NDArray[np.uint8] | None = None,
+    frames: Frames | None = None,
 ) -> tuple[Any, Any]:
-    """Run one sample of a typed scene; its `OUTCOME` record and its final `Particles`."""
+    """Run one sample of a typed scene; its `OUTCOME` record and its final `Particles`.
+
+    `final_particles` makes them what people and files want. `frames`, from `new_frames` for as
+    many grains as the scene has, are filled; without them nothing is compiled for them.
+    """
     out = np.zeros(1, result.OUTCOME)
-    particles = run(scene, random, np.zeros(1, np.uint8) if abort is None else abort, out)
+    abort = np.zeros(1, np.uint8) if abort is None else abort
+    particles = run(scene, random, abort, out, frames)
     return out[0], particles
 
 
-def final_temperatures(scene: Scene, particles: Any, left: int) -> npt.NDArray[np.float64]:
-    """Temperatures in K of the particles left, shape (left,)."""
-    if particles.temperature is None:
-        return np.full(left, scene.temperature)
-    return np.array(particles.temperature[:left])
-
-
 def simulate(
-    campaign: "Campaign", parameters: npt.ArrayLike, sample: int = 0, engine: Any = None
+    campaign: "Campaign",
+    parameters: npt.ArrayLike,
+    sample: int = 0,
+    engine: Any = None,
+    times: npt.NDArray[np.float64] | None = None,
 ) -> Outcome:
     """Simulate one sample exactly as a rank of the campaign does; see `Outcome`.
+
+    Its frames are those at `times` in s, shape (F,), ascending from 0 to the end time at most.
 
     Raises
     ------
@@ -191,19 +209,21 @@ def simulate(
 
     vector = np.asarray(parameters, dtype=np.float64)
     scene = build_scene(campaign.scene, vector, engine)
+    frames = None if times is None else new_frames(times, scene.particles)
+    random = random_stream(campaign.seed, vector, sample)
     begin = time.perf_counter()
-    record, particles = simulate_scene(scene, random_stream(campaign.seed, vector, sample))
+    record, particles = simulate_scene(scene, random, frames=frames)
     seconds = time.perf_counter() - begin
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
     ratio = float(record["mean_radius_ratio"])
-    left = int(record["particles"])
+    final = result.final_particles(scene, particles)
     return Outcome(
         mean_radius_ratio=ratio,
         objective=float(make_objective(campaign.objective, scene.particles).of_sample(ratio)),
-        particles=left,
-        radii=particles.radius[:left] / scene.radius,
-        temperatures=final_temperatures(scene, particles, left),
+        particles=int(record["particles"]),
+        radii=final.radii / scene.radius,
+        temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
         ledger={name: record[name].item() for name in LEDGER},
         collisions=int(record["collisions"]),
@@ -212,4 +232,6 @@ def simulate(
         steps=int(record["steps"]),
         seconds=seconds,
         record=record,
+        final=final,
+        frames=frames,
     )

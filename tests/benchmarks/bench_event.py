@@ -131,7 +131,7 @@ def time_of(scene, packing, each):
 @kernel
 def start(scene, random):
     count = scene.particles
-    particles = new_particles(scene, count)
+    particles = new_particles(scene, count, None)
     place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles
@@ -140,7 +140,7 @@ def start(scene, random):
 @kernel
 def run_engine(scene, particles, abort):
     ledger = new_ledger()
-    advance(scene.engine, scene, particles, ledger, abort)
+    advance(scene.engine, scene, particles, ledger, abort, None)
     return ledger
 
 
@@ -443,7 +443,7 @@ def grains_and_giant(scene, sites, giant, random):
 
 @kernel
 def new_state(scene):
-    return new_particles(scene, scene.particles)
+    return new_particles(scene, scene.particles, None)
 
 
 @pytest.mark.benchmark

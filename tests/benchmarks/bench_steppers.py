@@ -94,7 +94,7 @@ def rate(scene):
 @numba.njit(error_model="numpy")
 def prepare(scene, random):
     count = scene.particles
-    particles = new_particles(scene, count)
+    particles = new_particles(scene, count, None)
     place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles, new_ledger(), new_neighbours(count)

@@ -27,7 +27,7 @@ MOTIONS = ("gas", "gas", "inwards", "decades", "one", "alike")
 @kernel
 def carry(scene, particles, abort, out):
     ledger = new_ledger()
-    carry_out(scene, particles, ledger, abort, out[0])
+    carry_out(scene, particles, ledger, abort, out[0], None)
     return ledger
 
 

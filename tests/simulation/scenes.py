@@ -229,7 +229,7 @@ def empty_ledger():
 @kernel
 def run_engine(scene, particles, ledger, abort):
     drift = enter_frame(scene, particles)
-    time = advance(scene.engine, scene, particles, ledger, abort)
+    time = advance(scene.engine, scene, particles, ledger, abort, None)
     leave_frame(scene, particles, drift, time)
     return time
 

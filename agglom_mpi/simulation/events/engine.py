@@ -11,6 +11,7 @@ from agglom_mpi.compilation import rare_stage, stage
 from agglom_mpi.simulation.contact import BONDED, collide, merge
 from agglom_mpi.simulation.engines import advance
 from agglom_mpi.simulation.events.cells import leave
+from agglom_mpi.simulation.events.frames import record_flight
 from agglom_mpi.simulation.events.movers import RANGE, catch_up_position, load_velocity, void
 from agglom_mpi.simulation.events.prediction import look
 from agglom_mpi.simulation.events.state import (
@@ -59,16 +60,16 @@ NO_HIT: Final = 3
 
 
 @advance.answer(EventDriven)
-def _event_driven(engine, scene, particles, ledger, abort):  # type: ignore[no-untyped-def]
+def _event_driven(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
     events = new_events(particles)
-    time = run_events(engine, scene, particles, ledger, events, abort)
+    time = run_events(engine, scene, particles, ledger, events, abort, recorder)
     settle_all(scene, particles, events, time)
     compact(particles)
     return time
 
 
 @stage
-def run_events(engine, scene, particles, ledger, events, abort):  # type: ignore[no-untyped-def]
+def run_events(engine, scene, particles, ledger, events, abort, recorder):  # type: ignore[no-untyped-def]
     """Let one event happen after another until the end; the time reached in s."""
     budget = engine.budget * particles.size[0]
     time = 0.0
@@ -76,6 +77,7 @@ def run_events(engine, scene, particles, ledger, events, abort):  # type: ignore
     while True:
         look_around(scene, events, happening, time)
         time = next_time(events)
+        record_flight(recorder, scene, particles, events.movers, time)
         if time > scene.end_time or aborted(abort):
             return min(time, scene.end_time)
         if ledger.tally[STEPS] >= budget:

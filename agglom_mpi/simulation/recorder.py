@@ -1,0 +1,137 @@
+"""Taking frames on the way, on copies: looking does not change a bit of what follows.
+
+A frame shows what a run that ended at its time would leave. The first, at 0, shows the grains as
+they are placed; one at the end time shows the final state. In between an engine says what is due,
+copies its particles and moves the copies to the time; here they are cooled up to it and written
+down. Between events that is exact. Time steps have no state between their ends: there the copies
+move straight on from the step's beginning, as they would in a shorter last step.
+
+Without frames a recorder is `None`, and its calls compile to nothing.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.compilation import allocating, rare_stage, stage
+from agglom_mpi.simulation.allocation import new_particles
+from agglom_mpi.simulation.contact import catch_up
+from agglom_mpi.simulation.frame import leave_frame
+from agglom_mpi.simulation.particles import (
+    Ledger,
+    Particles,
+    compact,
+    copy_slot_to,
+    new_ledger,
+    value_of,
+)
+from agglom_mpi.simulation.snapshots import Frames
+
+NEVER: Final = np.inf
+
+
+class Recorder(NamedTuple):
+    """Frames that are being filled.
+
+    Attributes
+    ----------
+    frames
+        What is filled.
+    taken
+        Frames filled so far, shape (1,).
+    drift
+        Velocity in m/s of the frame of reference that the engine works in, shape (3,).
+    copy, ledger
+        The particles of the frame that is being taken, and a ledger that nobody reads.
+    """
+
+    frames: Frames
+    taken: np.ndarray
+    drift: np.ndarray
+    copy: Particles
+    ledger: Ledger
+
+
+@allocating
+def new_recorder(frames, scene, capacity):  # type: ignore[no-untyped-def]
+    """Return what fills `frames`, for particles with room for `capacity`; None without frames."""
+    if frames is None:
+        return None
+    copy = new_particles(scene, capacity, frames)
+    return Recorder(frames, np.zeros(1, np.int64), np.zeros(3), copy, new_ledger())
+
+
+@stage
+def next_frame(recorder, end_time):  # type: ignore[no-untyped-def]
+    """Time in s of the next frame before the end, at which the final state is taken; or inf."""
+    times, k = recorder.frames.times, recorder.taken[0]
+    return times[k] if k < times.size and times[k] < end_time else NEVER
+
+
+@stage
+def record_start(recorder, scene, particles):  # type: ignore[no-untyped-def]
+    """Take the frame at the start, if one is wanted, of the grains just placed."""
+    if recorder is not None:
+        record_until(recorder, scene, particles, 0.0)
+
+
+@stage
+def note_drift(recorder, drift):  # type: ignore[no-untyped-def]
+    """Note the velocity in m/s, three components, of the frame of reference from now on."""
+    if recorder is not None:
+        for axis in range(3):
+            recorder.drift[axis] = drift[axis]
+
+
+@stage
+def record_end(recorder, scene, particles, end):  # type: ignore[no-untyped-def]
+    """Take the frames that are left up to the `end` in s that was reached, of the final state."""
+    if recorder is not None:
+        record_until(recorder, scene, particles, end)
+
+
+@rare_stage
+def record_until(recorder, scene, particles, time):  # type: ignore[no-untyped-def]
+    """Take all frames up to `time` in s of particles as they are."""
+    times = recorder.frames.times
+    while recorder.taken[0] < times.size and times[recorder.taken[0]] <= time:
+        write_down(recorder, scene, particles)
+
+
+@stage
+def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
+    """Copy the particles, gaps included; the copy."""
+    copy = recorder.copy
+    for i in range(particles.size[0]):
+        copy_slot_to(particles, i, copy, i)
+    copy.size[0] = particles.size[0]
+    return copy
+
+
+@rare_stage
+def finish(recorder, scene, time):  # type: ignore[no-untyped-def]
+    """Write down the copies, who are where they are at `time` in s, as a final state is left."""
+    copy, ledger, drift = recorder.copy, recorder.ledger, recorder.drift
+    compact(copy)
+    for i in range(copy.size[0]):
+        catch_up(scene.cooling, scene, copy, ledger, i, time)
+    leave_frame(scene, copy, (drift[0], drift[1], drift[2]), time)
+    write_down(recorder, scene, copy)
+
+
+@rare_stage
+def write_down(recorder, scene, particles):  # type: ignore[no-untyped-def]
+    """Write particles without gaps into the next frame."""
+    frames, f = recorder.frames, recorder.taken[0]
+    recorder.taken[0] += 1
+    frames.particles[f] = particles.size[0]
+    for i in range(particles.size[0]):
+        for axis in range(3):
+            frames.positions[f, i, axis] = particles.position[axis, i]
+            frames.velocities[f, i, axis] = particles.velocity[axis, i]
+        frames.labels[f, i] = particles.label[i]
+        frames.radii[f, i] = particles.radius[i]
+        frames.masses[f, i] = particles.mass[i]
+        frames.temperatures[f, i] = value_of(particles.temperature, i, scene.temperature)
+        by_mass = np.int64(np.rint(particles.mass[i] / scene.mass))
+        frames.grains[f, i] = value_of(particles.grains, i, by_mass)

@@ -1,0 +1,92 @@
+"""Samples that are looked at on the way, of scene types that other tests compile too."""
+
+import numpy as np
+from scenes import (
+    CONSTANT,
+    FLOOR,
+    HALF,
+    breaking_adaptive_reentry,
+    breaking_event_periodic,
+    make_scene,
+)
+
+from agglom_mpi.physics.friction import RestitutionScaledFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness
+from agglom_mpi.physics.restitution import ConstantRestitution
+from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.scene import FixedSteps
+from agglom_mpi.simulation.snapshots import Frames, new_frames
+
+CROWD = {"particles": 50, "size_ratio": 0.7, "end_time": 2.0**-9}
+STEPS = 128
+"""Of a length that is a power of two, so that its multiples are exact."""
+
+
+def stepping(restitution, steps=STEPS, **options):
+    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
+    return make_scene(laws, FixedSteps(steps), Periodic(), **(CROWD | options))
+
+
+def flying(hardness, **options):
+    """Return a scene of the event engine without friction; the hard bounce elastically."""
+    scene = breaking_event_periodic(**(CROWD | options))
+    laws = scene.laws._replace(
+        hardness=ArrheniusHardness(hardness, 0.0), friction=RestitutionScaledFriction(0.0)
+    )
+    return scene._replace(laws=laws)
+
+
+HARD, SOFT = 1e60, 1.0
+"""Hardnesses in Pa at which nothing and everything bonds."""
+
+SCENES = {
+    "event": breaking_event_periodic(**CROWD),
+    "event, all bounce": flying(HARD),
+    "event, all bond": flying(SOFT),
+    "fixed": stepping(0.9),
+    "fixed, all bond": stepping(0.0),
+    "adaptive": breaking_adaptive_reentry(2.0 * FLOOR, 20.0 * FLOOR, **CROWD),
+}
+
+
+def looked_at(scene, seed, times):
+    """Record, final particles and frames of a sample."""
+    frames = new_frames(np.array(times, dtype=float), scene.particles)
+    record, particles = simulate_scene(scene, np.random.default_rng(seed), frames=frames)
+    return record, particles, frames
+
+
+def unseen(scene, seed):
+    """Record and final particles of a sample that nobody looks at."""
+    return simulate_scene(scene, np.random.default_rng(seed))
+
+
+def bits(particles):
+    """What a final state is, as bytes."""
+    n = int(particles.size[0])
+    parts = [particles.position[:, :n].T, particles.velocity[:, :n].T, particles.radius[:n]]
+    parts.append(particles.mass[:n])
+    parts += [a[:n] for a in (particles.temperature, particles.grains) if a is not None]
+    return [np.ascontiguousarray(part).tobytes() for part in parts]
+
+
+def bits_of_frame(frames, f, particles):
+    """Those of a frame, to be compared with the `bits` of `particles`."""
+    n = int(frames.particles[f])
+    parts = [frames.positions, frames.velocities, frames.radii, frames.masses]
+    parts += [frames.temperatures] * (particles.temperature is not None)
+    parts += [frames.grains] * (particles.grains is not None)
+    return [np.ascontiguousarray(part[f, :n]).tobytes() for part in parts]
+
+
+def filled(frames, f):
+    """One frame without the places that nobody is in."""
+    n = int(frames.particles[f])
+    rest = (each[f, :n] for each in frames[2:])
+    return Frames(frames.times[f], n, *rest)
+
+
+def wrapped(positions):
+    """Positions in m, put back into the periodic box."""
+    return positions - 2.0 * HALF * np.rint(positions / (2.0 * HALF))
