@@ -1,6 +1,6 @@
 """A campaign in plain text: what would run, and what it leaves out."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from agglom_mpi.campaign.load import Campaign
 
 Section = tuple[str, list[str]]
+
+FINAL_BYTES: Final = 32
+"""Stored of a grain at the end of a sample."""
+FRAME_BYTES: Final = 88
+"""Stored of a grain in a picture."""
 
 
 def text(campaign: "Campaign") -> str:
@@ -41,7 +46,11 @@ def _unkept(campaign: "Campaign") -> list[str]:
     if arrays := missing_arrays(campaign.scene):
         lines.append(f"not known of a particle: {', '.join(arrays)}")
     if campaign.plan is not None:
-        lines.append("not stored of a sample: single particles, states before the end")
+        output = campaign.output
+        absent = [] if output.final_particles else ["single particles"]
+        absent += [] if output.frames else ["states before the end"]
+        if absent:
+            lines.append(f"not stored of a sample: {', '.join(absent)}")
     return lines
 
 
@@ -49,7 +58,24 @@ def _run(campaign: "Campaign") -> list[str]:
     lines = [f"seed: {campaign.seed}", f"objective: {_objective(campaign)}"]
     if campaign.plan is None:
         return [*lines, "a scene: nothing is searched, `agglom simulate` runs it"]
-    return lines + _search(campaign)
+    return lines + _search(campaign) + _stored(campaign)
+
+
+def _stored(campaign: "Campaign") -> list[str]:
+    """Say what is stored beside a row for each sample, and how much that is."""
+    output, grains = campaign.output, campaign.scene.particles
+    lines = []
+    if output.final_particles:
+        size = FINAL_BYTES * grains
+        lines.append(f"stored of every sample: its final particles, {size / 1e3:.3g} kB")
+    if output.frames is not None:
+        count, strings, samples = output.frames.count, output.frames.strings, output.frames.samples
+        size = FRAME_BYTES * grains * count * strings * samples
+        lines.append(
+            f"stored of {samples} sample{'' if samples == 1 else 's'} of each of the best "
+            f"{strings} strings: {count} frames, {size / 1e6:.3g} MB in all"
+        )
+    return lines
 
 
 def _search(campaign: "Campaign") -> list[str]:

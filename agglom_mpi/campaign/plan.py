@@ -132,7 +132,17 @@ class Plan(NamedTuple):
     stopping: Stopping
 
 
+class FramesOfBest(Part):
+    """Pictures of the first samples of the best strings, taken when the search is over."""
+
+    count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="pictures of each sample")]
+    strings: Annotated[WholeNumber, Field(ge=1, description="so many of the best")] = 6
+    samples: Annotated[WholeNumber, Field(ge=1, description="so many of each string")] = 1
+
+
 class Output(Part):
-    """Where the database is written."""
+    """Where the database is written, and what is kept beside a row for each sample."""
 
     file: Annotated[Line, Field(min_length=1)] | None = None
+    final_particles: bool = False
+    frames: Annotated[FramesOfBest | None, NONE] = None

@@ -177,7 +177,7 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
-    for layout in layouts(int(file.attrs["population"])):
+    for layout in layouts(file.attrs):
         names = (layout.name, layout.done) if layout.final else (layout.name,)
         dtypes = [file[name].dtype for name in names]
         if dtypes[0] != layout.dtype:

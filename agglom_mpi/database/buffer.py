@@ -9,15 +9,26 @@ from agglom_mpi.database.schema import sample_dtype
 
 FLUSH_ROWS: Final = 256
 """Rows that wait at most."""
+FLUSH_BYTES: Final = 1 << 22
+"""Bytes that wait at most."""
 FLUSH_AGE: Final = 0.25
 """Seconds that a row waits at most."""
 
 
 class SampleBuffer:
-    """Sample rows that wait to be written; knows their places, not the file."""
+    """Rows of samples that wait to be written; knows their places, not the file.
 
-    def __init__(self, strings: int, max_samples: int) -> None:
+    Parameters
+    ----------
+    strings, max_samples
+        Room in the file.
+    dtype
+        Of a row; it has a `string` and a `sample`.
+    """
+
+    def __init__(self, strings: int, max_samples: int, dtype: np.dtype = sample_dtype) -> None:
         self._strings, self._max_samples = strings, max_samples
+        self._dtype = dtype
         self.clear()
 
     def clear(self) -> None:
@@ -34,21 +45,23 @@ class SampleBuffer:
     @property
     def full(self) -> bool:
         """Whether enough rows wait to be worth writing."""
-        return self._count >= FLUSH_ROWS
+        return self._count >= min(FLUSH_ROWS, max(1, FLUSH_BYTES // self._dtype.itemsize))
 
     def due(self, now: float) -> bool:
         """Whether the oldest row has waited for too long at monotonic time `now`."""
         return self._count > 0 and now - self._since >= FLUSH_AGE
 
     def add(self, records: np.ndarray, now: float) -> None:
-        """Keep a copy of rows, (n,) of `sample_dtype`; raises IndexError if they have no place."""
+        """Keep a copy of rows, (n,); raises IndexError if they have no place."""
         for name, room in (("string", self._strings), ("sample", self._max_samples)):
             wrong = records[name][(records[name] < 0) | (records[name] >= room)]
             if len(wrong):
                 raise IndexError(f"{name} {wrong[0]}: there is room for 0 to {room - 1}")
+        if not len(records):
+            return
         if not self._count:
             self._since = now
-        self._waiting.append(records.astype(sample_dtype))
+        self._waiting.append(records.astype(self._dtype))
         self._count += len(records)
 
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:

@@ -44,7 +44,7 @@ def write_compact(source: Path, target: Path) -> Copied:
     """
     with open_file(source) as old, whole_file(target) as temporary:
         attributes = dict(old.attrs)
-        tables = layouts(int(attributes["population"]))
+        tables = layouts(attributes)
         # Before the rows, for the last word of a run is that it has finished.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
         final = final_rows(old, source)

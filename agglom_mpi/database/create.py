@@ -47,6 +47,9 @@ def create_campaign_file(
     max_samples: int,
     generations: int,
     population: int,
+    grains: int = 0,
+    final_particles: bool = False,
+    frames: int = 0,
     purpose: str = INVERSION,
 ) -> None:
     """Create the file of a campaign; whoever calls holds its `CampaignLock`.
@@ -61,6 +64,12 @@ def create_campaign_file(
         Search box in SI units; equal where a variable is fixed, nan where it is unused.
     strings, max_samples, generations, population : int
         Room for so many strings, samples of each, generations, strings in a population.
+    grains : int
+        Grains of a sample, if particles are to be stored.
+    final_particles : bool
+        Whether there is room for those left at the end of each sample.
+    frames : int
+        Room for so many pictures.
     purpose : str
         What the strings are for, in words; only an inversion has best ones.
 
@@ -93,6 +102,9 @@ def create_campaign_file(
         "strings": strings,
         "max_samples": max_samples,
         "population": population,
+        "grains": grains,
+        "final_particles": int(final_particles),
+        "frames": frames,
     }
     with _new_file(path) as file:
         _lay_out(file, attributes, generations)
@@ -103,7 +115,15 @@ def create_campaign_file(
         Rows(file[STATUS.name], path).write(0, status)
 
 
-def grow_campaign_file(path: str | os.PathLike[str], strings: int, generations: int) -> None:
+def grow_campaign_file(
+    path: str | os.PathLike[str],
+    strings: int,
+    generations: int,
+    *,
+    grains: int = 0,
+    final_particles: bool = False,
+    frames: int = 0,
+) -> None:
     """Replace a campaign file by one with more room and the same rows; no-op if it has enough.
 
     Whoever calls holds its `CampaignLock` and has no writer open.
@@ -117,13 +137,16 @@ def grow_campaign_file(path: str | os.PathLike[str], strings: int, generations: 
     with open_file(path) as old:
         refuse_compact(old, path)
         attributes = dict(old.attrs)
-        room = int(attributes["strings"]), len(old["generations"])
-        if strings <= room[0] and generations <= room[1]:
+        asked = {"strings": strings, "final_particles": int(final_particles), "frames": frames}
+        asked |= {"grains": grains}
+        wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
+        lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
+        if not lacks and generations <= len(old["generations"]):
             return
-        attributes["strings"] = max(strings, room[0])
+        kept = layouts(attributes)
         with _new_file(path) as new:
-            _lay_out(new, attributes, max(generations, room[1]))
-            for layout in layouts(int(attributes["population"])):
+            _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
+            for layout in kept:
                 _copy(old, new, layout, path)
 
 
@@ -153,7 +176,8 @@ def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -
     capacities = {"strings": strings, "results": strings, "samples": samples}
     capacities |= {"legs": LEG_CAPACITY, "failures": FAILURE_CAPACITY, "status": 1}
     capacities |= {"variables": COUNT, "generations": generations}
-    for layout in layouts(int(attributes["population"])):
+    capacities |= {"final_particles": samples, "frames": int(attributes.get("frames", 0))}
+    for layout in layouts(attributes):
         capacity = capacities[layout.name]
         rows = _dataset(file, layout.name, layout.dtype, capacity)
         rows.attrs["meaning"] = layout.meaning

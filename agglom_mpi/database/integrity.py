@@ -64,7 +64,7 @@ def _status(file: h5py.File, path: Path) -> Status:
 def _check_shapes(file: h5py.File, contents: Contents) -> None:
     strings, most = (int(contents.attributes[name]) for name in ("strings", "max_samples"))
     wanted = {"strings": strings, "results": strings, "samples": strings * most}
-    for layout in layouts(int(contents.attributes["population"])):
+    for layout in layouts(contents.attributes):
         room = len(file[layout.name])
         contents.room[layout.name] = room
         if layout.final and len(file[layout.done]) != room:

@@ -10,8 +10,11 @@ import numpy as np
 
 from agglom_mpi.database import frames
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
+from agglom_mpi.database.bulk import final_of, frames_of
 from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.database.table import Believed, Rows, Table
+from agglom_mpi.simulation.outcome import FinalParticles
+from agglom_mpi.simulation.snapshots import Frames
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,6 +90,32 @@ class CampaignFile:
         """Read all samples so far, by string and number; holes are skipped."""
         with open_file(self.path, thorough=False) as file:
             return self._samples(file).rows
+
+    def final_particles(self, string: int, sample: int) -> FinalParticles | None:
+        """Read the particles left at the end of a sample; None if they were not stored."""
+        with open_file(self.path, thorough=False) as file:
+            if "final_particles" not in file:
+                return None
+            table = Table(file, "final_particles", self.path)
+            rows = table.read(string * self.max_samples + sample, 1).rows
+        return final_of(rows[0]) if len(rows) else None
+
+    def framed(self) -> list[tuple[int, int]]:
+        """List string and number of the samples that there are pictures of, the best first."""
+        with open_file(self.path, thorough=False) as file:
+            if "frames" not in file:
+                return []
+            rows = Table(file, "frames", self.path).read().rows
+        return list(dict.fromkeys(rows[["string", "sample"]].tolist()))
+
+    def frames(self, string: int, sample: int) -> Frames | None:
+        """Read the pictures of a sample; None if none were stored."""
+        with open_file(self.path, thorough=False) as file:
+            if "frames" not in file:
+                return None
+            rows = Table(file, "frames", self.path).read().rows
+        rows = rows[(rows["string"] == string) & (rows["sample"] == sample)]
+        return frames_of(rows) if len(rows) else None
 
     def legs(self) -> np.ndarray:
         """Read the starts of the program, in order."""

@@ -39,18 +39,27 @@ class SampleWriter:
     def __init__(self, file: h5py.File, path: Path, clock: Stopwatch) -> None:
         self.written = 0
         self._clock = clock
+        room = int(file.attrs["strings"]), int(file.attrs["max_samples"])
         self._table = Table(file, "samples", path)
-        self._buffer = SampleBuffer(int(file.attrs["strings"]), int(file.attrs["max_samples"]))
+        self._buffer = SampleBuffer(*room)
+        self._finals: Table | None = None
+        if "final_particles" in file:
+            self._finals = Table(file, "final_particles", path)
+            self._waiting_finals = SampleBuffer(*room, self._finals.rows.dtype)
 
-    def put(self, records: np.ndarray) -> None:
+    def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
 
-        Of rows for the same sample that wait together, the first is kept. Flushes by itself
-        when many wait.
+        With them come their rows of `/final_particles`, if the file has that table. Of rows for
+        the same sample that wait together, the first is kept. Flushes by itself when many wait.
         """
         with self._clock:
             self._buffer.add(records, time.monotonic())
-        if self._buffer.full:
+            full = self._buffer.full
+            if self._finals is not None and finals is not None:
+                self._waiting_finals.add(finals, time.monotonic())
+                full |= self._waiting_finals.full
+        if full:
             self.flush()
 
     def flush_due(self, now: float | None = None) -> bool:
@@ -61,8 +70,12 @@ class SampleWriter:
         return due
 
     def flush(self) -> None:
-        """Write the samples that wait; consecutive ones in one go."""
+        """Write the samples that wait; consecutive ones in one go, their particles before them."""
         with self._clock:
+            if self._finals is not None:
+                for first, rows in self._waiting_finals.runs():
+                    self._finals.write(first, rows)
+                self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
                 self._table.write(first, rows)
         self.written += self._buffer.count
@@ -71,6 +84,8 @@ class SampleWriter:
     def forget(self) -> None:
         """Drop the samples that wait: writing has failed."""
         self._buffer.clear()
+        if self._finals is not None:
+            self._waiting_finals.clear()
 
 
 class RankFile:

@@ -1,10 +1,10 @@
 """The tables of a campaign file: one place for every column, its unit and its meaning."""
 
-from typing import Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final
 
-import h5py
-import numpy as np
-
+from agglom_mpi.database.bulk import final_particles_layout, frames_layout
+from agglom_mpi.database.layout import CRC, Field, Layout
 from agglom_mpi.simulation.outcome import COLUMNS
 from agglom_mpi.variables import VARIABLES
 
@@ -25,47 +25,6 @@ CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
 
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
-
-
-class Field(NamedTuple):
-    """One column of a table: storage type, unit, meaning and, for vectors, its shape."""
-
-    name: str
-    dtype: str
-    unit: str
-    meaning: str
-    shape: tuple[int, ...] = ()
-
-
-class Layout(NamedTuple):
-    """One table: what a row is, where it lies, and its columns."""
-
-    name: str
-    meaning: str
-    row: str
-    fields: tuple[Field, ...]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The packed row type, texts as fixed-size UTF-8."""
-        return np.dtype([(field.name, _scalar(field.dtype), field.shape) for field in self.fields])
-
-    @property
-    def done(self) -> str:
-        """Name of the dataset that says which rows are final."""
-        return f"{self.name}_done"
-
-    @property
-    def final(self) -> bool:
-        """Whether rows carry a checksum and a done byte."""
-        return self.fields[-1] is CRC
-
-
-def _scalar(code: str) -> np.dtype:
-    return h5py.string_dtype("utf-8", int(code[1:])) if code[0] == "S" else np.dtype(code)
-
-
-CRC: Final = Field("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 VARIABLE_TABLE: Final = Layout(
     "variables",
@@ -221,15 +180,22 @@ def generations_layout(population: int) -> Layout:
     )
 
 
-def layouts(population: int) -> tuple[Layout, ...]:
-    """All tables of a campaign file."""
+def layouts(attributes: Mapping[str, Any]) -> tuple[Layout, ...]:
+    """All tables of a campaign file with such attributes; those not asked for are left out."""
+    grains = int(attributes.get("grains", 0))
+    bulk = []
+    if attributes.get("final_particles", 0):
+        bulk.append(final_particles_layout(grains))
+    if attributes.get("frames", 0):
+        bulk.append(frames_layout(grains))
     return (
         VARIABLE_TABLE,
         STATUS,
         LEGS,
         STRINGS,
         RESULTS,
-        generations_layout(population),
+        generations_layout(int(attributes["population"])),
         FAILURES,
         SAMPLES,
+        *bulk,
     )

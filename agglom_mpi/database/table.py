@@ -91,6 +91,10 @@ class Table:
         self.rows.write(first, rows)
         self.done.write(first, np.ones(len(rows), np.uint8))
 
+    def forget(self, first: int, count: int) -> None:
+        """Make rows absent."""
+        self.done.write(first, np.zeros(count, np.uint8))
+
     def read(self, first: int = 0, count: int | None = None) -> Believed:
         """Rows of a range (by default all) that are final and whole, in order."""
         parts = [self.rows.read(*run) for run in self.runs(first, count)]

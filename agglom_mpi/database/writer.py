@@ -118,9 +118,32 @@ class CampaignWriter:
         """Write the samples that wait."""
         self.samples.flush()
 
-    def put_samples(self, records: np.ndarray) -> None:
+    def put_samples(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Take samples, which wait for `flush`, as `SampleWriter.put`."""
-        self.samples.put(records)
+        self.samples.put(records, finals)
+
+    def put_frames(self, first: int, rows: np.ndarray) -> None:
+        """Store pictures, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        with self.clock:
+            table = Table(self._file, "frames", self.path)
+            table.forget(first, len(rows))
+            table.write(first, rows)
+
+    def frame_keys(self) -> dict[int, tuple[int, int, int]]:
+        """Read (string, sample, frame) of the pictures there are, by row."""
+        if "frames" not in self._file:
+            return {}
+        table, keys = Table(self._file, "frames", self.path), {}
+        for place in np.flatnonzero(table.done.read_all()).tolist():
+            for row in table.read(place, 1).rows:
+                keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
+        return keys
+
+    def forget_frames(self) -> None:
+        """Drop all pictures: others are to be taken."""
+        with self.clock:
+            table = Table(self._file, "frames", self.path)
+            table.forget(0, table.capacity)
 
     def put_result(
         self,

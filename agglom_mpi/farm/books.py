@@ -106,10 +106,15 @@ class Books:
         """Wall-clock seconds of all legs."""
         return self._stored.seconds + time.monotonic() - self.begun
 
-    def simulated(self, results: NDArray[np.void], writes: int | None = None) -> None:
+    def simulated(
+        self,
+        results: NDArray[np.void],
+        finals: NDArray[np.void] | None = None,
+        writes: int | None = None,
+    ) -> None:
         """Store the samples of one batch, unless the rank `writes` does so itself."""
         if writes is None:
-            self._writer.put_samples(results)
+            self._writer.put_samples(results, finals)
         else:
             self._backlog.delivered(writes, len(results))
         self._evidence.simulated(results)

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.database.bulk import final_particles_layout, frames_layout
 from agglom_mpi.farm.messages import (
     FAILED_SAMPLE,
     FAILURE,
     FAREWELL,
-    MOST_TASKS,
+    FINALS,
+    FRAMES,
     RESULT,
     RESULTS,
     STOP,
@@ -20,7 +22,7 @@ from agglom_mpi.farm.messages import (
     UNWRITTEN,
     WRITTEN,
 )
-from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -31,13 +33,29 @@ NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 
 
 class Delivery(NamedTuple):
-    """What a rank sent: results of one batch, failures, samples that it has written meanwhile."""
+    """What a rank sent: results of one batch and what goes with them, or other news.
+
+    `written` is the number of samples that it has written meanwhile.
+    """
 
     rank: int
     results: NDArray[np.void] = NO_RESULTS
     failures: NDArray[np.void] = NO_FAILURES
+    finals: NDArray[np.void] | None = None
+    frames: NDArray[np.void] | None = None
     written: int = 0
     stopped: bool = False
+
+
+def _own(batch: Batch) -> Delivery:
+    """Make a delivery of what the thread of rank 0 has done."""
+    return Delivery(
+        0,
+        np.concatenate([NO_RESULTS, *batch.results]),
+        np.concatenate([NO_FAILURES, *batch.failures]),
+        np.concatenate(batch.finals) if batch.finals else None,
+        np.concatenate(batch.frames) if batch.frames else None,
+    )
 
 
 class Crew:
@@ -64,12 +82,14 @@ class Crew:
         self._world = world
         self._thread = SimulatorThread(simulator)
         self._sends: list[tuple[Any, NDArray[np.void]]] = []
-        self._buffers: dict[int, NDArray[Any]] = {
-            RESULTS: np.zeros(MOST_TASKS, RESULT),
-            FAILURE: np.zeros(1, FAILED_SAMPLE),
-            UNWRITTEN: np.zeros(1, FAILED_SAMPLE),
-            WRITTEN: np.zeros(1, np.int64),
-            STOP: np.zeros(1, FAREWELL),
+        self._dtypes: dict[int, np.dtype] = {
+            RESULTS: RESULT,
+            FAILURE: FAILED_SAMPLE,
+            UNWRITTEN: FAILED_SAMPLE,
+            WRITTEN: np.dtype(np.int64),
+            STOP: FAREWELL,
+            FINALS: final_particles_layout(simulator.grains).dtype,
+            FRAMES: frames_layout(simulator.grains).dtype,
         }
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
@@ -84,8 +104,7 @@ class Crew:
         yield from self._mail()
         finished = self._thread.take(timeout)
         while finished is not None:
-            results, failures = finished
-            yield Delivery(0, results, np.concatenate([NO_FAILURES, *failures]))
+            yield _own(finished)
             finished = self._thread.take(0.0)
 
     def sync(self) -> None:
@@ -128,16 +147,20 @@ class Crew:
         status = MPI.Status()
         while self._world.Iprobe(source=MPI.ANY_SOURCE, tag=MPI.ANY_TAG, status=status):
             rank, tag = status.Get_source(), status.Get_tag()
-            buffer = self._buffers[tag]
-            self._world.Recv([buffer, MPI.BYTE], source=rank, tag=tag, status=status)
-            count = status.Get_count(MPI.BYTE) // buffer.itemsize
-            yield self._read(rank, tag, buffer[:count].copy())
+            dtype = self._dtypes[tag]
+            content = np.empty(status.Get_count(MPI.BYTE) // dtype.itemsize, dtype)
+            self._world.Recv([content, MPI.BYTE], source=rank, tag=tag)
+            yield self._read(rank, tag, content)
 
     def _read(self, rank: int, tag: int, content: NDArray[Any]) -> Delivery:
         if tag == RESULTS:
             return Delivery(rank, results=content)
         if tag == FAILURE:
             return Delivery(rank, failures=content)
+        if tag == FINALS:
+            return Delivery(rank, finals=content)
+        if tag == FRAMES:
+            return Delivery(rank, frames=content)
         if tag == WRITTEN:
             return Delivery(rank, written=int(content[0]))
         if tag == UNWRITTEN:

@@ -1,6 +1,7 @@
 """The loop of rank 0: hand out samples, judge what comes back, store it, stop in time."""
 
 import time
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from agglom_mpi.database.reader import CampaignFile
@@ -9,6 +10,7 @@ from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
 from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Crew, Delivery
+from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.messages import POLL
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
@@ -48,13 +50,19 @@ class Master:
         self.books = Books(writer, self._stored, watcher, work.top)
         self.inversion = work.inversion(self._stored.restore, self.books)
 
+    @cached_property
+    def gallery(self) -> Gallery:
+        """The pictures that are asked for, once all is decided."""
+        assert self.inversion.finished
+        return Gallery(self._work.pictures(self.inversion), self._writer, self.inversion.parameters)
+
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
         for row in self._stored.samples:
             self.inversion.accept(int(row["string"]), int(row["sample"]), row)
         self.books.failures = int((self._stored.samples["reason"] == EXCEPTION).sum())
         self.inversion.start()
-        return self.inversion.finished
+        return self.inversion.finished and self.gallery.complete
 
     def run(self, crew: Crew, stop: StopRequest) -> End:
         """Simulate until the campaign is finished or something asks to stop."""
@@ -74,6 +82,23 @@ class Master:
             if time.monotonic() - shown > TICK:
                 shown = time.monotonic()
                 self._tick(crew, shown)
+        return self._take_pictures(crew, stop)
+
+    def _take_pictures(self, crew: Crew, stop: StopRequest) -> End:
+        """Let all ranks take the pictures that are asked for and not there yet."""
+        tasks = self.gallery.open()
+        if len(tasks):
+            self._watcher.message(f"taking {tasks['frames'][0]} frames of {len(tasks)} samples")
+        for number in range(len(tasks)):
+            crew.send(number % crew.size, tasks[number : number + 1])
+        while not self.gallery.done:
+            if stop.reason:
+                return End(STOPPED, "stopped", stop.reason)
+            for delivery in crew.deliveries(POLL):
+                for failure in delivery.failures:
+                    self._report_exception(failure)
+                    self.gallery.give_up(int(failure["string"]), int(failure["sample"]))
+                self._count(delivery)
         return End(FINISHED, "finished", self.finished_because)
 
     def wind_up(self, crew: Crew, code: int) -> None:
@@ -104,9 +129,11 @@ class Master:
 
     def _count(self, delivery: Delivery) -> None:
         """Store what a rank sent, or take note that it does so itself."""
-        if len(delivery.results):
+        if len(delivery.results) or delivery.finals is not None:
             writes = delivery.rank if self._writer.shared and delivery.rank else None
-            self.books.simulated(delivery.results, writes)
+            self.books.simulated(delivery.results, delivery.finals, writes)
+        if delivery.frames is not None:
+            self.gallery.hang(delivery.frames)
         if delivery.written:
             self.books.written(delivery.rank, delivery.written)
 

@@ -15,13 +15,17 @@ STOP: Final = 4
 WRITTEN: Final = 5
 UNWRITTEN: Final = 6
 SYNC: Final = 7
+FINALS: Final = 8
+FRAMES: Final = 9
 """Message tags."""
 
 POLL: Final = 0.001
 """Seconds between looks at the mail while nothing happens; a blocking receive burns a core."""
 
-TASK: Final = np.dtype([("string", "i8"), ("sample", "i8"), ("parameters", "f8", COUNT)])
-"""One sample to simulate."""
+TASK: Final = np.dtype(
+    [("string", "i8"), ("sample", "i8"), ("frames", "i8"), ("parameters", "f8", COUNT)]
+)
+"""One sample to simulate; or, if `frames` is not 0, to take so many pictures of."""
 
 RESULT: Final = sample_dtype
 """One simulated sample, as it stands in the campaign file."""

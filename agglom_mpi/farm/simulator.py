@@ -4,17 +4,39 @@ import queue
 import threading
 import time
 import traceback
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.database.bulk import final_row, frame_rows
 from agglom_mpi.farm.messages import RESULT, failed_sample
 from agglom_mpi.farm.work import Setup, Work
 from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME
+from agglom_mpi.simulation.outcome import (
+    COMPLETED,
+    EXCEPTION,
+    FAILED,
+    OUTCOME,
+    REASONS,
+    final_particles,
+)
 from agglom_mpi.simulation.sample import random_stream, simulate_scene
 from agglom_mpi.simulation.scene import Scene, build_scene
+from agglom_mpi.simulation.snapshots import frame_times, new_frames
+
+
+class Batch(NamedTuple):
+    """What became of a batch of tasks: rows of `/samples` and what goes with them.
+
+    `failures` are `FAILED_SAMPLE` records, `finals` rows of `/final_particles` and `frames` of
+    `/frames`; nothing, if they are not stored.
+    """
+
+    results: list[NDArray[np.void]]
+    failures: list[NDArray[np.void]]
+    finals: list[NDArray[np.void]]
+    frames: list[NDArray[np.void]]
 
 
 class Simulator:
@@ -24,6 +46,8 @@ class Simulator:
         self.abort = np.zeros(1, np.uint8)
         self._work = work
         self._rank = rank
+        self._finals = work.room.final_particles
+        self.grains = work.room.grains
         self._scene: tuple[tuple[int, bytes], Scene] | None = None
 
     def warm_up(self) -> None:
@@ -32,32 +56,56 @@ class Simulator:
             scene = scene_of(setup, parameters)._replace(particles=2)
             simulate_scene(scene, random_stream(0, parameters, 0), np.ones(1, np.uint8))
 
-    def simulate(self, task: np.void) -> tuple[NDArray[np.void], NDArray[np.void] | None]:
-        """Return the result of one task, shape (1,), and a `FAILED_SAMPLE` if it raised."""
+    def carry_out(self, task: np.void, batch: Batch) -> None:
+        """Do one task, and add what comes of it to a batch."""
+        if task["frames"]:
+            self._take_pictures(task, batch)
+        else:
+            self._simulate(task, batch)
+
+    def _simulate(self, task: np.void, batch: Batch) -> None:
         result = np.zeros(1, RESULT)
         result["string"], result["sample"] = task["string"], task["sample"]
         result["rank"] = self._rank
-        failure = None
         begin = time.perf_counter()
         try:
-            parameters = np.array(task["parameters"])
-            setup = self._work.setup(int(task["string"]))
-            sample = setup.first_sample + int(task["sample"])
-            scene = self._scene_of(int(task["string"]), setup, parameters)
-            random = random_stream(setup.campaign.seed, parameters, sample)
-            record, _ = simulate_scene(scene, random, self.abort)
+            setup, scene, random = self._start(task)
+            record, particles = simulate_scene(scene, random, self.abort)
             for name in OUTCOME.names or ():
                 result[name] = record[name]
             if record["state"] == COMPLETED:
                 objective = make_objective(setup.campaign.objective, scene.particles)
                 result["objective"] = objective.of_sample(float(record["mean_radius_ratio"]))
+                if self._finals:
+                    batch.finals.append(_final_row(task, scene, particles))
         except Exception:
             result["state"], result["reason"] = FAILED, EXCEPTION
-            failure = failed_sample(
-                int(task["string"]), int(task["sample"]), self._rank, traceback.format_exc()
-            )
+            batch.failures.append(self._failure(task))
         result["seconds"] = time.perf_counter() - begin
-        return result, failure
+        batch.results.append(result)
+
+    def _take_pictures(self, task: np.void, batch: Batch) -> None:
+        try:
+            _, scene, random = self._start(task)
+            times = frame_times(int(task["frames"]), scene.end_time)
+            frames = new_frames(times, scene.particles)
+            record, _ = simulate_scene(scene, random, self.abort, frames)
+            if record["state"] != COMPLETED:
+                raise RuntimeError(f"no pictures: {REASONS[record['reason']]}")
+            batch.frames.append(frame_rows(int(task["string"]), int(task["sample"]), frames))
+        except Exception:
+            batch.failures.append(self._failure(task))
+
+    def _start(self, task: np.void) -> tuple[Setup, Scene, np.random.Generator]:
+        parameters = np.array(task["parameters"])
+        setup = self._work.setup(int(task["string"]))
+        sample = setup.first_sample + int(task["sample"])
+        scene = self._scene_of(int(task["string"]), setup, parameters)
+        return setup, scene, random_stream(setup.campaign.seed, parameters, sample)
+
+    def _failure(self, task: np.void) -> NDArray[np.void]:
+        string, sample = int(task["string"]), int(task["sample"])
+        return failed_sample(string, sample, self._rank, traceback.format_exc())
 
     def _scene_of(self, string: int, setup: Setup, parameters: NDArray[np.float64]) -> Scene:
         key = string, parameters.tobytes()
@@ -71,11 +119,15 @@ def scene_of(setup: Setup, parameters: NDArray[np.float64]) -> Scene:
     return build_scene(setup.campaign.scene, parameters, setup.engine)
 
 
+def _final_row(task: np.void, scene: Scene, particles: Any) -> NDArray[np.void]:
+    final = final_particles(scene, particles)
+    return final_row(int(task["string"]), int(task["sample"]), final, scene.particles)
+
+
 class SimulatorThread:
     """A thread that simulates batches in the order they come.
 
-    `results` yields (results, failures) per batch; an exception of the thread itself arrives there
-    too and is raised by `take`.
+    An exception of the thread itself is raised by `take`.
     """
 
     def __init__(self, simulator: Simulator) -> None:
@@ -89,7 +141,7 @@ class SimulatorThread:
         """Queue a batch."""
         self._batches.put(tasks)
 
-    def take(self, timeout: float) -> tuple[NDArray[np.void], list[NDArray[np.void]]] | None:
+    def take(self, timeout: float) -> Batch | None:
         """Next finished batch, waiting at most `timeout` in s; None if there is none."""
         try:
             item = self._results.get(timeout=timeout) if timeout else self._results.get_nowait()
@@ -97,8 +149,8 @@ class SimulatorThread:
             return None
         if isinstance(item, BaseException):
             raise item
-        results, failures = item
-        return results, failures
+        assert isinstance(item, Batch)
+        return item
 
     def stop(self) -> None:
         """Abandon what is running and queued, and wait for the thread to end."""
@@ -109,13 +161,12 @@ class SimulatorThread:
     def _work(self) -> None:
         try:
             while (tasks := self._batches.get()) is not None:
-                pairs = []
+                batch = Batch([], [], [], [])
                 for task in tasks:
-                    pairs.append(self._simulator.simulate(task))
+                    self._simulator.carry_out(task, batch)
                     if self._simulator.abort[0]:
                         break
                 else:
-                    failures = [failure for _, failure in pairs if failure is not None]
-                    self._results.put((np.concatenate([result for result, _ in pairs]), failures))
+                    self._results.put(batch)
         except BaseException as error:
             self._results.put(error)

@@ -83,7 +83,14 @@ def prepare(path: Path, work: Work, accept_code_change: bool) -> CampaignFile:
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
-    grow_campaign_file(path, room.strings, room.generations)
+    grow_campaign_file(
+        path,
+        room.strings,
+        room.generations,
+        grains=room.grains,
+        final_particles=room.final_particles,
+        frames=room.frames,
+    )
     return stored
 
 

@@ -39,12 +39,22 @@ class Setup(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Sizes of the tables of a campaign file."""
+    """Sizes of the tables of a campaign file; `frames` is a number of pictures in all."""
 
     strings: int
     max_samples: int
     generations: int
     population: int
+    grains: int = 0
+    final_particles: bool = False
+    frames: int = 0
+
+
+class Pictures(NamedTuple):
+    """Samples to take pictures of, as (string, sample), and how many frames of each."""
+
+    samples: tuple[tuple[int, int], ...] = ()
+    frames: int = 0
 
 
 class Work(ABC):
@@ -96,6 +106,10 @@ class Work(ABC):
     def finished_because(self, inversion: Inversion) -> str:
         """Why there is nothing left to do, in words."""
 
+    def pictures(self, inversion: Inversion) -> Pictures:
+        """Choose what to take pictures of when all is decided."""
+        return Pictures()
+
     @property
     def largest(self) -> str:
         """How much there is to do at most, in words."""
@@ -116,12 +130,15 @@ class CampaignWork(Work):
     @property
     def room(self) -> Room:
         """Room for all generations that the campaign allows."""
-        campaign = self.campaign
+        campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
         return Room(
             campaign.most_strings,
             campaign.ensemble.max_samples,
             campaign.stopping.generations,
             campaign.search.population,
+            campaign.scene.particles if output.final_particles or frames else 0,
+            output.final_particles,
+            frames.strings * frames.samples * frames.count if frames else 0,
         )
 
     def identity(self) -> dict[str, object]:
@@ -164,6 +181,18 @@ class CampaignWork(Work):
             restore,
             observer,
         )
+
+    def pictures(self, inversion: Inversion) -> Pictures:
+        """Choose the first samples of the best strings."""
+        frames = self.campaign.output.frames
+        if frames is None:
+            return Pictures()
+        results = inversion.results.items()
+        judged = [(r.objective, string) for string, r in results if np.isfinite(r.objective)]
+        best = sorted(judged)[: frames.strings]
+        samples = range(min(frames.samples, self.campaign.ensemble.max_samples))
+        pairs = tuple((string, sample) for _, string in best for sample in samples)
+        return Pictures(pairs, frames.count)
 
     def finished_because(self, inversion: Inversion) -> str:
         """Say whether the target was reached."""

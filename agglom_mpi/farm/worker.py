@@ -9,6 +9,8 @@ from agglom_mpi.database.samples import RankFile
 from agglom_mpi.farm.messages import (
     FAILURE,
     FAREWELL,
+    FINALS,
+    FRAMES,
     MOST_TASKS,
     POLL,
     RESULTS,
@@ -20,7 +22,7 @@ from agglom_mpi.farm.messages import (
     WRITTEN,
     failed_sample,
 )
-from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
 from agglom_mpi.farm.store import in_words
 
 if TYPE_CHECKING:
@@ -64,12 +66,7 @@ class Worker:
                 return
         finished = self._thread.take(POLL)
         if finished is not None:
-            results, failures = finished
-            if self._file is not None:
-                self._file.samples.put(results)
-            for failure in failures:
-                self._send(failure, FAILURE)
-            self._send(results, RESULTS)
+            self._pass_on(finished)
         if self._file is not None:
             self._file.samples.flush_due()
             self._tell_written(self._file)
@@ -78,6 +75,22 @@ class Worker:
         """Let rank 0 know that this rank cannot write, and leave it to end the job."""
         self._send(failed_sample(-1, -1, self._world.rank, in_words(error)), UNWRITTEN)
         time.sleep(30.0)
+
+    def _pass_on(self, batch: Batch) -> None:
+        """Write samples or send them, their particles before them, and report on them."""
+        finals = np.concatenate(batch.finals) if batch.finals else None
+        if finals is not None and self._file is None:
+            self._send(finals, FINALS)
+        for failure in batch.failures:
+            self._send(failure, FAILURE)
+        for frames in batch.frames:
+            for picture in frames.reshape(-1, 1):  # one message each: they may be large
+                self._send(picture, FRAMES)
+        if batch.results:
+            results = np.concatenate(batch.results)
+            if self._file is not None:
+                self._file.samples.put(results, finals)
+            self._send(results, RESULTS)
 
     def _read(self, tag: int) -> None:
         if tag == TASKS:

@@ -15,7 +15,7 @@ from agglom_mpi.variables import NAMES
 
 def test_every_dataset_and_field_is_explained(path):
     with h5py.File(path, "r") as file:
-        known = {layout.name: layout for layout in layouts(POPULATION)}
+        known = {layout.name: layout for layout in layouts({"population": POPULATION})}
         done = {layout.done for layout in known.values() if layout.final}
         assert set(file) == set(known) | done
         for name, dataset in file.items():
