@@ -170,7 +170,7 @@ def check(file: str) -> None:
 
     Of a campaign file, also while it is being written: whether every final row is whole, the
     numbers agree, and the search decides again from the samples what it decided. Exit codes of
-    that: 0 sound, 1 damaged, 2 no campaign file.
+    that: 0 sound, 1 damaged, 2 no campaign file or one of a newer version.
     """
 
     def run() -> int:

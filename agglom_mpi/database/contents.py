@@ -62,7 +62,7 @@ class Contents:
         """Take note that rows are absent which others need, unless they are known to be lost."""
         missing = set(keys) - self.lost[table]
         if missing:
-            self.lose(table, missing, f"are absent, {why}")
+            self.lose(table, missing, f"absent, {why}")
 
     def lose(self, table: str, keys: set[Key], why: str) -> None:
         """Take note that rows are lost."""

@@ -93,7 +93,7 @@ def _final_rows(file: h5py.File, table: Table, contents: Contents) -> np.ndarray
         whole = checksums(rows) == rows["crc"]
     torn = {_key(name, int(place), contents) for place in places[~whole]}
     if torn:
-        contents.lose(name, torn, "have a wrong checksum")
+        contents.lose(name, torn, "with a wrong checksum")
     astray = whole & (_own_places(name, rows, contents) != places)
     if astray.any():  # a resume would believe the numbers in the row
         strangers = {_key(name, int(place), contents) for place in places[astray]}

@@ -136,7 +136,7 @@ def test_any_flipped_byte_of_a_final_row_is_found(finished, tmp_path, table):
         bits = int(chance.integers(1, 256))
         flip(path, rows[i] + at, bits)
         text = "\n".join(lines(path, 1))
-        assert " have a wrong checksum\n" in text
+        assert " with a wrong checksum\n" in text
         assert f"a resume would {AGAIN[table].format(*numbers[i])}" in text
         flip(path, rows[i] + at, bits)
     lines(path, 0)
@@ -168,7 +168,7 @@ def test_a_done_byte_that_is_set_without_a_row_is_found(copy, table):
     with h5py.File(copy, "r+") as file:
         absent = np.flatnonzero(file[f"{table}_done"][:] == 0)[0]
         file[f"{table}_done"][absent] = 1
-    assert " have a wrong checksum\n" in "\n".join(lines(copy, 1))
+    assert " with a wrong checksum\n" in "\n".join(lines(copy, 1))
 
 
 def test_a_torn_row_with_its_done_byte_set_is_found_and_computed_again(searched, copy):
@@ -179,7 +179,7 @@ def test_a_torn_row_with_its_done_byte_set_is_found_and_computed_again(searched,
         file.seek(start + size // 2)
         file.write(bytes(size - size // 2))
     text = "\n".join(lines(copy, 1))
-    assert "samples: sample 1 of string 7 have a wrong checksum" in text
+    assert "samples: sample 1 of string 7 with a wrong checksum" in text
     assert "a resume would simulate again sample 1 of string 7\n" in text
     finish(copy.parent, "small.yaml", "-q", "-o", copy.name)
     lines(copy, 0)
@@ -280,7 +280,7 @@ def test_a_damaged_row_that_no_resume_makes_again_is_said_to_stay(copy, table):
         forge(copy, table, 0, text=b"no error")
     flip(copy, places(copy, table)[0][0] + 3, 1)
     text = "\n".join(lines(copy, 1))
-    assert f"{table}: 0 have a wrong checksum\n" in text
+    assert f"{table}: 0 with a wrong checksum\n" in text
     assert "would not mend the rest" in text
 
 

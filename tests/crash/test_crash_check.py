@@ -115,7 +115,7 @@ def test_a_result_that_a_stopped_campaign_must_have_is_missed(stopped):
         file["results_done"][judged] = 0
     code, text = verdict(path)
     assert code == 1
-    assert f"results: {judged} are absent, though " in text
+    assert f"results: {judged} absent, though " in text
     assert f"a resume would judge again strings {judged}" in text
 
 
