@@ -50,7 +50,8 @@ def write_compact(source: Path, target: Path) -> Copied:
         final = final_rows(old, source)
         damaged = 0
         with new_file(temporary) as (new, disc):
-            new.attrs.update(attributes | {"strings": len(final["strings"])})
+            rooms = {name: len(final[name]) for name in ("strings", "frames") if name in final}
+            new.attrs.update(attributes | rooms)
             for table in tables:
                 if not table.final:
                     _compressed(new, old[table.name], plain[table.name])
@@ -77,6 +78,11 @@ def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
     final["results"][: len(short)] = short[:strings]
     count = strings * int(file.attrs["max_samples"])
     final["samples"] = _read(file, "samples_done", path, 0, count) != 0
+    if "final_particles" in file:
+        whole = _read(file, "final_particles_done", path, 0, count) != 0
+        final["final_particles"] = whole & final["samples"]
+    if "frames" in file:
+        final["frames"] = _up_to_last(_read(file, "frames_done", path) != 0)
     return final
 
 

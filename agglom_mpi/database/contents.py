@@ -13,7 +13,7 @@ from agglom_mpi.database.reader import Status
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
 
-MADE_AGAIN: Final = ("strings", "results", "samples", "generations")
+MADE_AGAIN: Final = ("strings", "results", "samples", "generations", "frames")
 """Tables whose lost rows a resume makes again."""
 NAMES_SHOWN: Final = 8
 """Rows that one line names at most."""
@@ -32,6 +32,8 @@ class Contents:
         absent: it makes those of `MADE_AGAIN` again as far as it needs them.
     losses, faults
         What is wrong, in words: rows that a resume makes again, and all else.
+    counts
+        Whole rows of the tables of particles, by table.
     recorded
         Generations that were final when all else had been read.
     settled
@@ -45,6 +47,7 @@ class Contents:
     lost: dict[str, set[Key]]
     losses: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
     recorded: set[int] = field(default_factory=set)
     room: dict[str, int] = field(default_factory=dict)
     settled: bool = False

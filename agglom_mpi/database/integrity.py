@@ -14,6 +14,7 @@ import numpy as np
 
 from agglom_mpi.database.access import damage_named, open_file, read_attributes
 from agglom_mpi.database.contents import Contents, Key, named
+from agglom_mpi.database.particles_check import check_particles
 from agglom_mpi.database.reader import Status
 from agglom_mpi.database.schema import CAMPAIGN_STATES, layouts
 from agglom_mpi.database.table import Rows, Table, checksums, unbroken
@@ -41,10 +42,12 @@ def read_contents(path: str | os.PathLike[str]) -> Contents:
 
 def _read(file: h5py.File, path: Path) -> Contents:
     attributes, status = read_attributes(file, path), _status(file, path)
-    contents = Contents(path, attributes, status, {}, {name: set() for name in _READ})
+    tables = (*_READ, "final_particles", "frames")
+    contents = Contents(path, attributes, status, {}, {name: set() for name in tables})
     _check_shapes(file, contents)
     for name in _READ:
         contents.rows[name] = _final_rows(file, Table(file, name, path), contents)
+    check_particles(file, contents)
     contents.rows["variables"] = Rows(file["variables"], path).read_all()
     generations = Table(file, "generations", path)
     contents.recorded = {at for first, n in generations.runs() for at in range(first, first + n)}

@@ -16,6 +16,7 @@ AGAIN: Final = {
     "samples": "simulate again",
     "results": "judge again strings",
     "generations": "decide again generations",
+    "frames": "take again frames in rows",
 }
 """What a resume does with lost rows; those of other tables stay lost."""
 
@@ -54,6 +55,10 @@ def _verified(contents: Contents, digests: int, replayed: Replayed | None) -> It
         f"({used} used), {_count(rows['legs'], 'leg')} and {_count(rows['failures'], 'failure')} "
         "are whole"
     )
+    names = {"final_particles": "final state", "frames": "frame"}
+    counts = [_count(contents.counts[name], names[name]) for name in contents.counts]
+    if counts:
+        yield f"particles: {' and '.join(counts)} are whole"
     yield f"digests: {digests} of {_count(rows['generations'], 'generation')} verified"
     if replayed is None:
         yield f"replay: left out; the strings of an {STUDY} are not searched"
