@@ -11,7 +11,8 @@ from agglom_mpi.accuracy.document import Header, Part, write_document
 from agglom_mpi.accuracy.plan import Options, Plan, make_plan
 from agglom_mpi.accuracy.sections import extreme_sections, scene_sections
 from agglom_mpi.database.reader import CampaignFile, open_campaign
-from agglom_mpi.farm.run import Order, carry_out
+from agglom_mpi.farm.order import Order
+from agglom_mpi.farm.run import carry_out
 from agglom_mpi.farm.store import StoreError, check_writable
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.variables import NAMES, VARIABLES

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglom_mpi.database.access import open_file
+from agglom_mpi.database.access import NotACampaign, open_file
 from agglom_mpi.database.samples import SampleWriter, sync_descriptor
 from agglom_mpi.database.schema import CAMPAIGN_STATES, VERSIONS
 from agglom_mpi.database.stopwatch import Stopwatch
@@ -73,7 +73,14 @@ class CampaignWriter:
         self.flush()
         self._file.close()
         self.shared = True
-        self._open(open_file(self.path, write=True, thorough=False, world=world))
+        try:
+            self._open(open_file(self.path, write=True, thorough=False, world=world))
+        except (OSError, NotACampaign) as error:  # it was open a moment ago
+            reason = str(error.__cause__ or error)
+            raise OSError(
+                f"{self.path}: cannot be opened by all ranks together ({reason}); "
+                "--database gathered lets rank 0 write for all"
+            ) from error
 
     def put_strings(
         self,
@@ -326,7 +333,7 @@ class CampaignWriter:
     def give_up(self, reason: str) -> None:
         """After a failed write: forget the samples that wait, and say why if the file takes it."""
         self.samples.forget()
-        with suppress(OSError):
+        with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
             self.set_status("failed", reason)
 
     def close(self) -> None:

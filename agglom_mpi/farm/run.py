@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from agglom_mpi.campaign import CampaignError, load_campaign
 from agglom_mpi.database.access import DamagedCampaign, NotACampaign
@@ -17,12 +17,12 @@ from agglom_mpi.database.samples import RankFile
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
-from agglom_mpi.farm.crew import Crew
-from agglom_mpi.farm.launch import warms_first
-from agglom_mpi.farm.master import End, Master
-from agglom_mpi.farm.sharing import PARALLEL, choose_database, find_nodes
+from agglom_mpi.farm.leg import run_leg, warm_up
+from agglom_mpi.farm.master import Master
+from agglom_mpi.farm.order import Order
+from agglom_mpi.farm.sharing import PARALLEL, Nodes, choose_database, find_nodes
 from agglom_mpi.farm.simulator import Simulator
-from agglom_mpi.farm.store import StoreError, in_words, leg_fields, output_path, prepare
+from agglom_mpi.farm.store import StoreError, in_words, output_path, prepare
 from agglom_mpi.farm.work import CampaignWork, Work
 from agglom_mpi.farm.worker import work as serve
 from agglom_mpi.report.display import Display
@@ -44,19 +44,6 @@ class Options(NamedTuple):
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
-    database: str | None = None
-
-
-class Order(NamedTuple):
-    """Work and the file that keeps it.
-
-    `accept_code_change` says whether samples of other sources may be in there, `database` who
-    writes samples, None for what suits.
-    """
-
-    work: Work
-    path: Path
-    accept_code_change: bool
     database: str | None = None
 
 
@@ -127,11 +114,20 @@ def follow(world: "Intracomm") -> int:
     simulator = Simulator(work, world.rank)
     warm_up(simulator, world)
     nodes = find_nodes(world)
-    file = None if path is None else RankFile(path, world, syncs=nodes.syncs)
+    file = None if path is None else join(path, world, nodes)
     code = serve(world, simulator, file)
     if file is not None:
         file.close()
     return int(code)
+
+
+def join(path: Path, world: "Intracomm", nodes: Nodes) -> RankFile:
+    """Open the campaign file together with rank 0."""
+    try:
+        return RankFile(path, world, syncs=nodes.syncs)
+    except (OSError, NotACampaign):
+        time.sleep(30.0)  # rank 0 has failed too, says so and ends the job
+        raise
 
 
 def tell(
@@ -190,69 +186,3 @@ def lead(
                 return end.code
     finish(order)
     return FINISHED
-
-
-def run_leg(
-    order: Order,
-    database: str,
-    writer: CampaignWriter,
-    master: Master,
-    display: Display,
-    stop: StopRequest,
-    world: "Intracomm | None",
-) -> End:
-    """Simulate on all ranks, and record this start and stop of the program."""
-    ranks, books = 1 if world is None else world.size, master.books
-    display.begin(order.work, str(order.path), ranks, master.inversion, database)
-    simulator = Simulator(order.work, 0)
-    warm_up(simulator, world)
-    nodes = find_nodes(world).number
-    if database == PARALLEL and world is not None:
-        writer.share(world)
-    about = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
-    leg = writer.begin_leg(**about)
-    writer.set_status("running")
-    crew = Crew(simulator, world)
-    if nodes > 1 and writer.shared:
-        books.synced = crew.sync
-    with display:
-        end = master.run(crew, stop)
-    master.wind_up(crew, end.code)
-    writer.end_leg(
-        leg,
-        stopped=time.time(),
-        exit_code=end.code,
-        samples=books.samples,
-        busy_seconds=books.busy_seconds,
-        database_seconds=writer.clock.seconds + crew.database_seconds,
-    )
-    writer.set_status(end.state, end.reason)
-    writer.sync()
-    return end
-
-
-def warm_up(simulator: Simulator, world: "Intracomm | None") -> None:
-    """Compile on one rank of each node, then let the others load what it compiled."""
-    if world is None:
-        simulator.warm_up()
-        return
-    if warms_first(world.rank):
-        simulator.warm_up()
-    wait(world.Ibarrier())
-    if not warms_first(world.rank):
-        simulator.warm_up()
-
-
-def wait(request: Any) -> None:
-    """Wait for an MPI request without burning a core."""
-    while not request.Test():
-        time.sleep(0.002)
-
-
-def mpi_version(world: "Intracomm | None") -> str:
-    """Name and version of the MPI library; empty for a plain run."""
-    if world is None:
-        return ""
-    from mpi4py import MPI
-
-    return " ".join(MPI.Get_library_version().split()[:3])

@@ -26,12 +26,12 @@ from agglom_mpi.farm.store import StoreError
 ABLE = bool(h5py.get_config().mpi)
 
 TWO_NODES = """
-from agglom_mpi.farm import sharing, run
+from agglom_mpi.farm import leg, run, sharing
 
 def pretend(world):
     return sharing.Nodes(2, world.rank == 1)
 
-run.find_nodes = pretend
+leg.find_nodes = run.find_nodes = pretend
 
 import os
 from agglom_mpi.database import samples
@@ -44,6 +44,25 @@ def sync(self):
         file.write("x" if self._descriptor is not None else ".")
 
 samples.RankFile.sync = sync
+"""
+
+
+NOT_OPENED = """
+import h5py.h5f as h5f
+from agglom_mpi.database import access
+
+class Files:
+    ACC_RDWR, ACC_RDONLY, ACC_TRUNC = h5f.ACC_RDWR, h5f.ACC_RDONLY, h5f.ACC_TRUNC
+    LIBVER_EARLIEST, LIBVER_LATEST = h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST
+    create = h5f.create
+
+    @staticmethod
+    def open(name, flags, fapl):
+        if fapl.get_driver() == access.h5py.h5fd.MPIO:
+            raise OSError("MPI_ERR_NO_SUCH_FILE: no such file or directory")
+        return h5f.open(name, flags, fapl=fapl)
+
+access.h5f = Files
 """
 
 
@@ -147,3 +166,15 @@ def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
     assert said.count("x") in (generations, generations + 1)
     assert state(tmp_path / "slow.h5")[0] == "finished"
     assert np.all(open_campaign(tmp_path / "slow.h5").legs()["nodes"] == 2)
+
+
+def test_a_file_that_ranks_do_not_find_is_one_message_and_a_way_out(tmp_path, parallel):
+    write_campaign(tmp_path / "tiny.yaml", **TINY)
+    folder = inject(tmp_path / "inject", NOT_OPENED)
+    done = invert(tmp_path, "tiny.yaml", ranks=3, inject=folder)
+    assert done.returncode == 1
+    assert "tiny.h5: cannot be opened by all ranks together (MPI_ERR_NO_SUCH_FILE" in done.stderr
+    assert "--database gathered" in done.stderr
+    assert "Traceback" not in done.stderr
+    finish(tmp_path, "tiny.yaml", "--database", "gathered", ranks=3, inject=folder)
+    assert check_file(str(tmp_path / "tiny.h5"))[1] == 0
