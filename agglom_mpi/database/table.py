@@ -1,7 +1,7 @@
 """Rows that are either absent or final: checksums, done bytes and the order of writing."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -98,7 +98,7 @@ class Table:
     def read(self, first: int = 0, count: int | None = None) -> Believed:
         """Rows of a range (by default all) that are final and whole, in order."""
         parts = [self.rows.read(*run) for run in self.runs(first, count)]
-        rows = np.concatenate(parts) if parts else np.empty(0, self.rows.dtype)
+        rows = joined(parts, self.rows.dtype)
         whole = checksums(rows) == rows["crc"]
         return Believed(rows[whole], int(len(rows) - whole.sum()))
 
@@ -116,6 +116,15 @@ class Table:
     def following(self) -> int:
         """Find the row to append: the next one, or the last if there is no more room."""
         return min(self.end(), self.capacity - 1)
+
+
+def joined(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
+    """Rows of all parts, one after the other.
+
+    `numpy.concatenate` copies structured rows column by column, which takes a hundred times as
+    long.
+    """
+    return np.frombuffer(bytearray(b"".join(part.tobytes() for part in parts)), dtype)
 
 
 def unbroken(done: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.bulk import final_particles_layout, frames_layout
+from agglom_mpi.database.table import joined
 from agglom_mpi.farm.messages import (
     FAILED_SAMPLE,
     FAILURE,
@@ -51,10 +52,10 @@ def _own(batch: Batch) -> Delivery:
     """Make a delivery of what the thread of rank 0 has done."""
     return Delivery(
         0,
-        np.concatenate([NO_RESULTS, *batch.results]),
-        np.concatenate([NO_FAILURES, *batch.failures]),
-        np.concatenate(batch.finals) if batch.finals else None,
-        np.concatenate(batch.frames) if batch.frames else None,
+        joined(batch.results, RESULT),
+        joined(batch.failures, FAILED_SAMPLE),
+        joined(batch.finals, batch.finals[0].dtype) if batch.finals else None,
+        joined(batch.frames, batch.frames[0].dtype) if batch.frames else None,
     )
 
 

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.digest import generation_digest, used_samples
-from agglom_mpi.database.schema import RESULTS
+from agglom_mpi.database.schema import RESULTS, sample_dtype
+from agglom_mpi.database.table import joined
 from agglom_mpi.search import EnsembleResult
 from agglom_mpi.variables import COUNT
 
@@ -41,8 +42,8 @@ class Evidence:
     def digest(self) -> int:
         """Digest of the generation; its samples, and earlier ones, are forgotten."""
         strings = sorted(self._results)
-        results = np.concatenate([self._results[string] for string in strings])
-        samples = np.concatenate(self._samples)
+        results = joined([self._results[string] for string in strings], RESULTS.dtype)
+        samples = joined(self._samples, sample_dtype)
         self._samples = [samples[samples["string"] > strings[-1]]]
         return generation_digest(self._parameters, results, used_samples(samples, results))
 

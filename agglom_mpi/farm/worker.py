@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agglom_mpi.database.samples import RankFile
+from agglom_mpi.database.table import joined
 from agglom_mpi.farm.messages import (
     FAILURE,
     FAREWELL,
@@ -13,6 +14,7 @@ from agglom_mpi.farm.messages import (
     FRAMES,
     MOST_TASKS,
     POLL,
+    RESULT,
     RESULTS,
     STOP,
     SYNC,
@@ -78,7 +80,7 @@ class Worker:
 
     def _pass_on(self, batch: Batch) -> None:
         """Write samples or send them, their particles before them, and report on them."""
-        finals = np.concatenate(batch.finals) if batch.finals else None
+        finals = joined(batch.finals, batch.finals[0].dtype) if batch.finals else None
         if finals is not None and self._file is None:
             self._send(finals, FINALS)
         for failure in batch.failures:
@@ -87,7 +89,7 @@ class Worker:
             for picture in frames.reshape(-1, 1):  # one message each: they may be large
                 self._send(picture, FRAMES)
         if batch.results:
-            results = np.concatenate(batch.results)
+            results = joined(batch.results, RESULT)
             if self._file is not None:
                 self._file.samples.put(results, finals)
             self._send(results, RESULTS)
