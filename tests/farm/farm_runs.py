@@ -80,9 +80,10 @@ def mpirun_is_hydra():
     return "HYDRA" in said.stdout
 
 
-def _command(arguments, ranks):
-    words = [str(_BIN / "agglom-invert"), *map(str, arguments)]
-    return words if ranks is None else ["mpirun", "-n", str(ranks), *words]
+def _command(arguments, ranks, folder=_BIN):
+    words = [str(folder / "agglom-invert"), *map(str, arguments)]
+    launcher = folder / "mpirun" if (folder / "mpirun").exists() else "mpirun"
+    return words if ranks is None else [str(launcher), "-n", str(ranks), *words]
 
 
 def start(folder, *arguments, ranks=None, inject=None, **variables):
@@ -104,6 +105,19 @@ def invert(folder, *arguments, ranks=None, inject=None, **variables):
         _command(arguments, ranks),
         cwd=folder,
         env=environment(inject, **variables),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+
+
+def invert_with(build, folder, *arguments, ranks=None):
+    """Run to the end with the programs of another virtual environment's folder `bin`."""
+    return subprocess.run(
+        _command(arguments, ranks, build),
+        cwd=folder,
+        env=environment(),
         capture_output=True,
         text=True,
         timeout=TIMEOUT,

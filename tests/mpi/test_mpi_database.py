@@ -1,6 +1,7 @@
 """Who writes samples, rank 0 or every rank its own, changes no byte of what is decided."""
 
 import os
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,6 +14,7 @@ from farm_runs import (
     finish,
     inject,
     invert,
+    invert_with,
     need_mpirun,
     state,
     write_campaign,
@@ -154,6 +156,29 @@ def test_a_leg_may_be_written_otherwise_than_the_last(tmp_path, parallel):
     assert check_file(str(tmp_path / "slow.h5"))[1] == 0
     names = open_campaign(tmp_path / "slow.h5").legs()["database"].tolist()
     assert names[:2] == [b"parallel", b"gathered"]
+
+
+def test_a_leg_may_run_on_the_other_build(tmp_path, parallel):
+    if "AGGLOM_OTHER_BUILD" not in os.environ:
+        assert "CI" not in os.environ
+        pytest.skip("AGGLOM_OTHER_BUILD names no folder bin with the other build")
+    other = Path(os.environ["AGGLOM_OTHER_BUILD"])
+    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    finish(tmp_path, "slow.yaml", "-o", "straight.h5")
+    short = ("slow.yaml", "--max-walltime", "0.7")
+    done = [
+        invert_with(other, tmp_path, *short, ranks=2),
+        invert(tmp_path, *short, ranks=2),
+        invert_with(other, tmp_path, *short),
+        invert(tmp_path, "slow.yaml", ranks=3),
+    ]
+    assert [run.returncode for run in done][:2] == [75, 75], [run.stderr for run in done]
+    assert done[-1].returncode == 0, done[-1].stderr
+    assert_same(tmp_path / "slow.h5", decisions(tmp_path / "straight.h5"))
+    assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+    legs = open_campaign(tmp_path / "slow.h5").legs()
+    assert legs["database"].tolist()[:2] == [b"gathered", b"parallel"]
+    assert len(set(legs["hdf5"].tolist())) == 2
 
 
 def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
