@@ -74,8 +74,10 @@ class Gallery:
 
     def give_up(self, string: int, sample: int) -> None:
         """Expect no more of a sample that raised."""
-        at = self._places.get((string, sample), 0) * self._pictures.frames
-        self._missing -= set(range(at, at + self._pictures.frames))
+        place = self._places.get((string, sample))
+        if place is not None:  # none of a sample that ran ahead of the decisions
+            at = place * self._pictures.frames
+            self._missing -= set(range(at, at + self._pictures.frames))
 
     def _keys(self) -> dict[int, tuple[int, int, int]]:
         count = self._pictures.frames
