@@ -99,6 +99,7 @@ class Master:
                     self._report_exception(failure)
                     self.gallery.give_up(int(failure["string"]), int(failure["sample"]))
                 self._count(delivery)
+            self._writer.flush_due()
         return End(FINISHED, "finished", self.finished_because)
 
     def wind_up(self, crew: Crew, code: int) -> None:
