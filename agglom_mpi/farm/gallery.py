@@ -33,16 +33,15 @@ class Gallery:
         self._writer = writer
         self._parameters = parameters
         self._places = {pair: place for place, pair in enumerate(pictures.samples)}
-        stored = writer.frame_keys()
-        self._same = all(stored.get(place, key) == key for place, key in self._keys().items())
-        self._same &= stored.keys() <= self._keys().keys()
-        self._missing = set(self._keys())
+        wanted, stored = self._keys(), writer.frame_keys() if pictures.samples else {}
+        self._same = all(wanted.get(place) == key for place, key in stored.items())
+        self._missing = set(wanted)
         if self._same:
             self._missing -= stored.keys()
 
     @property
     def complete(self) -> bool:
-        """Whether the file holds exactly what is asked for."""
+        """Whether the file holds exactly what is asked for; whatever it holds if nothing is."""
         return self._same and not self._missing
 
     @property
