@@ -97,7 +97,10 @@ class CampaignFile:
             if "final_particles" not in file:
                 return None
             table = Table(file, "final_particles", self.path)
-            rows = table.read(string * self.max_samples + sample, 1).rows
+            place = string * self.max_samples + sample
+            if not (0 <= sample < self.max_samples and 0 <= place < table.capacity):
+                return None
+            rows = table.read(place, 1).rows
         return final_of(rows[0]) if len(rows) else None
 
     def framed(self) -> list[tuple[int, int]]:
