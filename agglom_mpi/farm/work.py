@@ -131,6 +131,11 @@ class CampaignWork(Work):
     def room(self) -> Room:
         """Room for all generations that the campaign allows."""
         campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
+        pictures = 0
+        if frames is not None:
+            strings = min(frames.strings, campaign.most_strings)
+            samples = min(frames.samples, campaign.ensemble.max_samples)
+            pictures = strings * samples * frames.count
         return Room(
             campaign.most_strings,
             campaign.ensemble.max_samples,
@@ -138,7 +143,7 @@ class CampaignWork(Work):
             campaign.search.population,
             campaign.scene.particles if output.final_particles or frames else 0,
             output.final_particles,
-            frames.strings * frames.samples * frames.count if frames else 0,
+            pictures,
         )
 
     def identity(self) -> dict[str, object]:
