@@ -67,6 +67,8 @@ def _status(file: h5py.File, path: Path) -> Status:
 def _check_shapes(file: h5py.File, contents: Contents) -> None:
     strings, most = (int(contents.attributes[name]) for name in ("strings", "max_samples"))
     wanted = {"strings": strings, "results": strings, "samples": strings * most}
+    wanted["final_particles"] = strings * most
+    wanted["frames"] = int(contents.attributes.get("frames", 0))
     for layout in layouts(contents.attributes):
         room = len(file[layout.name])
         contents.room[layout.name] = room
