@@ -71,11 +71,16 @@ def _stored(campaign: "Campaign") -> list[str]:
     if output.frames is not None:
         count, strings, samples = output.frames.count, output.frames.strings, output.frames.samples
         size = FRAME_BYTES * grains * count * strings * samples
+        best = "the best string" if strings == 1 else f"each of the best {strings} strings"
         lines.append(
-            f"stored of {samples} sample{'' if samples == 1 else 's'} of each of the best "
-            f"{strings} strings: {count} frames, {size / 1e6:.3g} MB in all"
+            f"stored of {_count(samples, 'sample')} of {best}: {_count(count, 'frame')}, "
+            f"{size / 1e6:.3g} MB in all"
         )
     return lines
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _search(campaign: "Campaign") -> list[str]:

@@ -14,7 +14,7 @@ from agglom_mpi.accuracy.trials import MOVES_PER_STEP, Quota, Trial, refusal, wi
 from agglom_mpi.campaign import CampaignError, load_campaign
 from agglom_mpi.campaign.engines import FixedEngine
 from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.simulator import Simulator
+from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME
 
 JOB = "jobs/quickstart.yaml"
@@ -23,6 +23,13 @@ JOB = "jobs/quickstart.yaml"
 @pytest.fixture(scope="module")
 def campaign():
     return load_campaign(JOB)
+
+
+def done(simulator, task):
+    """Return what comes of one task."""
+    batch = Batch([], [], [], [])
+    simulator.carry_out(task, batch)
+    return batch
 
 
 def outcome(steps=10, state=COMPLETED):
@@ -89,7 +96,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     simulator = Simulator(Study(campaign, trials, 1e9), 0)
     tasks = np.zeros(2, TASK)
     tasks["string"], tasks["sample"], tasks["parameters"] = [0, 1], 2, parameters
-    plain, stepped = (simulator.simulate(task)[0] for task in tasks)
+    plain, stepped = (done(simulator, task).results[0] for task in tasks)
     expected = campaign.simulate(parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
     assert plain["objective"] == expected.objective
@@ -135,8 +142,8 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
     task["parameters"] = study.trials["event"].parameters
-    result, failure = Simulator(study, 0).simulate(task[0])
-    assert failure is None
+    [result], *others = done(Simulator(study, 0), task[0])
+    assert others == [[], [], []]
     assert result["state"] == COMPLETED
     quota = Quota(study.trials["event"], 2, 1e9)
     quota.add(outcome())

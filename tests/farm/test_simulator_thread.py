@@ -8,7 +8,7 @@ from farm_runs import SMALL, write_campaign
 from agglom_mpi.campaign import load_campaign
 from agglom_mpi.farm import simulator as module
 from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
-from agglom_mpi.farm.simulator import Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
 
@@ -34,18 +34,26 @@ class Fake:
         self.seen = []
         self._act = act
 
-    def simulate(self, task):
+    def carry_out(self, task, batch):
         self.seen.append(int(task["sample"]))
         self._act(self, task)
         result = np.zeros(1, RESULT)
         result["sample"] = task["sample"]
-        return result, None
+        batch.results.append(result)
+
+
+def done(simulator, task):
+    """Return what comes of one task."""
+    batch = Batch([], [], [], [])
+    simulator.carry_out(task, batch)
+    return batch
 
 
 def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
-    result, failure = Simulator(CampaignWork(campaign), 2).simulate(tasks(campaign)[0])
+    batch = done(Simulator(CampaignWork(campaign), 2), tasks(campaign)[0])
     outcome = campaign.simulate(campaign.parameters(), 0)
-    assert failure is None
+    [result] = batch.results
+    assert batch == ([result], [], [], [])
     assert result["state"] == COMPLETED
     for column in COLUMNS:
         assert result[column.name][0].tobytes() == outcome.record[column.name].tobytes()
@@ -60,8 +68,9 @@ def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkey
     monkeypatch.setattr(module, "simulate_scene", raise_at_once)
     thread = SimulatorThread(Simulator(CampaignWork(campaign), 2))
     thread.put(tasks(campaign, 2))
-    results, failures = thread.take(20.0)
+    batch = thread.take(20.0)
     thread.stop()
+    results, failures = np.concatenate(batch.results), batch.failures
     assert results["state"].tolist() == [FAILED] * 2
     assert results["reason"].tolist() == [EXCEPTION] * 2
     assert [failure["sample"].item() for failure in failures] == [0, 1]
@@ -87,7 +96,7 @@ def test_batches_come_back_whole_and_in_order():
         batch = np.zeros(3, TASK)
         batch["sample"] = first + np.arange(3)
         thread.put(batch)
-    taken = [thread.take(20.0)[0]["sample"].tolist() for _ in range(2)]
+    taken = [np.concatenate(thread.take(20.0).results)["sample"].tolist() for _ in range(2)]
     thread.stop()
     assert taken == [[0, 1, 2], [10, 11, 12]]
 

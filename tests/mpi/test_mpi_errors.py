@@ -44,11 +44,11 @@ simulator.simulate_scene = never
 SIMULATOR_BREAKS = f"""{RANK}
 import agglom_mpi.farm.simulator as simulator
 
-def broken(self, task):
+def broken(self, task, batch):
     raise SystemError("injected")
 
 if rank == "1":
-    simulator.Simulator.simulate = broken
+    simulator.Simulator.carry_out = broken
 """
 
 WORKER_BREAKS = f"""{RANK}
