@@ -1,12 +1,17 @@
 """What is whole in the tables of particles, which may be too large to be read at once."""
 
+import time
+from typing import Final
+
 import h5py
 import numpy as np
 
 from agglom_mpi.database.contents import Contents, Key, named
 from agglom_mpi.database.table import Table, checksums
 
-_READ_BYTES = 1 << 25
+REPLACED_WITHIN: Final = 0.1
+"""Seconds after which a picture that takes the place of another is whole."""
+_READ_BYTES: Final = 1 << 25
 
 
 def check_particles(file: h5py.File, contents: Contents) -> None:
@@ -26,7 +31,10 @@ def _check_table(table: Table, name: str, contents: Contents) -> None:
             rows = table.rows.read(at, min(step, first + length - at))
             whole = checksums(rows) == rows["crc"]
             keys = [_key(name, at + i, contents) for i in range(len(rows))]
-            torn |= {key for key, good in zip(keys, whole, strict=True) if not good}
+            if not whole.all():
+                time.sleep(REPLACED_WITHIN)
+            places = (at + int(i) for i in np.flatnonzero(~whole))
+            torn |= {_key(name, place, contents) for place in places if _torn(table, place)}
             if name == "final_particles":
                 pairs = rows[["string", "sample", "particles"]].tolist()
                 astray |= {
@@ -39,6 +47,11 @@ def _check_table(table: Table, name: str, contents: Contents) -> None:
         contents.lose(name, torn, "with a wrong checksum")
     if astray:
         contents.faults.append(f"{name}: not what the sample says in {named(astray)}")
+
+
+def _torn(table: Table, place: int) -> bool:
+    """Whether a row is final and still not whole: that of a picture may have been replaced."""
+    return table.read(place, 1).damaged > 0
 
 
 def _particles_left(contents: Contents) -> dict[Key, int]:
