@@ -88,7 +88,8 @@ class Master:
         """Let all ranks take the pictures that are asked for and not there yet."""
         tasks = self.gallery.open()
         if len(tasks):
-            self._watcher.message(f"taking {tasks['frames'][0]} frames of {len(tasks)} samples")
+            samples = f"{len(tasks)} sample{'' if len(tasks) == 1 else 's'}"
+            self._watcher.message(f"taking pictures of {samples}, {tasks['frames'][0]} of each")
         for number in range(len(tasks)):
             crew.send(number % crew.size, tasks[number : number + 1])
         while not self.gallery.done:

@@ -158,6 +158,23 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     assert thread.take(0.0) is None
 
 
+def test_pictures_of_a_sample_that_fails_end_there(tmp_path):
+    path = write_campaign(tmp_path / "short.yaml", **SMALL)
+    text = path.read_text().replace(
+        "end_time: characteristic", "end_time: 1 s\n  engine: {law: event, budget: 1}"
+    )
+    path.write_text(f"{text}\noutput: {{frames: {{count: 3}}}}\n")
+    task = tasks(load_campaign(path))
+    task["frames"] = 3
+    batch = done(Simulator(CampaignWork(load_campaign(path)), 0), task[0])
+    [rows] = batch.frames
+    assert batch == ([], [], [], [rows])
+    assert rows["particles"].tolist() == [100, 0, 0]
+    assert rows["frame"].tolist() == [0, 1, 2]
+    assert np.isfinite(rows["position"][0]).all()
+    assert np.isnan(rows["position"][1:]).all()
+
+
 def test_of_a_long_traceback_the_end_travels():
     text = "ä" * 1000 + "\nValueError: the end"
     record = failed_sample(1, 2, 3, text)

@@ -1,0 +1,72 @@
+"""Particles of samples are in the file whoever simulates and whoever writes."""
+
+import os
+import signal
+import time
+
+import h5py
+import pytest
+from bulk_runs import (
+    assert_particles_are_those_of_the_samples,
+    pairs_of,
+    pictures_wanted,
+    write_bulk_campaign,
+)
+from farm_runs import (
+    SMALL,
+    assert_same,
+    decisions,
+    finish,
+    need_mpirun,
+    start,
+    wait_until,
+)
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.farm.check import check_file
+
+DATABASES = ["gathered", "parallel"]
+RANKS = [("gathered", 2), ("gathered", 3), ("parallel", 3)]
+
+
+@pytest.fixture(autouse=True)
+def able(database):
+    """Go on only if this build can do it; the second one in the integration must."""
+    need_mpirun()
+    if database == "parallel" and not h5py.get_config().mpi:
+        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
+        pytest.skip("this build of h5py is serial; the other one runs these tests")
+
+
+@pytest.mark.parametrize(("database", "ranks"), RANKS)
+def test_ranks_leave_the_particles_that_the_campaign_computes(small, tmp_path, database, ranks):
+    campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL), tmp_path / "kept.h5"
+    finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
+    assert_same(path, decisions(small / "small.h5"))
+    finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
+    rows = open_campaign(path).all_sample_rows()
+    assert finals == pairs_of(rows)
+    assert set(rows["rank"]) == set(range(ranks))
+    assert framed == pictures_wanted(path)
+    text, code = check_file(str(path))
+    assert code == 0, text
+    done = finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
+    assert "finished already" in done.stderr
+
+
+@pytest.mark.parametrize("database", DATABASES)
+def test_a_killed_job_leaves_no_sample_without_its_particles(small, tmp_path, database):
+    campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL), tmp_path / "kept.h5"
+    process = start(tmp_path, "kept.yaml", "--database", database, ranks=2)
+    wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 3, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=30)
+    time.sleep(0.2)
+    finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
+    assert finals == pairs_of(open_campaign(path).all_sample_rows()) != []
+    assert check_file(str(path))[1] == 0
+    finish(tmp_path, "kept.yaml", "--database", database, ranks=3)
+    assert_same(path, decisions(small / "small.h5"))
+    finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
+    assert finals == pairs_of(open_campaign(path).all_sample_rows())
+    assert framed == pictures_wanted(path)
