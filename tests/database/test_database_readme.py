@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from database_helpers import POPULATION, put_strings, sample_rows
+from database_helpers import POPULATION, make, put_strings, sample_rows
 
 import agglom_mpi.database
 from agglom_mpi.database.compact import write_compact
@@ -14,6 +14,7 @@ from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.simulation.outcome import REASONS
 
+GRAINS = 7
 TEXT = (Path(agglom_mpi.database.__file__).parent / "README.md").read_text()
 
 
@@ -36,7 +37,8 @@ def section(title: str) -> str:
 
 
 @pytest.fixture(params=["as written", "compact"])
-def file(path, tmp_path, request):
+def file(tmp_path, request):
+    path = make(tmp_path / "all.h5", grains=GRAINS, final_particles=True, frames=4)
     if request.param == "compact":
         write_compact(path, tmp_path / "compact.h5")
         path = tmp_path / "compact.h5"
@@ -46,7 +48,8 @@ def file(path, tmp_path, request):
 
 def type_of(dtype: np.dtype) -> str:
     """Write a type as in the text."""
-    times = {(): "", (2,): " × 2", (POPULATION,): " × population"}[dtype.shape]
+    sizes = {2: "2", 3: "3", POPULATION: "population", GRAINS: "grains"}
+    times = "".join(f" × {sizes[size]}" for size in dtype.shape)
     return dtype.base.str.lstrip("<|") + times
 
 
