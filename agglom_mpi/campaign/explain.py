@@ -19,6 +19,7 @@ SENTENCES = {
     "string_type": "must be a text; put it in quotes",
     "string_unicode": "must be a text",
     "string_too_short": "must not be empty",
+    "bool_type": "must be true or false",
     "model_type": "must be a mapping",
     "tuple_type": "must be a list",
     "finite_number": "must be a finite number",

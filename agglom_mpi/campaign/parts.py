@@ -10,6 +10,9 @@ from agglom_mpi.campaign.source import Path
 WholeNumber = Annotated[int, Field(strict=True)]
 """An integer that is written as one: no text, no `true`, no 100.0."""
 
+Flag = Annotated[bool, Field(strict=True)]
+"""`true` or `false`: no 1, no `yes`."""
+
 
 def _printable(text: str) -> str:
     if not text.isprintable():

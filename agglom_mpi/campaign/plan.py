@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.campaign.parts import NAMED, Line, Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.parts import NAMED, Flag, Line, Part, RefusalError, WholeNumber, refuse
 from agglom_mpi.campaign.quantities import Number
 from agglom_mpi.campaign.source import Path
 
@@ -144,5 +144,5 @@ class Output(Part):
     """Where the database is written, and what is kept beside a row for each sample."""
 
     file: Annotated[Line, Field(min_length=1)] | None = None
-    final_particles: bool = False
+    final_particles: Flag = False
     frames: Annotated[FramesOfBest | None, NONE] = None

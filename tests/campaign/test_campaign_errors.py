@@ -286,6 +286,28 @@ PLAN = [
     ("  target", "  target: 5", "34: stopping.target: is 5; must be a mapping"),
     ("title", "outputs: {file: a.h5}", "1: outputs: unknown key 'outputs'; did you mean 'output'?"),
     ("title", "output: a.h5", "1: output: is 'a.h5'; must be a mapping"),
+    *(
+        ("title", f"output: {{{entry}}}", f"1: output.{expected}")
+        for entry, expected in (
+            ("final_particles: 1", "final_particles: is 1; must be true or false"),
+            ("final_particles: yes", "final_particles: is 'yes'; must be true or false"),
+            ("final_particles: {}", "final_particles: is a mapping; must be true or false"),
+            ("frames: 5", "frames: is 5; must be a mapping"),
+            ("frames: true", "frames: is true; must be a mapping"),
+            ("frames: {}", "frames.count: is missing; pictures of each sample"),
+            ("frames: {count: 0}", "frames.count: is 0; must be at least 1"),
+            ("frames: {count: 2.5}", "frames.count: is 2.5; must be a whole number"),
+            ("frames: {count: 100001}", "frames.count: is 100001; must be at most 100000"),
+            ("frames: {count: 5, strings: 0}", "frames.strings: is 0; must be at least 1"),
+            ("frames: {count: 5, samples: -1}", "frames.samples: is -1; must be at least 1"),
+            ("frames: {count: 5, strings: none}", "frames.strings: is 'none'; must be a whole n"),
+            (
+                "frames: {count: 5, sample: 1}",
+                "frames.sample: unknown key 'sample'; did you mean 'samples'?",
+            ),
+            ("frame: {count: 5}", "frame: unknown key 'frame'; did you mean 'frames'?"),
+        )
+    ),
 ]
 
 
