@@ -69,7 +69,7 @@ def _stored(campaign: "Campaign") -> list[str]:
         size = FINAL_BYTES * grains
         lines.append(f"stored of every sample: its final particles, {size / 1e3:.3g} kB")
     if output.frames is not None:
-        count, strings, samples = output.frames.count, output.frames.strings, output.frames.samples
+        count, (strings, samples) = output.frames.count, campaign.most_framed
         size = FRAME_BYTES * grains * count * strings * samples
         best = "the best string" if strings == 1 else f"each of the best {strings} strings"
         lines.append(

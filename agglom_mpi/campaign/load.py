@@ -96,6 +96,15 @@ class Campaign:
         new = self.search.population - self.search.parents
         return self.search.population + (self.stopping.generations - 1) * new
 
+    @property
+    def most_framed(self) -> tuple[int, int]:
+        """Strings, and samples of each, that there are pictures of in the end; at most."""
+        frames = self.output.frames
+        if frames is None:
+            return 0, 0
+        samples = min(frames.samples, self.ensemble.max_samples)
+        return min(frames.strings, self.most_strings), samples
+
     def check_searchable(self) -> None:
         """Raise a CampaignError unless there is a plan, and a variable to search."""
         if self.plan is None or not self.variables.searched:

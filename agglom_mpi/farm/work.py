@@ -131,11 +131,7 @@ class CampaignWork(Work):
     def room(self) -> Room:
         """Room for all generations that the campaign allows."""
         campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
-        pictures = 0
-        if frames is not None:
-            strings = min(frames.strings, campaign.most_strings)
-            samples = min(frames.samples, campaign.ensemble.max_samples)
-            pictures = strings * samples * frames.count
+        strings, samples = campaign.most_framed
         return Room(
             campaign.most_strings,
             campaign.ensemble.max_samples,
@@ -143,7 +139,7 @@ class CampaignWork(Work):
             campaign.search.population,
             campaign.scene.particles if output.final_particles or frames else 0,
             output.final_particles,
-            pictures,
+            strings * samples * frames.count if frames else 0,
         )
 
     def identity(self) -> dict[str, object]:
@@ -194,9 +190,9 @@ class CampaignWork(Work):
             return Pictures()
         results = inversion.results.items()
         judged = [(r.objective, string) for string, r in results if np.isfinite(r.objective)]
-        best = sorted(judged)[: frames.strings]
-        samples = range(min(frames.samples, self.campaign.ensemble.max_samples))
-        pairs = tuple((string, sample) for _, string in best for sample in samples)
+        strings, samples = self.campaign.most_framed
+        best = sorted(judged)[:strings]
+        pairs = tuple((string, sample) for _, string in best for sample in range(samples))
         return Pictures(pairs, frames.count)
 
     def finished_because(self, inversion: Inversion) -> str:

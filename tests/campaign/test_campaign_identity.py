@@ -19,6 +19,7 @@ from agglom_mpi.campaign import Campaign
         ("  cooling", "  cooling: {law: none}"),
         ("title", "title: Another name"),
         ("title", "output: {file: elsewhere.h5}"),
+        ("title", "output: {final_particles: true, frames: {count: 5}}"),
         ("  generations", "  generations: 50"),
         ("  target", "  max_failures: 3"),
         ("  reaction_heat", "  reaction_heat: 1e6\n  surface_energy: 3"),
@@ -144,3 +145,42 @@ def test_the_description_lists_variables_with_units() -> None:
 )
 def test_the_description_says_how_it_would_run(edit: tuple[str, str], expected: str) -> None:
     assert expected in campaign(edit).describe()
+
+
+@pytest.mark.parametrize(
+    ("output", "stored", "absent"),
+    [
+        ("{frames: none}", [], "single particles, states before the end"),
+        (
+            "{final_particles: true}",
+            ["of every sample: its final particles, 3.2 kB"],
+            "states before the end",
+        ),
+        (
+            "{frames: {count: 50}}",
+            ["of 1 sample of each of the best 6 strings: 50 frames, 2.64 MB in all"],
+            "single particles",
+        ),
+        (
+            "{final_particles: true, frames: {count: 1, strings: 1, samples: 3}}",
+            [
+                "of every sample: its final particles, 3.2 kB",
+                "of 3 samples of the best string: 1 frame, 0.0264 MB in all",
+            ],
+            None,
+        ),
+        (  # 5 generations of at most 44 strings in all, of at most 20 samples
+            "{frames: {count: 2, strings: 100, samples: 100}}",
+            ["of 20 samples of each of the best 44 strings: 2 frames, 15.5 MB in all"],
+            "single particles",
+        ),
+    ],
+)
+def test_what_is_stored_of_a_sample_is_described_with_its_size(
+    output: str, stored: list[str], absent: str | None
+) -> None:
+    lines = campaign(("title", f"output: {output}")).describe().splitlines()
+    found = [line.removeprefix("  stored ") for line in lines if line.startswith("  stored ")]
+    assert found == stored
+    left_out = [line.partition(": ")[2] for line in lines if line.startswith("  not stored of a s")]
+    assert left_out == ([] if absent is None else [absent])
