@@ -22,7 +22,7 @@ from agglom_mpi.simulation.outcome import (
 )
 from agglom_mpi.simulation.sample import random_stream, simulate_scene
 from agglom_mpi.simulation.scene import Scene, build_scene
-from agglom_mpi.simulation.snapshots import frame_times, new_frames
+from agglom_mpi.simulation.snapshots import Frames, frame_times, new_frames
 
 
 class Batch(NamedTuple):
@@ -53,7 +53,12 @@ class Simulator:
         """Compile, or load from the cache, all that a sample of this work needs."""
         for setup, parameters in self._work.kinds():
             scene = scene_of(setup, parameters)._replace(particles=2)
-            simulate_scene(scene, random_stream(0, parameters, 0), np.ones(1, np.uint8))
+            views: list[Frames | None] = [None]
+            if self._work.room.frames:  # looking takes a kernel of its own
+                views.append(new_frames(np.zeros(1), scene.particles))
+            for frames in views:
+                random = random_stream(0, parameters, 0)
+                simulate_scene(scene, random, np.ones(1, np.uint8), frames)
 
     def carry_out(self, task: np.void, batch: Batch) -> None:
         """Do one task, and add what comes of it to a batch."""

@@ -29,10 +29,10 @@ import agglom_mpi.farm.simulator as simulator
 
 simulate_scene = simulator.simulate_scene
 
-def never(scene, random, abort):
+def never(scene, random, abort, frames=None):
     if not abort[0]:
         raise ArithmeticError("injected")
-    return simulate_scene(scene, random, abort)
+    return simulate_scene(scene, random, abort, frames)
 
 simulator.simulate_scene = never
 """

@@ -53,7 +53,7 @@ import agglom_mpi.farm.simulator as simulator
 simulate_scene, raised = simulator.simulate_scene, []
 
 def camera_shy(scene, random, abort, frames=None):
-    if frames is not None and not raised:
+    if frames is not None and not abort[0] and not raised:
         raised.append(True)
         raise ArithmeticError("injected")
     return simulate_scene(scene, random, abort, frames)

@@ -158,6 +158,16 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     assert thread.take(0.0) is None
 
 
+def test_what_pictures_need_is_compiled_before_anything_runs(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(module, "simulate_scene", lambda *arguments: seen.append(arguments[3:]))
+    for name, output in (("bare", ""), ("kept", "output: {frames: {count: 3}}")):
+        path = write_campaign(tmp_path / f"{name}.yaml", **SMALL)
+        path.write_text(f"{path.read_text()}\n{output}\n")
+        Simulator(CampaignWork(load_campaign(path)), 0).warm_up()
+    assert [frames is not None for (frames,) in seen] == [False, False, True]
+
+
 def test_pictures_of_a_sample_that_fails_end_there(tmp_path):
     path = write_campaign(tmp_path / "short.yaml", **SMALL)
     text = path.read_text().replace(

@@ -18,12 +18,12 @@ import agglom_mpi.farm.simulator as simulator
 
 simulate_scene, count = simulator.simulate_scene, 0
 
-def once(scene, random, abort):
+def once(scene, random, abort, frames=None):
     global count
     count += not abort[0]
     if rank == "1" and count == 5:
         raise ArithmeticError("injected")
-    return simulate_scene(scene, random, abort)
+    return simulate_scene(scene, random, abort, frames)
 
 simulator.simulate_scene = once
 """
@@ -33,10 +33,10 @@ import agglom_mpi.farm.simulator as simulator
 
 simulate_scene = simulator.simulate_scene
 
-def never(scene, random, abort):
+def never(scene, random, abort, frames=None):
     if not abort[0]:
         raise ArithmeticError("injected")
-    return simulate_scene(scene, random, abort)
+    return simulate_scene(scene, random, abort, frames)
 
 simulator.simulate_scene = never
 """
