@@ -1,6 +1,7 @@
 """Processes of a run, as the system sees them."""
 
 import os
+import time
 
 
 def ranks_below(launcher):
@@ -30,3 +31,11 @@ def ranks_below(launcher):
         and "agglom-invert" in names[number]
         and "python" in names[number].split("\0")[0]
     )
+
+
+def wait_until_gone(processes):
+    """Wait for the end of processes."""
+    end = time.monotonic() + 30.0
+    while any(os.path.exists(f"/proc/{number}") for number in processes):
+        assert time.monotonic() < end, "a rank outlives the job"
+        time.sleep(0.01)

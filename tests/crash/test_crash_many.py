@@ -10,7 +10,7 @@ import time
 
 import h5py
 import pytest
-from crash_processes import ranks_below
+from crash_processes import ranks_below, wait_until_gone
 from crash_rows import final_rows
 from farm_runs import assert_same, finish, need_mpirun, start, state
 
@@ -66,13 +66,6 @@ def kill_once(folder, ranks, chance):
     lost = [key for key, row in seen.items() if after.get(key) != row]
     assert lost == []
     return process.returncode != 0
-
-
-def wait_until_gone(processes):
-    end = time.monotonic() + 30.0
-    while any(os.path.exists(f"/proc/{number}") for number in processes):
-        assert time.monotonic() < end, "a rank outlives the job"
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("ranks", SETUPS)

@@ -1,8 +1,6 @@
 """Particles of samples are in the file whoever simulates and whoever writes."""
 
 import os
-import signal
-import time
 
 import h5py
 import pytest
@@ -13,20 +11,26 @@ from bulk_runs import (
     write_bulk_campaign,
 )
 from farm_runs import (
-    SMALL,
     assert_same,
     decisions,
     finish,
     need_mpirun,
-    start,
-    wait_until,
 )
 
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.farm.check import check_file
 
-DATABASES = ["gathered", "parallel"]
+TWO = {"generations": 2, "max_samples": 12}
 RANKS = [("gathered", 2), ("gathered", 3), ("parallel", 3)]
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """Return what a plain run without particles decides."""
+    folder = tmp_path_factory.mktemp("bare")
+    write_bulk_campaign(folder / "bare.yaml", "", **TWO)
+    finish(folder, "bare.yaml")
+    return decisions(folder / "bare.h5")
 
 
 @pytest.fixture(autouse=True)
@@ -39,10 +43,10 @@ def able(database):
 
 
 @pytest.mark.parametrize(("database", "ranks"), RANKS)
-def test_ranks_leave_the_particles_that_the_campaign_computes(small, tmp_path, database, ranks):
-    campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL), tmp_path / "kept.h5"
+def test_ranks_leave_the_particles_that_the_campaign_computes(bare, tmp_path, database, ranks):
+    campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **TWO), tmp_path / "kept.h5"
     finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
-    assert_same(path, decisions(small / "small.h5"))
+    assert_same(path, bare)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
     rows = open_campaign(path).all_sample_rows()
     assert finals == pairs_of(rows)
@@ -52,21 +56,3 @@ def test_ranks_leave_the_particles_that_the_campaign_computes(small, tmp_path, d
     assert code == 0, text
     done = finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
     assert "finished already" in done.stderr
-
-
-@pytest.mark.parametrize("database", DATABASES)
-def test_a_killed_job_leaves_no_sample_without_its_particles(small, tmp_path, database):
-    campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL), tmp_path / "kept.h5"
-    process = start(tmp_path, "kept.yaml", "--database", database, ranks=2)
-    wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 3, process)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=30)
-    time.sleep(0.2)
-    finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
-    assert finals == pairs_of(open_campaign(path).all_sample_rows()) != []
-    assert check_file(str(path))[1] == 0
-    finish(tmp_path, "kept.yaml", "--database", database, ranks=3)
-    assert_same(path, decisions(small / "small.h5"))
-    finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
-    assert finals == pairs_of(open_campaign(path).all_sample_rows())
-    assert framed == pictures_wanted(path)
