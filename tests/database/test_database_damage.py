@@ -1,6 +1,8 @@
 """Damage to what HDF5 keeps for itself, which no checksum covers."""
 
 import errno
+import os
+import signal
 
 import h5py
 import numpy as np
@@ -22,6 +24,30 @@ def outside_rows(path):
     return np.flatnonzero(free)
 
 
+SOUND, REFUSED, WRONG = range(3)
+OLD = h5py.version.hdf5_version_tuple < (1, 12)
+
+
+def read_in_a_child(path):
+    """Exit code of a process that reads a file: sound, refused in words, or less than 0, a crash.
+
+    What is raised but a refusal in one line is wrong.
+    """
+    child = os.fork()
+    if child == 0:
+        code = WRONG
+        try:
+            read_contents(path)
+            code = SOUND
+        except NotACampaign as error:
+            text = str(error)
+            named = text.startswith(f"{path}: ") and text.count(path.name) == 1
+            code = REFUSED if named and "\n" not in text else WRONG
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
 def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path):
     path = make(tmp_path / "grains.h5", campaign_text="a: 1")
     with CampaignWriter(path) as writer:
@@ -29,19 +55,18 @@ def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path):
         writer.put_samples(sample_rows(2, 0, 9))
     content = bytearray(path.read_bytes())
     chance = np.random.default_rng(5)
-    refusals = []
+    found = []
     for at in chance.choice(outside_rows(path), 300):
         bit = 1 << int(chance.integers(8))
         content[at] ^= bit
         path.write_bytes(content)
         content[at] ^= bit
-        try:
-            read_contents(path)
-        except NotACampaign as error:
-            refusals.append(str(error))
-    assert 10 < len(refusals) < 100
-    assert all(text.startswith(f"{path}: ") and "\n" not in text for text in refusals)
-    assert all(text.count(path.name) == 1 for text in refusals)
+        found.append(read_in_a_child(path))
+    assert 10 < found.count(REFUSED) < 100
+    # Some damage makes HDF5 1.10 crash by itself, and nothing above it can catch that.
+    crashes = {-signal.SIGSEGV, -signal.SIGABRT} if OLD else set()
+    assert set(found) <= {SOUND, REFUSED} | crashes
+    assert sum(code < 0 for code in found) < 10
 
 
 def test_a_failed_system_call_is_not_taken_for_damage(tmp_path):
