@@ -39,20 +39,6 @@ class DamagedCampaign(NotACampaign):
     exit_code = FAILURE
 
 
-def create_file(path: Path) -> h5py.File:
-    """Make an empty HDF5 file in the oldest format, replacing what is there.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; names the path.
-    """
-    try:
-        return h5py.File(h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=_access_list()))
-    except OSError as error:
-        raise located(error, path) from error
-
-
 def open_file(
     path: Path,
     *,

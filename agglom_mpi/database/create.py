@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
-from agglom_mpi.database.access import create_file, located, open_file, refuse_compact
+from agglom_mpi.database.access import located, open_file, refuse_compact
+from agglom_mpi.database.disc import new_file
 from agglom_mpi.database.schema import (
     FAILURE_CAPACITY,
     FORMAT,
@@ -152,10 +153,13 @@ def grow_campaign_file(
 
 @contextmanager
 def _new_file(path: Path) -> Iterator[h5py.File]:
-    """Yield an HDF5 file that gets its name when it is whole and safe on the disc."""
+    """Yield an HDF5 file that gets its name when it is whole and safe on the disc.
+
+    HDF5 1.10 would crash after a failed write, so the disc is watched here, as for a copy.
+    """
     temporary = path.with_name(f".{path.name}.new")
     try:
-        with create_file(temporary) as file:
+        with new_file(temporary) as (file, _):
             yield file
         if path.exists():
             shutil.copymode(path, temporary)
@@ -164,7 +168,7 @@ def _new_file(path: Path) -> Iterator[h5py.File]:
         sync(path.parent)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
-        if isinstance(error, (OSError, RuntimeError)):
+        if isinstance(error, OSError):
             raise located(error, path) from error
         raise
 
