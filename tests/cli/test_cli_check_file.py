@@ -215,7 +215,8 @@ def test_a_damaged_sample_that_nothing_rests_on_is_said_to_be_unused(copy):
     there = set(file.all_sample_rows()[["string", "sample"]].tolist())
     used = file.result_rows()[["string", "samples_used"]].tolist()
     # One that no rank simulated ahead of the decision.
-    string, sample = next(key for key in used if key[1] < most and key not in there)
+    unused = ((string, sample) for string, first in used for sample in range(first, most))
+    string, sample = next(key for key in unused if key not in there)
     with h5py.File(copy, "r+") as opened:
         samples = Table(opened, "samples", copy)
         row = samples.rows.read(string * most, 1)
