@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-NOT_DETERMINED: Final = ("seconds", "rank", "crc")
+NOT_DETERMINED: Final = ("seconds", "finished", "rank", "crc")
 """Columns that may differ between two runs of the same campaign."""
 
 

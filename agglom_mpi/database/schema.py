@@ -84,6 +84,7 @@ SAMPLES: Final = Layout(
         *(Field(*column) for column in COLUMNS),
         Field("objective", "f8", "1", "objective of this sample alone"),
         Field("seconds", "f8", "s", "time that the simulation took"),
+        Field("finished", "f8", "s", "Unix time of its end"),
         Field("rank", "i4", "", "MPI rank that simulated it"),
         CRC,
     ),
@@ -151,8 +152,8 @@ STATUS: Final = Layout(
 DIGEST_MEANING: Final = (
     "BLAKE2b (digest_size 8, read as little-endian) of what the generation rests on: of strings "
     "proposed for it, by number, the ten parameters; then of their /results all columns but crc; "
-    "then of their used /samples, by string and sample, all columns but seconds, rank and crc; "
-    "row after row, the columns in their order here, little-endian and without padding"
+    "then of their used /samples, by string and sample, all columns but seconds, finished, rank "
+    "and crc; row after row, the columns in their order here, little-endian and without padding"
 )
 
 

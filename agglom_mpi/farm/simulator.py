@@ -85,7 +85,7 @@ class Simulator:
         except Exception:
             result["state"], result["reason"] = FAILED, EXCEPTION
             batch.failures.append(self._failure(task))
-        result["seconds"] = time.perf_counter() - begin
+        result["seconds"], result["finished"] = time.perf_counter() - begin, time.time()
         batch.results.append(result)
 
     def _take_pictures(self, task: np.void, batch: Batch) -> None:

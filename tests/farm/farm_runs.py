@@ -159,8 +159,9 @@ def decisions(path):
     results, samples = file.result_rows(), file.all_sample_rows()
     used = np.zeros(int(samples["string"].max()) + 1, np.int64)
     used[results["string"]] = results["samples_used"]
+    judged = samples[samples["sample"] < used[samples["string"]]]
     kept = {
-        "samples": (samples[samples["sample"] < used[samples["string"]]], {"seconds", "rank"}),
+        "samples": (judged, {"seconds", "finished", "rank"}),
         "strings": (file.string_rows(), set()),
         "results": (results, set()),
         "generations": (file.generation_rows(), {"seconds", "samples_simulated"}),
