@@ -78,7 +78,8 @@ def open_file(
         if write:
             refuse_compact(file, path)
     except BaseException:
-        file.close()
+        if world is None:  # or it would wait for the others
+            file.close()
         raise
     return file
 

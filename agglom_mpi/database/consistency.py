@@ -101,14 +101,16 @@ def _find_absent_samples(contents: Contents) -> None:
 
 def _find_absent_of_generations(contents: Contents) -> None:
     strings = contents.rows["strings"]
+    # Those read before the results; of `recorded` some may have come since.
+    stored = contents.numbers("generations") | contents.lost["generations"]
+    decided = strings["generation"] <= max(stored, default=-1)
+    without = set(strings["string"][decided].tolist()) - contents.numbers("results")
+    contents.miss("results", without, "though the generations of their strings are stored")
     # Where ranks write their samples themselves, judgements are stored somewhat later.
     begun = strings["generation"] - 1 if contents.settled else ()
     last = max([*contents.recorded, *begun], default=-1)
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
-    decided = np.isin(strings["generation"], contents.rows["generations"]["generation"])
-    without = set(strings["string"][decided].tolist()) - contents.numbers("results")
-    contents.miss("results", without, "though the generations of their strings are stored")
 
 
 def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
@@ -140,6 +142,8 @@ def _disagreements(contents: Contents) -> Iterator[tuple[str, int]]:
         ids = strings["string"][strings["generation"] <= number].tolist()
         if contents.lost_strings & set(range(max(ids, default=0) + 1)):
             continue  # nothing can be said
+        if not set(ids) <= results.keys():
+            continue
         if row["evaluations"] != len(ids):
             yield "number of strings judged", number
         used = sum(int(results[string]["samples_used"]) for string in ids)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
-from agglom_mpi.database import frames
+from agglom_mpi.database import dataframes
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.bulk import final_of, frames_of
 from agglom_mpi.database.schema import INVERSION
-from agglom_mpi.database.table import Believed, Rows, Table
+from agglom_mpi.database.table import Believed, Rows, Table, joined
 from agglom_mpi.simulation.outcome import FinalParticles
 from agglom_mpi.simulation.snapshots import Frames
 
@@ -108,16 +108,17 @@ class CampaignFile:
         with open_file(self.path, thorough=False) as file:
             if "frames" not in file:
                 return []
-            rows = Table(file, "frames", self.path).read().rows
-        return list(dict.fromkeys(rows[["string", "sample"]].tolist()))
+            keys = self._frame_keys(file)
+        return list(dict.fromkeys(keys.values()))
 
     def frames(self, string: int, sample: int) -> Frames | None:
         """Read the pictures of a sample; None if none were stored."""
         with open_file(self.path, thorough=False) as file:
             if "frames" not in file:
                 return None
-            rows = Table(file, "frames", self.path).read().rows
-        rows = rows[(rows["string"] == string) & (rows["sample"] == sample)]
+            table, keys = Table(file, "frames", self.path), self._frame_keys(file)
+            places = [place for place, key in keys.items() if key == (string, sample)]
+            rows = joined([table.read(place, 1).rows for place in places], table.rows.dtype)
         return frames_of(rows) if len(rows) else None
 
     def legs(self) -> np.ndarray:
@@ -145,30 +146,36 @@ class CampaignFile:
     @property
     def strings(self) -> "pd.DataFrame":
         """One row for each string: origin, parameters, judgement and processor time."""
-        return frames.strings(
+        return dataframes.strings(
             self.string_rows(), self.result_rows(), self.variable_rows(), self.all_sample_rows()
         )
 
     @property
     def samples(self) -> "pd.DataFrame":
         """One row for each sample; `used` says whether it was judged."""
-        return frames.samples(self.all_sample_rows(), self.result_rows())
+        return dataframes.samples(self.all_sample_rows(), self.result_rows())
 
     @property
     def generations(self) -> "pd.DataFrame":
         """One row for each generation."""
-        return frames.generations(self.generation_rows())
+        return dataframes.generations(self.generation_rows())
 
     @property
     def variables(self) -> "pd.DataFrame":
         """One row for each variable that the campaign uses: its unit and box."""
-        return frames.variables(self.variable_rows())
+        return dataframes.variables(self.variable_rows())
 
     def best(self, k: int = 1) -> "pd.DataFrame":
         """Judged strings with the k lowest objectives, ascending; ties by number."""
         table = self.strings
-        judged = table[table["string"].isin(self.result_rows()["string"])]
+        judged = table[table["samples_used"] > 0]
         return judged.sort_values(["objective", "string"]).head(k).reset_index(drop=True)
+
+    def _frame_keys(self, file: h5py.File) -> dict[int, tuple[int, int]]:
+        """Read string and sample of the pictures there are, by row, and not the pictures."""
+        final = np.flatnonzero(Table(file, "frames", self.path).done.read_all())
+        pairs = file["frames"].fields(["string", "sample"])[:]
+        return dict(zip(final.tolist(), pairs[final].tolist(), strict=True))
 
     def _rows(self, table: str, first: int = 0, count: int | None = None) -> np.ndarray:
         with open_file(self.path, thorough=False) as file:

@@ -74,6 +74,9 @@ class SampleWriter:
         with self._clock:
             if self._finals is not None:
                 for first, rows in self._waiting_finals.runs():
+                    # Where a run was killed between a sample's particles and the sample.
+                    if self._finals.done.read(first, len(rows)).any():
+                        self._finals.forget(first, len(rows))
                     self._finals.write(first, rows)
                 self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
@@ -107,7 +110,7 @@ class RankFile:
     def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
         self.clock = Stopwatch()
         self._path = path
-        self._file = open_file(path, write=True, world=world)
+        self._file = open_file(path, write=True, thorough=False, world=world)
         self._descriptor = os.open(path, os.O_RDONLY) if syncs else None
         self.samples = SampleWriter(self._file, path, self.clock)
 

@@ -48,6 +48,7 @@ class CampaignWriter:
         self.path = Path(os.path.realpath(path))
         self.clock = Stopwatch()
         self.shared = False
+        self._running = False
         self._descriptor = os.open(self.path, os.O_RDONLY)
         self._open(open_file(self.path, write=True))
 
@@ -311,6 +312,12 @@ class CampaignWriter:
         fields = {"state": state, "updated": time.time(), "reason": reason}
         with self.clock:
             self._status.write(0, _row(self._status.dtype, fields))
+        self._running = state == "running"
+
+    def mark_running(self) -> None:
+        """Say that the campaign is running, unless that was said last."""
+        if not self._running:
+            self.set_status("running")
 
     def sync(self) -> None:
         """Flush, and wait until everything is on the disc."""

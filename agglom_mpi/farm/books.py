@@ -125,6 +125,7 @@ class Books:
         """Store new strings before any of their samples is handed out."""
         self._evidence.proposed(batch.parameters)
         if any(int(string) not in self._stored.parameters for string in ids):
+            self._writer.mark_running()
             self._writer.put_strings(
                 int(ids[0]),
                 batch.generation,
@@ -139,6 +140,7 @@ class Books:
         row = self._stored.results.get(string)
         if row is None:
             row = result_row(string, result)
+            self._writer.mark_running()
             self._backlog.store(partial(self._writer.put_result, string, **result._asdict()))
         self._evidence.judged(string, row)
 
@@ -174,6 +176,7 @@ class Books:
         self._watcher.generation(summary, simulated, self.rate)
 
     def _seal(self, store: Callable[[], None]) -> None:
+        self._writer.mark_running()
         store()
         self._writer.sync()
         self.synced()

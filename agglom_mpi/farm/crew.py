@@ -80,6 +80,7 @@ class Crew:
     def __init__(self, simulator: Simulator, world: "Intracomm | None") -> None:
         self.size = 1 if world is None else world.size
         self.database_seconds = 0.0
+        self._dismissed = False
         self._world = world
         self._thread = SimulatorThread(simulator)
         self._sends: list[tuple[Any, NDArray[np.void]]] = []
@@ -109,8 +110,11 @@ class Crew:
             finished = self._thread.take(0.0)
 
     def sync(self) -> None:
-        """Ask all other ranks to put on the disc what they have written; never waits."""
-        for rank in range(1, self.size):
+        """Ask all other ranks to put on the disc what they have written; never waits.
+
+        Ranks that were told to stop do so without being asked.
+        """
+        for rank in range(1, 0 if self._dismissed else self.size):
             self._post(np.zeros(1, np.int32), rank, SYNC)
 
     def dismiss(self, code: int) -> Iterator[Delivery]:
@@ -118,7 +122,10 @@ class Crew:
 
         Samples under way are abandoned. `database_seconds` is complete when this ends.
         """
+        self._dismissed = True
         self._thread.stop()
+        while (own := self._thread.take(0.0)) is not None:
+            yield _own(own)
         if self._world is None:
             return
         for rank in range(1, self.size):

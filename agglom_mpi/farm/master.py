@@ -104,11 +104,13 @@ class Master:
         return End(FINISHED, "finished", self.finished_because)
 
     def wind_up(self, crew: Crew, code: int) -> None:
-        """Stop all ranks with an exit code, and store what they still have."""
+        """Stop all ranks with an exit code, and store and judge what they still have."""
         for delivery in crew.dismiss(code):
             for failure in delivery.failures:
                 self._report_exception(failure)
             self._count(delivery)
+            for row in delivery.results:
+                self.inversion.accept(int(row["string"]), int(row["sample"]), row)
         self.books.finish()
 
     def _hand_out(self, crew: Crew, scheduler: Scheduler) -> None:

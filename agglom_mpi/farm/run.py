@@ -101,6 +101,7 @@ def carry_out(
         if world is None:
             raise
         print(f"rank {world.rank}:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
         world.Abort(1)
         raise
 
@@ -163,26 +164,27 @@ def lead(
             display.error(in_words(error))
             tell(world, code)
             return code
-        master = Master(work, file, writer, display)
-        if master.replay():
-            tell(world, FINISHED)
-            if file.status().state != "finished":  # killed just after the last generation
-                writer.set_status("finished", master.finished_because)
-            display.message(f"{order.path} is finished already: nothing to do")
-        else:
-            tell(world, FINISHED, work, path if database == PARALLEL else None)
-            try:
+        try:
+            master = Master(work, file, writer, display)
+            if master.replay():
+                tell(world, FINISHED)
+                if file.status().state != "finished":  # killed just after the last generation
+                    writer.set_status("finished", master.finished_because)
+                display.message(f"{order.path} is finished already: nothing to do")
+                end = None
+            else:
+                tell(world, FINISHED, work, path if database == PARALLEL else None)
                 end = run_leg(order, database, writer, master, display, stop, world)
-            except OSError as error:
-                kept = "everything written before is whole, run again to go on"
-                display.error(f"{in_words(error)}; {kept if path.exists() else 'it is lost'}")
-                writer.give_up(in_words(error))
-                if world is not None:
-                    world.Abort(FAILURE)
-                return FAILURE
-            if end.code != FINISHED:
-                show = display.error if end.code == FAILURE else display.message
-                show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
-                return end.code
+        except OSError as error:
+            kept = "everything written before is whole, run again to go on"
+            display.error(f"{in_words(error)}; {kept if path.exists() else 'it is lost'}")
+            writer.give_up(in_words(error))
+            if world is not None:
+                world.Abort(FAILURE)
+            return FAILURE
+        if end is not None and end.code != FINISHED:
+            show = display.error if end.code == FAILURE else display.message
+            show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
+            return end.code
     finish(order)
     return FINISHED

@@ -4,7 +4,7 @@ import queue
 import threading
 import time
 import traceback
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from agglom_mpi.simulation.sample import random_stream, simulate_scene
 from agglom_mpi.simulation.scene import Scene, build_scene
 from agglom_mpi.simulation.snapshots import Frames, frame_times, new_frames
 
+HELD_BACK: Final = 0.1
+"""Seconds after which finished samples do not wait for the next of their batch."""
+
 
 class Batch(NamedTuple):
     """What became of a batch of tasks: rows of `/samples` and what goes with them.
@@ -36,6 +39,11 @@ class Batch(NamedTuple):
     failures: list[NDArray[np.void]]
     finals: list[NDArray[np.void]]
     frames: list[NDArray[np.void]]
+
+    def add(self, other: "Batch") -> None:
+        """Take what is in another batch, too."""
+        for mine, theirs in zip(self, other, strict=True):
+            mine.extend(theirs)
 
 
 class Simulator:
@@ -130,7 +138,8 @@ def _final_row(task: np.void, scene: Scene, particles: Any) -> NDArray[np.void]:
 class SimulatorThread:
     """A thread that simulates batches in the order they come.
 
-    An exception of the thread itself is raised by `take`.
+    What is finished does not wait for long for the rest of its batch. An exception of the thread
+    itself is raised by `take`.
     """
 
     def __init__(self, simulator: Simulator) -> None:
@@ -156,7 +165,10 @@ class SimulatorThread:
         return item
 
     def stop(self) -> None:
-        """Abandon what is running and queued, and wait for the thread to end."""
+        """Abandon what is running and queued, and wait for the thread to end.
+
+        `take` still gives what was finished.
+        """
         self._simulator.abort[0] = 1
         self._batches.put(None)
         self._thread.join()
@@ -164,12 +176,20 @@ class SimulatorThread:
     def _work(self) -> None:
         try:
             while (tasks := self._batches.get()) is not None:
-                batch = Batch([], [], [], [])
-                for task in tasks:
-                    self._simulator.carry_out(task, batch)
-                    if self._simulator.abort[0]:
-                        break
-                else:
-                    self._results.put(batch)
+                self._carry_out(tasks)
         except BaseException as error:
             self._results.put(error)
+
+    def _carry_out(self, tasks: NDArray[np.void]) -> None:
+        batch, begun = Batch([], [], [], []), time.monotonic()
+        for task in tasks:
+            done = Batch([], [], [], [])
+            self._simulator.carry_out(task, done)
+            if self._simulator.abort[0]:  # perhaps in the middle of this one
+                break
+            batch.add(done)
+            if time.monotonic() - begun > HELD_BACK:
+                self._results.put(batch)
+                batch, begun = Batch([], [], [], []), time.monotonic()
+        if any(batch):
+            self._results.put(batch)

@@ -111,6 +111,8 @@ class Worker:
 
     def _stop(self) -> None:
         self._thread.stop()
+        while (finished := self._thread.take(0.0)) is not None:
+            self._pass_on(finished)
         farewell = np.zeros(1, FAREWELL)
         if self._file is not None:
             self._file.samples.flush()

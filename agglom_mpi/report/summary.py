@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from agglom_mpi.database.frames import processor_seconds
+from agglom_mpi.database.dataframes import processor_seconds
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -36,9 +36,10 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
     """Gather the figures of a campaign file, finished or not, believing only what is final."""
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
-    finite = results[np.isfinite(results["objective"])]
-    ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
     parameters = {int(row["string"]): row for row in file.string_rows()}
+    known = np.isin(results["string"], list(parameters))  # a damaged row is absent
+    finite = results[known & np.isfinite(results["objective"])]
+    ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
     cost = processor_seconds(samples, max(parameters, default=-1) + 1)
     generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]

@@ -379,3 +379,28 @@ def test_every_table_is_read_or_known_to_have_no_checksum(copy):
     with h5py.File(copy, "r") as file:
         tables = layouts(file.attrs)
     assert {table.name for table in tables if table.final} == {*TABLES, "legs", "failures"}
+
+
+def test_a_torn_generation_and_an_absent_result_of_it_are_both_named(copy):
+    with h5py.File(copy, "r+") as file:
+        row = file["generations"][2]
+        row["seconds"] += 1.0
+        file["generations"][2] = row
+        string = int(np.flatnonzero(file["results_done"][:])[-1])
+        file["results_done"][string] = 0
+    text, code = check_file(str(copy))
+    assert code == 1
+    assert "generations: 2 with a wrong checksum" in text
+    assert f"results: {string} absent" in text
+
+
+def test_a_report_leaves_out_a_string_whose_row_is_damaged(agglom, copy):
+    best = int(open_campaign(copy).best(1)["string"][0])
+    with h5py.File(copy, "r+") as file:
+        row = file["strings"][best]
+        row["slot"] += 1
+        file["strings"][best] = row
+    done = agglom("report", copy)
+    assert done.exit_code == 0
+    numbers = next(line for line in done.stdout.splitlines() if line.startswith("string "))
+    assert str(best) not in numbers.split()[1:]

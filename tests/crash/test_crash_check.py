@@ -139,3 +139,49 @@ def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
     assert "2 of 2 populations\n" in assert_sound(folder / "slow.h5")
     finish(folder, "slow.yaml", "--generations", "1")
     assert_sound(folder / "slow.h5")
+
+
+KILLED_WHILE_COMPILING = """
+import os, signal
+import agglom_mpi.farm.simulator as simulator
+
+def warm_up(self):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+simulator.Simulator.warm_up = warm_up
+"""
+
+
+def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, tmp_path):
+    write_campaign(folder / "small.yaml", **SMALL)
+    finish(folder, "small.yaml", "--generations", "2")
+    path = folder / "small.h5"
+    strings = len(open_campaign(path).string_rows())
+    injected = inject(tmp_path / "inject", KILLED_WHILE_COMPILING)
+    assert invert(folder, "small.yaml", inject=injected).returncode == -signal.SIGKILL
+    assert len(open_campaign(path).string_rows()) > strings
+    assert state(path)[0] == "running"
+    assert_sound(path)
+    finish(folder, "small.yaml")
+    assert_sound(path)
+
+
+def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder):
+    path = folder / "slow.h5"
+    process = start(folder, "slow.yaml")
+    try:
+        wait_until(
+            lambda: path.exists() and set(open_campaign(path).string_rows()["generation"]) > {0},
+            process,
+        )
+        os.kill(process.pid, signal.SIGUSR1)
+        process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    assert process.returncode == 75
+    done = finish(folder, "slow.yaml", "--generations", "1")
+    assert "finished already" in done.stderr
+    assert state(path)[0] == "finished"
+    assert_sound(path)

@@ -1,6 +1,5 @@
 """Asked to stop, a run ends with exit code 75, and the same command goes on."""
 
-import os
 import signal
 
 import pytest
@@ -11,31 +10,16 @@ from farm_runs import (
     mpirun_is_hydra,
     need_mpirun,
     samples_in,
-    start,
     state,
-    wait_until,
+    stop,
 )
 
 from agglom_mpi.database.reader import open_campaign
 
 
-def stop_in_mid_campaign(folder, number, ranks=None):
-    """Send a signal when some samples are in the file; exit code and standard error."""
-    process = start(folder, "slow.yaml", ranks=ranks)
-    try:
-        wait_until(lambda: samples_in(folder / "slow.h5") >= 20, process)
-        os.kill(process.pid, number)
-        _, errors = process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
-    return process.returncode, errors
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
 def test_a_signal_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, number):
-    code, errors = stop_in_mid_campaign(folder, number)
+    code, errors = stop(folder, "slow", number=number)
     path = folder / "slow.h5"
     assert code == 75
     assert f"stopped: received {number.name}; everything simulated so far is in slow.h5" in errors
@@ -53,7 +37,7 @@ def test_a_signal_to_mpirun_stops_all_ranks_cleanly(folder, wanted, number):
     need_mpirun()
     if number != signal.SIGUSR1 and not mpirun_is_hydra():
         pytest.skip("only MPICH's mpirun hands TERM on to the ranks and waits for them")
-    code, errors = stop_in_mid_campaign(folder, number, ranks=2)
+    code, errors = stop(folder, "slow", number=number, ranks=2)
     assert code == 75, errors
     assert errors.count(f"stopped: received {number.name}") == 1
     assert state(folder / "slow.h5")[0] == "stopped"

@@ -12,8 +12,9 @@ from agglom_mpi.database.compact import Copied, write_compact
 from agglom_mpi.database.create import grow_campaign_file
 from agglom_mpi.database.integrity import read_contents
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.table import Rows
+from agglom_mpi.database.table import Rows, Table
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.check import check_file
 from agglom_mpi.simulation.outcome import FinalParticles
 from agglom_mpi.simulation.snapshots import new_frames
 
@@ -268,8 +269,24 @@ def test_particles_of_another_sample_or_number_are_a_fault(filled):
         finals.write(2 * MAX_SAMPLES + 3, other)
         finals.write(6, few)
     [fault] = read_contents(filled).faults
-    said = "final_particles: not what the sample says in "
+    said = "final_particles: not what belongs there in "
     assert fault == said + "sample 6 of string 0, sample 3 of string 2"
+
+
+def test_a_picture_in_another_place_and_a_missing_one_are_found(filled):
+    with CampaignWriter(filled) as writer:
+        writer.set_status("finished")
+    with h5py.File(filled, "r+") as file:
+        table = Table(file, "frames", filled)
+        rows = table.rows.read(0, 1)
+        rows["frame"] += 1
+        table.write(0, rows)
+        last = table.end() - 1
+        file["frames_done"][last] = 0
+    text, code = check_file(str(filled))
+    assert code == 1
+    assert "frames: not what belongs there in 0" in text
+    assert f"frames: {last} absent, though others of their samples are there" in text
 
 
 def test_a_picture_that_is_being_replaced_is_no_damage(filled, monkeypatch):

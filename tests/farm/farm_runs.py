@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -86,10 +87,10 @@ def _command(arguments, ranks, folder=_BIN):
     return words if ranks is None else [str(launcher), "-n", str(ranks), *words]
 
 
-def start(folder, *arguments, ranks=None, inject=None, **variables):
+def start(folder, *arguments, ranks=None, inject=None, build=_BIN, **variables):
     """Start a run in the background, as its own group of processes."""
     return subprocess.Popen(
-        _command(arguments, ranks),
+        _command(arguments, ranks, build),
         cwd=folder,
         env=environment(inject, **variables),
         stdout=subprocess.PIPE,
@@ -105,19 +106,6 @@ def invert(folder, *arguments, ranks=None, inject=None, **variables):
         _command(arguments, ranks),
         cwd=folder,
         env=environment(inject, **variables),
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-
-
-def invert_with(build, folder, *arguments, ranks=None):
-    """Run to the end with the programs of another virtual environment's folder `bin`."""
-    return subprocess.run(
-        _command(arguments, ranks, build),
-        cwd=folder,
-        env=environment(),
         capture_output=True,
         text=True,
         timeout=TIMEOUT,
@@ -146,6 +134,25 @@ def wait_until(condition, process, seconds=60.0):
         assert process.poll() is None, process.communicate(timeout=5)[1]
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.01)
+
+
+def stop(folder, name, *arguments, number=signal.SIGUSR1, more=20, **options):
+    """Send a run of `name`.yaml a signal when it has written some more samples.
+
+    Return its exit code and what it said on standard error.
+    """
+    path = folder / f"{name}.h5"
+    before = samples_in(path)
+    process = start(folder, f"{name}.yaml", *arguments, **options)
+    try:
+        wait_until(lambda: samples_in(path) >= before + more, process)
+        os.kill(process.pid, number)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+    return process.returncode, errors
 
 
 def samples_in(path):
