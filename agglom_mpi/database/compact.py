@@ -10,7 +10,7 @@ import numpy as np
 from agglom_mpi.database.access import NotACampaign, open_file
 from agglom_mpi.database.disc import Disc, new_file
 from agglom_mpi.database.schema import Layout, layouts
-from agglom_mpi.database.table import Rows, checksums
+from agglom_mpi.database.table import Rows, are_whole
 from agglom_mpi.database.whole import whole_file
 
 CHUNK_BYTES: Final = 1 << 18
@@ -102,18 +102,14 @@ def _copy(
         if not kept.any():
             continue  # a chunk that is not written takes no space and reads as zeros
         part = _read(old, table.name, source, first, len(kept))
-        if not _whole(part[kept]).all():
+        if not are_whole(part[kept]).all():
             time.sleep(REWRITE_SECONDS)
             part = _read(old, table.name, source, first, len(kept))
-            damaged += int((~_whole(part[kept])).sum())
+            damaged += int((~are_whole(part[kept])).sum())
         part[~kept] = np.zeros(1, part.dtype)
         copy[first : first + len(part)] = part
         disc.check()
     return damaged
-
-
-def _whole(rows: np.ndarray) -> np.ndarray:
-    return checksums(rows) == rows["crc"]
 
 
 def _compressed(new: h5py.File, dataset: h5py.Dataset, rows: np.ndarray) -> None:

@@ -17,7 +17,7 @@ from agglom_mpi.database.contents import Contents, Key, named
 from agglom_mpi.database.particles_check import check_particles
 from agglom_mpi.database.reader import Status
 from agglom_mpi.database.schema import CAMPAIGN_STATES, layouts
-from agglom_mpi.database.table import Rows, Table, checksums, joined, unbroken
+from agglom_mpi.database.table import Rows, Table, are_whole, joined, unbroken
 
 WRITTEN_WITHIN: Final = 0.05
 """Seconds after which a row that was being written is whole."""
@@ -89,13 +89,13 @@ def _final_rows(file: h5py.File, table: Table, contents: Contents) -> np.ndarray
         contents.faults.append(f"{name}_done: neither 0 nor 1 for {named(keys)}")
     parts = [table.rows.read(first, count) for first, count in unbroken(done)]
     rows = joined(parts, table.rows.dtype)
-    whole = checksums(rows) == rows["crc"]
+    whole = are_whole(rows)
     if not whole.all():  # perhaps a row that is being written again, as those of /legs are
         if _status(file, contents.path).state == "running":
             time.sleep(WRITTEN_WITHIN)
         for at in np.flatnonzero(~whole):
             rows[at] = table.rows.read(int(places[at]), 1)[0]
-        whole = checksums(rows) == rows["crc"]
+        whole = are_whole(rows)
     torn = {_key(name, int(place), contents) for place in places[~whole]}
     if torn:
         contents.lose(name, torn, "with a wrong checksum")

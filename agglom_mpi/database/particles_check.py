@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from agglom_mpi.database.contents import Contents, Key, named
-from agglom_mpi.database.table import Table, checksums
+from agglom_mpi.database.table import Table, are_whole
 
 REPLACED_WITHIN: Final = 0.1
 """Seconds after which a picture that takes the place of another is whole."""
@@ -71,7 +71,7 @@ def _rows(table: Table, columns: list[str]) -> Iterator[tuple[int, bool, tuple[i
     for first, length in table.runs():
         for at in range(first, first + length, step):
             rows = table.rows.read(at, min(step, first + length - at))
-            whole = checksums(rows) == rows["crc"]
+            whole = are_whole(rows)
             for i, row in enumerate(rows[columns].tolist()):
                 if whole[i]:
                     yield at + i, True, row

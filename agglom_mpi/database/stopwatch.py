@@ -1,7 +1,6 @@
 """Time spent on a campaign file."""
 
 import time
-from types import TracebackType
 from typing import Self
 
 
@@ -25,12 +24,7 @@ class Stopwatch:
         self._depth += 1
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._depth -= 1
         if not self._depth:
             self.seconds += time.perf_counter() - self._begun

@@ -99,7 +99,7 @@ class Table:
         """Rows of a range (by default all) that are final and whole, in order."""
         parts = [self.rows.read(*run) for run in self.runs(first, count)]
         rows = joined(parts, self.rows.dtype)
-        whole = checksums(rows) == rows["crc"]
+        whole = are_whole(rows)
         return Believed(rows[whole], int(len(rows) - whole.sum()))
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
@@ -132,6 +132,11 @@ def unbroken(done: np.ndarray) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
     for start, stop in edges.reshape(-1, 2).tolist():
         yield start, stop - start
+
+
+def are_whole(rows: np.ndarray) -> np.ndarray:
+    """Whether each row has its right checksum, (n,) bool."""
+    return checksums(rows) == rows["crc"]
 
 
 def checksums(rows: np.ndarray) -> np.ndarray:
