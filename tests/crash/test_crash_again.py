@@ -1,7 +1,6 @@
 """The same command again, another one, or two at once."""
 
 import hashlib
-import os
 import shutil
 import signal
 
@@ -14,8 +13,8 @@ from farm_runs import (
     decisions,
     finish,
     invert,
+    running,
     samples_in,
-    start,
     state,
     wait_until,
     write_campaign,
@@ -78,8 +77,7 @@ def test_more_generations_continue_and_equal_a_longer_run(copy):
 
 def test_a_second_run_on_the_same_file_is_refused(tmp_path):
     write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-    process = start(tmp_path, "long.yaml")
-    try:
+    with running(tmp_path, "long.yaml") as process:
         wait_until(lambda: samples_in(tmp_path / "long.h5") > 0, process)
         done = invert(tmp_path, "long.yaml")
         assert done.returncode == 2
@@ -88,10 +86,6 @@ def test_a_second_run_on_the_same_file_is_refused(tmp_path):
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=30)
         assert process.returncode == 75
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
 
 
 def test_a_file_that_is_no_campaign_is_left_alone(copy):

@@ -13,9 +13,10 @@ from farm_runs import (
     inject,
     invert,
     need_mpirun,
+    running,
     samples_in,
-    start,
     state,
+    stop,
     wait_until,
     write_campaign,
 )
@@ -57,8 +58,7 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
     path = folder / "slow.h5"
     said = set()
     for leg in range(2):
-        process = start(folder, "slow.yaml", ranks=ranks)
-        try:
+        with running(folder, "slow.yaml", ranks=ranks) as process:
             wait_until(lambda: samples_in(path) > 0, process)
             begin = time.monotonic()
             while process.poll() is None:
@@ -67,10 +67,6 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
                     os.killpg(process.pid, signal.SIGKILL)
                     process.communicate(timeout=30)
             process.communicate(timeout=30)
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.communicate(timeout=30)
         assert process.returncode == (-signal.SIGKILL if leg == 0 else 0)
         said.add(assert_sound(path))
     assert len(said) > 10
@@ -82,16 +78,11 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
 def stopped(folder):
     """Return the file of a campaign that was stopped in mid generation, and a judged string."""
     path = folder / "slow.h5"
-    process = start(folder, "slow.yaml")
-    try:
-        wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 2, process)
-        os.kill(process.pid, signal.SIGUSR1)
-        process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
-    assert process.returncode == 75
+
+    def judged():
+        return path.exists() and len(open_campaign(path).result_rows()) > 2
+
+    assert stop(folder, "slow", until=judged)[0] == 75
     assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
     return path, int(open_campaign(path).result_rows()["string"][-1])
 
@@ -168,19 +159,11 @@ def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, t
 
 def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder):
     path = folder / "slow.h5"
-    process = start(folder, "slow.yaml")
-    try:
-        wait_until(
-            lambda: path.exists() and set(open_campaign(path).string_rows()["generation"]) > {0},
-            process,
-        )
-        os.kill(process.pid, signal.SIGUSR1)
-        process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
-    assert process.returncode == 75
+
+    def begun():
+        return path.exists() and set(open_campaign(path).string_rows()["generation"]) > {0}
+
+    assert stop(folder, "slow", until=begun)[0] == 75
     done = finish(folder, "slow.yaml", "--generations", "1")
     assert "finished already" in done.stderr
     assert state(path)[0] == "finished"

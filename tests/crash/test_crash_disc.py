@@ -1,7 +1,6 @@
 """Discs that are full or read-only, and files that are cut short or taken away."""
 
 import os
-import signal
 import subprocess
 import time
 
@@ -14,8 +13,8 @@ from farm_runs import (
     finish,
     invert,
     need_mpirun,
+    running,
     samples_in,
-    start,
     state,
     wait_until,
     write_campaign,
@@ -96,16 +95,11 @@ def test_a_file_that_is_taken_away_is_noticed(tmp_path, ranks):
     if ranks is not None:
         need_mpirun()
     write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-    process = start(tmp_path, "long.yaml", ranks=ranks)
-    try:
+    with running(tmp_path, "long.yaml", ranks=ranks) as process:
         wait_until(lambda: samples_in(tmp_path / "long.h5") > 0, process)
         os.remove(tmp_path / "long.h5")
         removed = time.monotonic()
         _, said = process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
     assert process.returncode == 1
     assert "long.h5: was removed or replaced while it was being written; it is lost\n" in said
     assert "Traceback" not in said

@@ -14,8 +14,8 @@ from farm_runs import (
     decisions,
     finish,
     need_mpirun,
+    running,
     samples_in,
-    start,
     state,
     wait_until,
 )
@@ -30,18 +30,13 @@ def kill_in_mid_campaign(folder, chance, ranks):
     path = folder / "slow.h5"
     before = samples_in(path)
     more = chance.randint(1, 110)
-    process = start(folder, "slow.yaml", ranks=ranks)
-    try:
+    with running(folder, "slow.yaml", ranks=ranks) as process:
         wait_until(lambda: samples_in(path) >= before + more, process)
         time.sleep(chance.uniform(0.0, 0.1))
         rows = open_campaign(path).all_sample_rows()
         victim = process.pid if ranks is None else chance.choice(ranks_below(process.pid))
         os.kill(victim, signal.SIGKILL)
         process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
     assert process.returncode not in (0, 2, 75)
     return rows
 

@@ -1,7 +1,6 @@
 """Readers of a file that another job is writing see whole rows, and ever more of them."""
 
 import itertools
-import os
 import signal
 import subprocess
 import time
@@ -12,7 +11,7 @@ from farm_runs import (
     assert_same,
     environment,
     need_mpirun,
-    start,
+    running,
     state,
     wait_until,
     write_campaign,
@@ -42,19 +41,14 @@ def test_a_reader_polling_ten_times_a_second_never_fails(tmp_path, folder, wante
     if ranks is not None:
         need_mpirun()
     path = tmp_path / "slow.h5"
-    process = start(folder, "slow.yaml", ranks=ranks)
     seen = []
-    try:
+    with running(folder, "slow.yaml", ranks=ranks) as process:
         wait_until(path.exists, process)
         while process.poll() is None:
             begin = time.monotonic()
             seen.append(look(path))
             time.sleep(max(0.0, begin + PERIOD - time.monotonic()))
         said = process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
     assert process.returncode == 0, said
     assert len(seen) >= 5
     for earlier, later in itertools.pairwise(seen):
@@ -65,7 +59,6 @@ def test_a_reader_polling_ten_times_a_second_never_fails(tmp_path, folder, wante
 
 def test_report_and_export_work_while_a_run_goes_on(tmp_path):
     write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-    process = start(tmp_path, "long.yaml")
 
     def agglom(*words):
         return subprocess.run(
@@ -78,7 +71,7 @@ def test_report_and_export_work_while_a_run_goes_on(tmp_path):
             check=True,
         )
 
-    try:
+    with running(tmp_path, "long.yaml") as process:
         path = tmp_path / "long.h5"
         wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 0, process)
         report = agglom("report", "long.h5").stdout
@@ -88,10 +81,6 @@ def test_report_and_export_work_while_a_run_goes_on(tmp_path):
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=30)
         assert process.returncode == 75
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
     copy = open_campaign(tmp_path / "copy.h5")
     assert 0 < len(copy.all_sample_rows()) <= len(open_campaign(path).all_sample_rows())
     assert state(path)[0] == "stopped"

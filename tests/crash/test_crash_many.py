@@ -12,7 +12,7 @@ import h5py
 import pytest
 from crash_processes import ranks_below, wait_until_gone
 from crash_rows import final_rows
-from farm_runs import assert_same, finish, need_mpirun, start, state
+from farm_runs import assert_same, finish, need_mpirun, running, state
 
 from agglom_mpi.farm.check import check_file
 
@@ -45,19 +45,14 @@ def kill_once(folder, ranks, chance):
     """Start or continue the campaign and kill a rank; whether that was before its end."""
     path = folder / "slow.h5"
     before = count_samples(final_rows(path))
-    process = start(folder, "slow.yaml", ranks=ranks)
     victims = []
-    try:
+    with running(folder, "slow.yaml", ranks=ranks) as process:
         if wait_for_the_moment(process, path, before, chance):
             victims = [process.pid] if ranks is None else ranks_below(process.pid)
         seen = final_rows(path)
         if victims:
             os.kill(chance.choice(victims), signal.SIGKILL)
         said = process.communicate(timeout=60)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=60)
     wait_until_gone(victims)
     if process.returncode != 0:
         assert victims, said

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -136,22 +137,29 @@ def wait_until(condition, process, seconds=60.0):
         time.sleep(0.01)
 
 
-def stop(folder, name, *arguments, number=signal.SIGUSR1, more=20, **options):
-    """Send a run of `name`.yaml a signal when it has written some more samples.
+@contextmanager
+def running(folder, *arguments, **options):
+    """Start a run that does not outlive the block."""
+    process = start(folder, *arguments, **options)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=60)
+
+
+def stop(folder, name, *arguments, number=signal.SIGUSR1, until=None, **options):
+    """Send a run of `name`.yaml a signal when it has written 20 more samples, or `until` holds.
 
     Return its exit code and what it said on standard error.
     """
     path = folder / f"{name}.h5"
-    before = samples_in(path)
-    process = start(folder, f"{name}.yaml", *arguments, **options)
-    try:
-        wait_until(lambda: samples_in(path) >= before + more, process)
+    enough = samples_in(path) + 20
+    with running(folder, f"{name}.yaml", *arguments, **options) as process:
+        wait_until(until or (lambda: samples_in(path) >= enough), process)
         os.kill(process.pid, number)
         _, errors = process.communicate(timeout=30)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=30)
     return process.returncode, errors
 
 
