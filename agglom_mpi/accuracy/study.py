@@ -41,6 +41,9 @@ class Listed:
             parameters=self._parameters,
         )
 
+    def random_proposals(self, generation: int) -> None:
+        """There is one generation only."""
+
     def tell(
         self,
         ids: NDArray[np.int64],

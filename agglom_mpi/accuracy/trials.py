@@ -13,6 +13,7 @@ from agglom_mpi.campaign.scene import SceneModel
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.search.stopping import Snapshot
+from agglom_mpi.simulation.outcome import Measured
 from agglom_mpi.simulation.scene import build_scene
 from agglom_mpi.variables import NAMES
 
@@ -93,9 +94,9 @@ class Quota(Ensemble):
         self._fewest = fewest
         self._left = budget
 
-    def add(self, outcome: np.void) -> None:
+    def add(self, outcome: Measured) -> None:
         """Judge one more sample."""
         super().add(outcome)
-        self._left -= float(outcome["particle_steps"]) + MOVES_PER_STEP * float(outcome["steps"])
+        self._left -= outcome.particle_steps + MOVES_PER_STEP * outcome.steps
         if self.samples_used >= self._fewest and self._left <= 0.0:
             self.finished = True

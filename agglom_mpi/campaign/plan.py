@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from agglom_mpi.campaign.parts import NAMED, Flag, Line, Part, RefusalError, WholeNumber, refuse
-from agglom_mpi.campaign.quantities import Number
+from agglom_mpi.campaign.quantities import Number, Time
 from agglom_mpi.campaign.source import Path
 
 
@@ -122,6 +122,7 @@ class Stopping(Part):
     generations: Annotated[WholeNumber, Field(ge=1, le=10**6, description="the most generations")]
     target: Annotated[Target | None, NONE] = None
     max_failures: Annotated[WholeNumber, Field(ge=1)] = 100
+    max_seconds: Annotated[Annotated[Time, Field(gt=0)] | None, NONE] = None
 
 
 class Plan(NamedTuple):

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.database.access import located, open_file
 from agglom_mpi.database.buffer import SampleBuffer
 from agglom_mpi.database.stopwatch import Stopwatch
-from agglom_mpi.database.table import Table
+from agglom_mpi.database.table import Table, are_whole, unbroken
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -80,9 +81,17 @@ class SampleWriter:
                     self._finals.write(first, rows)
                 self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
-                self._table.write(first, rows)
+                for begin, count in unbroken(~self._stored(first, len(rows))):
+                    self._table.write(first + begin, rows[begin : begin + count])
         self.written += self._buffer.count
         self._buffer.clear()
+
+    def _stored(self, first: int, count: int) -> NDArray[np.bool_]:
+        """Which of these rows are in the file; two ranks may have been given the same sample."""
+        stored = self._table.done.read(first, count) != 0
+        if stored.any():
+            stored &= are_whole(self._table.rows.read(first, count))
+        return stored
 
     def forget(self) -> None:
         """Drop the samples that wait: writing has failed."""

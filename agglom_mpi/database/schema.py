@@ -23,6 +23,9 @@ STATES: Final = ("", "completed", "failed")
 """How a sample ended, by its `state`."""
 CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
 
+TOOK_TOO_LONG: Final = "took longer than max_seconds,"
+"""How the text of a failure begins that is no exception; its sample has no row in `/samples`."""
+
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
 

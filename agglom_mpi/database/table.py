@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -132,6 +133,14 @@ def unbroken(done: np.ndarray) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
     for start, stop in edges.reshape(-1, 2).tolist():
         yield start, stop - start
+
+
+def series(rows: np.ndarray) -> Iterator[np.ndarray]:
+    """Parts of rows, (n,), that are consecutive samples of one string."""
+    ends = np.flatnonzero((np.diff(rows["sample"]) != 1) | (np.diff(rows["string"]) != 0)) + 1
+    for begin, end in pairwise([0, *ends.tolist(), len(rows)]):
+        if end > begin:
+            yield rows[begin:end]
 
 
 def are_whole(rows: np.ndarray) -> np.ndarray:

@@ -3,6 +3,9 @@
 from collections import Counter, deque
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class Backlog:
     """Keeps the order of writing where ranks write their samples themselves.
@@ -14,16 +17,44 @@ class Backlog:
     def __init__(self) -> None:
         self._delivered: Counter[int] = Counter()
         self._written: Counter[int] = Counter()
+        self._taken_over: Counter[int] = Counter()
+        self._rows: dict[int, deque[NDArray[np.void]]] = {}
         self._entries: deque[tuple[dict[int, int], Callable[[], None]]] = deque()
 
-    def delivered(self, rank: int, count: int) -> None:
-        """Take note of samples that a rank writes itself."""
-        self._delivered[rank] += count
+    def delivered(self, rank: int, rows: NDArray[np.void]) -> None:
+        """Take note of samples, (n,), that a rank writes itself."""
+        self._delivered[rank] += len(rows)
+        self._rows.setdefault(rank, deque()).append(rows)
+        self._forget_written(rank)
 
     def written(self, rank: int, count: int) -> None:
         """Take note that so many more samples of a rank are in the file, and store what can be."""
-        self._written[rank] += count
+        late = min(count, self._taken_over[rank])
+        self._taken_over[rank] -= late
+        self._written[rank] += count - late
+        self._forget_written(rank)
         self._catch_up()
+
+    def take_over(self, rank: int) -> list[NDArray[np.void]]:
+        """Samples that a rank has delivered and perhaps not written; wait for it no longer.
+
+        Whoever calls this writes them, and then calls `taken_over`.
+        """
+        rows = list(self._rows.pop(rank, ()))
+        waiting = max(0, self._delivered[rank] - self._written[rank])
+        self._taken_over[rank] += waiting
+        self._written[rank] += waiting
+        return rows
+
+    def taken_over(self) -> None:
+        """Store what can be stored after `take_over`."""
+        self._catch_up()
+
+    def _forget_written(self, rank: int) -> None:
+        rows = self._rows.get(rank, deque())
+        missing = self._delivered[rank] - self._written[rank]
+        while rows and sum(map(len, rows)) - len(rows[0]) >= missing:
+            rows.popleft()
 
     def store(self, action: Callable[[], None]) -> None:
         """Store something after all samples delivered so far, and after what waits already."""

@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.database.schema import TOOK_TOO_LONG
+from agglom_mpi.database.table import unbroken
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.backlog import Backlog
 from agglom_mpi.farm.evidence import Evidence, result_row
+from agglom_mpi.farm.messages import final_results
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary
+from agglom_mpi.simulation.outcome import EXCEPTION
 from agglom_mpi.variables import NAMES
 
 
@@ -44,11 +48,29 @@ class Stored:
         self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
         self.generations = {int(row["generation"]) for row in file.generation_rows()}
         self.samples = file.all_sample_rows()
+        self.timed_out = judged_as_timed_out(file.failures(), file.result_rows(), self.samples)
         self.seconds = _seconds_of_legs(file)
+
+    @property
+    def failures(self) -> int:
+        """Samples that raised or took too long."""
+        return int((self.samples["reason"] == EXCEPTION).sum()) + len(self.timed_out)
 
     def restore(self, batch: Batch, first: int) -> Batch:
         """Replace proposals by what is stored of them, bit for bit."""
         return restored(batch, first, self.parameters)
+
+
+def judged_as_timed_out(
+    failures: NDArray[np.void], results: NDArray[np.void], samples: NDArray[np.void]
+) -> list[tuple[int, int]]:
+    """(string, sample) that were judged, but have no row because they took too long."""
+    used = dict(results[["string", "samples_used"]].tolist())
+    late = [row for row in failures if row["text"].startswith(TOOK_TOO_LONG.encode())]
+    pairs = {(int(row["string"]), int(row["sample"])) for row in late}
+    if pairs:
+        pairs -= set(samples[["string", "sample"]].tolist())
+    return sorted((string, sample) for string, sample in pairs if sample < used.get(string, 0))
 
 
 def restored(batch: Batch, first: int, known: Mapping[int, NDArray[np.float64]]) -> Batch:
@@ -94,6 +116,7 @@ class Books:
         self._top = top
         self._evidence = Evidence(stored.samples)
         self._backlog = Backlog()
+        self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
 
     @property
@@ -112,28 +135,45 @@ class Books:
         finals: NDArray[np.void] | None = None,
         writes: int | None = None,
     ) -> None:
-        """Store the samples of one batch, unless the rank `writes` does so itself."""
+        """Store the samples of one batch, unless the rank `writes` does so itself.
+
+        Particles may come before or without their samples.
+        """
         if writes is None:
             self._writer.put_samples(results, finals)
         else:
-            self._backlog.delivered(writes, len(results))
-        self._evidence.simulated(results)
+            self._backlog.delivered(writes, results)
+
+    def counted(self, results: NDArray[np.void]) -> None:
+        """Take samples that decisions are made from, each once."""
+        self._evidence.simulated(final_results(results))
         self.samples += len(results)
         self.busy_seconds += float(results["seconds"].sum())
+
+    def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Store strings of a coming generation before any of their samples is handed out."""
+        self._store_strings(batch, ids)
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store new strings before any of their samples is handed out."""
         self._evidence.proposed(batch.parameters)
-        if any(int(string) not in self._stored.parameters for string in ids):
+        self._store_strings(batch, ids)
+
+    def _store_strings(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Store those that are not in the file yet; announced ones end a generation."""
+        new = np.array([string not in self._strings for string in ids.tolist()])
+        for first, count in unbroken(new):
             self._writer.mark_running()
+            some = slice(first, first + count)
             self._writer.put_strings(
-                int(ids[0]),
+                int(ids[first]),
                 batch.generation,
-                batch.slot,
-                batch.origin,
-                batch.parents,
-                batch.parameters,
+                batch.slot[some],
+                batch.origin[some],
+                batch.parents[some],
+                batch.parameters[some],
             )
+        self._strings.update(ids.tolist())
 
     def judged(self, string: int, result: EnsembleResult) -> None:
         """Store the result of a string."""
@@ -147,6 +187,13 @@ class Books:
     def written(self, rank: int, count: int) -> None:
         """Take note that so many more samples of a rank are in the file."""
         self._backlog.written(rank, count)
+
+    def take_over(self, rank: int) -> None:
+        """Store what a rank has sent that was to write it itself, and is not heard any more."""
+        for rows in self._backlog.take_over(rank):
+            self._writer.put_samples(rows)
+        self._writer.flush()
+        self._backlog.taken_over()
 
     def finish(self) -> None:
         """Store what waits: all ranks have stopped, and written what they had."""

@@ -1,7 +1,7 @@
 """All ranks as rank 0 sees them: its own simulator thread and, under MPI, the workers."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from agglom_mpi.database.bulk import final_particles_layout, frames_layout
 from agglom_mpi.database.table import joined
 from agglom_mpi.farm.messages import (
+    ALIVE,
     FAILED_SAMPLE,
     FAILURE,
     FAREWELL,
     FINALS,
     FRAMES,
+    HOST,
+    POLL,
     RESULT,
     RESULTS,
     STOP,
@@ -23,11 +26,15 @@ from agglom_mpi.farm.messages import (
     UNWRITTEN,
     WRITTEN,
 )
-from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator
+from agglom_mpi.farm.thread import SimulatorThread
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
+
+STOPS_WITHIN: Final = 20.0
+"""Seconds without a word of any rank after which those that should stop are not waited for."""
 
 NO_RESULTS: Final = np.zeros(0, RESULT)
 NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
@@ -36,7 +43,8 @@ NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 class Delivery(NamedTuple):
     """What a rank sent: results of one batch and what goes with them, or other news.
 
-    `written` is the number of samples that it has written meanwhile.
+    `written` is the number of samples that it has written meanwhile. A delivery of nothing is a
+    sign of life.
     """
 
     rank: int
@@ -73,13 +81,19 @@ class Crew:
     ----------
     size
         Number of ranks.
+    hosts
+        Machines of the ranks, as far as they have said.
     database_seconds
         Time that ranks which have stopped spent on the campaign file, s.
+    missing
+        Ranks that did not stop when they were told to.
     """
 
     def __init__(self, simulator: Simulator, world: "Intracomm | None") -> None:
         self.size = 1 if world is None else world.size
+        self.hosts: dict[int, str] = {}
         self.database_seconds = 0.0
+        self.missing: set[int] = set()
         self._dismissed = False
         self._world = world
         self._thread = SimulatorThread(simulator)
@@ -89,6 +103,7 @@ class Crew:
             FAILURE: FAILED_SAMPLE,
             UNWRITTEN: FAILED_SAMPLE,
             WRITTEN: np.dtype(np.int64),
+            ALIVE: HOST,
             STOP: FAREWELL,
             FINALS: final_particles_layout(simulator.grains).dtype,
             FRAMES: frames_layout(simulator.grains).dtype,
@@ -117,10 +132,11 @@ class Crew:
         for rank in range(1, 0 if self._dismissed else self.size):
             self._post(np.zeros(1, np.int32), rank, SYNC)
 
-    def dismiss(self, code: int) -> Iterator[Delivery]:
+    def dismiss(self, code: int, silent: Collection[int] = ()) -> Iterator[Delivery]:
         """Stop every rank, which then exit with `code`, and yield what they still send.
 
-        Samples under way are abandoned. `database_seconds` is complete when this ends.
+        Samples under way are abandoned. Ranks that are `silent`, or say nothing for a while, are
+        not waited for; they are `missing` then. `database_seconds` is complete when this ends.
         """
         self._dismissed = True
         self._thread.stop()
@@ -130,14 +146,19 @@ class Crew:
             return
         for rank in range(1, self.size):
             self._post(np.array([code], np.int32), rank, STOP)
-        working = self.size - 1
-        while working:
+        working = set(range(1, self.size))
+        heard = time.monotonic()
+        while working.difference(silent) and time.monotonic() - heard < STOPS_WITHIN:
             for delivery in self._mail():
                 yield delivery
-                working -= delivery.stopped
-            time.sleep(0.001)
-        for request, _ in self._sends:
-            request.Wait()
+                heard = time.monotonic()
+                if delivery.stopped:
+                    working.discard(delivery.rank)
+            time.sleep(POLL)
+        self.missing = working
+        if not working:
+            for request, _ in self._sends:
+                request.Wait()
 
     def _post(self, message: NDArray[Any], rank: int, tag: int) -> None:
         from mpi4py import MPI
@@ -171,6 +192,9 @@ class Crew:
             return Delivery(rank, frames=content)
         if tag == WRITTEN:
             return Delivery(rank, written=int(content[0]))
+        if tag == ALIVE:
+            self.hosts[rank] = content["host"][0].decode()
+            return Delivery(rank)
         if tag == UNWRITTEN:
             host, text = (content[name][0].decode() for name in ("host", "text"))
             raise OSError(f"rank {rank} on {host}: {text}")

@@ -58,25 +58,29 @@ class Gallery:
         lacking = sorted({row // count for row in self._missing})
         tasks = np.zeros(len(lacking), TASK)
         for task, place in zip(tasks, lacking, strict=True):
-            task["string"], task["sample"] = self._pictures.samples[place]
-            task["frames"] = count
+            task["string"], task["first"] = self._pictures.samples[place]
+            task["count"], task["frames"] = 1, count
             task["parameters"] = self._parameters(int(task["string"]))
         return tasks
 
-    def hang(self, rows: NDArray[np.void]) -> None:
-        """Store rows of `/frames` of one sample, consecutive ones."""
+    def hang(self, rows: NDArray[np.void]) -> bool:
+        """Store rows of `/frames` of one sample, consecutive ones; whether all of it are there."""
         first = rows[0]
         place = self._places[int(first["string"]), int(first["sample"])]
-        at = place * self._pictures.frames + int(first["frame"])
+        count = self._pictures.frames
+        at = place * count + int(first["frame"])
         self._writer.put_frames(at, rows)
         self._missing -= set(range(at, at + len(rows)))
+        return self._missing.isdisjoint(range(place * count, (place + 1) * count))
 
-    def give_up(self, string: int, sample: int) -> None:
-        """Expect no more of a sample that raised."""
+    def give_up(self, string: int, sample: int) -> bool:
+        """Expect no more of a sample that raised; whether it was expected at all."""
         place = self._places.get((string, sample))
-        if place is not None:  # none of a sample that ran ahead of the decisions
-            at = place * self._pictures.frames
-            self._missing -= set(range(at, at + self._pictures.frames))
+        if place is None:  # a sample that ran ahead of the decisions
+            return False
+        at = place * self._pictures.frames
+        self._missing -= set(range(at, at + self._pictures.frames))
+        return True
 
     def _keys(self) -> dict[int, tuple[int, int, int]]:
         count = self._pictures.frames

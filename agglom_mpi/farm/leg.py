@@ -26,8 +26,14 @@ def run_leg(
     display: Display,
     stop: StopRequest,
     world: "Intracomm | None",
-) -> End:
-    """Simulate on all ranks, and record this start and stop of the program."""
+) -> tuple[End, set[int]]:
+    """Simulate on all ranks, and record this start and stop of the program.
+
+    Returns
+    -------
+    tuple
+        How it ended, and ranks that do not answer any more: nothing collective can follow.
+    """
     ranks, books = 1 if world is None else world.size, master.books
     display.begin(order.work, str(order.path), ranks, master.inversion, database)
     simulator = Simulator(order.work, 0)
@@ -54,7 +60,7 @@ def run_leg(
     )
     writer.set_status(end.state, end.reason)
     writer.sync()
-    return end
+    return end, crew.missing
 
 
 def warm_up(simulator: Simulator, world: "Intracomm | None") -> None:

@@ -1,20 +1,35 @@
 """The loop of rank 0: hand out samples, judge what comes back, store it, stop in time."""
 
 import time
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.database.schema import TOOK_TOO_LONG
+from agglom_mpi.database.table import series
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
 from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Crew, Delivery
+from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
-from agglom_mpi.farm.messages import POLL
+from agglom_mpi.farm.lanes import Piece
+from agglom_mpi.farm.messages import POLL, SILENT_AFTER, final_results
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
-from agglom_mpi.simulation.outcome import EXCEPTION, FAILED, REASONS
+from agglom_mpi.simulation.outcome import (
+    EXCEPTION,
+    FAILED,
+    REASONS,
+    TIMED_OUT,
+    UNFINISHED,
+    measured,
+)
 
 TICK: Final = 0.5
 """Seconds between updates of the display."""
@@ -47,6 +62,8 @@ class Master:
         self._watcher = watcher
         self._stored = Stored(file)
         self._failing: set[int] = set()
+        self._ticked = time.monotonic()
+        self.silent: set[int] = set()
         self.books = Books(writer, self._stored, watcher, work.top)
         self.inversion = work.inversion(self._stored.restore, self.books)
 
@@ -58,91 +75,122 @@ class Master:
 
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
-        for row in self._stored.samples:
-            self.inversion.accept(int(row["string"]), int(row["sample"]), row)
-        self.books.failures = int((self._stored.samples["reason"] == EXCEPTION).sum())
+        for run in series(self._stored.samples):
+            self.inversion.accept(int(run["string"][0]), int(run["sample"][0]), measured(run))
+        for string, sample in self._stored.timed_out:
+            self.inversion.accept(string, sample, [UNFINISHED])
+        self.books.failures = self._stored.failures
         self.inversion.start()
         return self.inversion.finished and self.gallery.complete
 
     def run(self, crew: Crew, stop: StopRequest) -> End:
         """Simulate until the campaign is finished or something asks to stop."""
-        pairs = self._stored.samples[["string", "sample"]].tolist()
-        scheduler = Scheduler(self.inversion, crew.size, pairs)
+        self._crew = crew
+        self._scheduler = Scheduler(
+            self.inversion,
+            crew.size,
+            [*self._stored.samples[["string", "sample"]].tolist(), *self._stored.timed_out],
+            [result.samples_used for result in self.inversion.results.values()],
+        )
         self.books.begun = time.monotonic()
-        shown = time.monotonic()
         while not self.inversion.finished:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)
             if self.books.failures >= self._work.max_failures:
-                return End(FAILURE, "failed", f"{self.books.failures} samples raised errors")
-            self._hand_out(crew, scheduler)
+                return End(FAILURE, "failed", f"{self.books.failures} samples failed with errors")
+            self._serve(self._scheduler)
             for delivery in crew.deliveries(POLL):
-                self._take(scheduler, delivery)
-            self._writer.flush_due()
-            if time.monotonic() - shown > TICK:
-                shown = time.monotonic()
-                self._tick(crew, shown)
-        return self._take_pictures(crew, stop)
+                self._take(delivery)
+                self._listen(self._scheduler, delivery.rank)
+        return self._take_pictures(stop)
 
-    def _take_pictures(self, crew: Crew, stop: StopRequest) -> End:
+    def _serve(self, work: Scheduler | Errands) -> None:
+        """Hand out tasks, and do what is due from time to time."""
+        now = time.monotonic()
+        for rank, tasks in work.assignments(now):
+            self._crew.send(rank, tasks)
+        self._writer.flush_due()
+        if now - self._ticked > TICK:
+            self._ticked = now
+            self._tick(now)
+            work.heard(0, now)
+            for rank in work.clock(now, SILENT_AFTER):
+                self._watcher.error(
+                    f"{self._named(rank)} has not been heard of for {SILENT_AFTER:g} s; others do "
+                    "its work"
+                )
+                self.silent.add(rank)
+                self.books.take_over(rank)
+
+    def _listen(self, work: Scheduler | Errands, rank: int) -> None:
+        if work.heard(rank, time.monotonic()):
+            self._watcher.error(f"{self._named(rank)} is back")
+        self.silent.discard(rank)
+
+    def _named(self, rank: int) -> str:
+        host = self._crew.hosts.get(rank)
+        return f"rank {rank}" if host is None else f"rank {rank} on {host}"
+
+    def _take_pictures(self, stop: StopRequest) -> End:
         """Let all ranks take the pictures that are asked for and not there yet."""
         tasks = self.gallery.open()
         if len(tasks):
             samples = f"{len(tasks)} sample{'' if len(tasks) == 1 else 's'}"
             self._watcher.message(f"taking pictures of {samples}, {tasks['frames'][0]} of each")
-        for number in range(len(tasks)):
-            crew.send(number % crew.size, tasks[number : number + 1])
+        errands = Errands(tasks, self._crew.size)
         while not self.gallery.done:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)
-            for delivery in crew.deliveries(POLL):
-                for failure in delivery.failures:
-                    self._report_exception(failure)
-                    self.gallery.give_up(int(failure["string"]), int(failure["sample"]))
-                self._count(delivery)
-            self._writer.flush_due()
+            self._serve(errands)
+            for delivery in self._crew.deliveries(POLL):
+                for _ in range(self._take(delivery)):
+                    errands.done(delivery.rank)
+                self._listen(errands, delivery.rank)
         return End(FINISHED, "finished", self.finished_because)
 
     def wind_up(self, crew: Crew, code: int) -> None:
         """Stop all ranks with an exit code, and store and judge what they still have."""
-        for delivery in crew.dismiss(code):
-            for failure in delivery.failures:
-                self._report_exception(failure)
-            self._count(delivery)
-            for row in delivery.results:
-                self.inversion.accept(int(row["string"]), int(row["sample"]), row)
+        for delivery in crew.dismiss(code, self.silent):
+            self._take(delivery)
+        for rank in crew.missing:
+            self.books.take_over(rank)
         self.books.finish()
 
-    def _hand_out(self, crew: Crew, scheduler: Scheduler) -> None:
-        for _ in range(2):
-            for rank in range(crew.size):
-                tasks = scheduler.assign(rank)
-                if len(tasks):
-                    crew.send(rank, tasks)
-
-    def _take(self, scheduler: Scheduler, delivery: Delivery) -> None:
+    def _take(self, delivery: Delivery) -> int:
+        """Store and judge what a rank sent; the number of samples that it took all pictures of."""
+        hung = 0
         for failure in delivery.failures:
             self._report_exception(failure)
-        self._count(delivery)
-        for row in delivery.results:
-            string, sample = int(row["string"]), int(row["sample"])
-            scheduler.returned(delivery.rank, string, sample, float(row["seconds"]))
-            if row["state"] == FAILED:
-                self._count_failure(row)
-            self.inversion.accept(string, sample, row)
-
-    def _count(self, delivery: Delivery) -> None:
-        """Store what a rank sent, or take note that it does so itself."""
+            string, sample = int(failure["string"]), int(failure["sample"])
+            hung += self.inversion.finished and self.gallery.give_up(string, sample)
         if len(delivery.results) or delivery.finals is not None:
             writes = delivery.rank if self._writer.shared and delivery.rank else None
-            self.books.simulated(delivery.results, delivery.finals, writes)
+            self.books.simulated(final_results(delivery.results), delivery.finals, writes)
+            self._judge(delivery.rank, delivery.results)
         if delivery.frames is not None:
-            self.gallery.hang(delivery.frames)
+            hung += self.gallery.hang(delivery.frames)
         if delivery.written:
             self.books.written(delivery.rank, delivery.written)
+        return hung
+
+    def _judge(self, rank: int, results: NDArray[np.void]) -> None:
+        """Let decisions be made from what a rank simulated, unless others were first."""
+        outcomes, begin = measured(results), 0
+        for piece, fresh in self._scheduler.returned(rank, results["seconds"].tolist()):
+            rows = results[begin : begin + piece.count]
+            check_turn(rank, piece, rows[0])
+            for first, count in consecutive(fresh):
+                new = rows[first : first + count]
+                self.books.counted(new)
+                at = begin + first
+                self.inversion.accept(piece.string, piece.first + first, outcomes[at : at + count])
+            self._scheduler.judged(piece.string)
+            begin += piece.count
+        for row in results[results["state"] == FAILED]:
+            self._count_failure(row)
 
     def _count_failure(self, row) -> None:  # type: ignore[no-untyped-def]
-        if row["reason"] == EXCEPTION:
+        if row["reason"] in (EXCEPTION, TIMED_OUT):
             self.books.failures += 1
         elif row["string"] not in self._failing:
             self._failing.add(int(row["string"]))
@@ -160,14 +208,15 @@ class Master:
             host=host,
             text=text,
         )
+        says = text if text.startswith(TOOK_TOO_LONG) else f"raised\n{text}"
         self._watcher.error(
             f"rank {failure['rank']} on {host}: string {failure['string']} sample "
-            f"{failure['sample']} raised\n{text}"
+            f"{failure['sample']} {says}"
         )
 
-    def _tick(self, crew: Crew, now: float) -> None:
+    def _tick(self, now: float) -> None:
         elapsed = now - self.books.begun
-        busy = self.books.busy_seconds / (elapsed * crew.size)
+        busy = self.books.busy_seconds / (elapsed * self._crew.size)
         samples = len(self._stored.samples) + self.books.samples
         self._watcher.tick(samples, self.books.rate, busy, len(self.inversion.live))
 
@@ -175,3 +224,19 @@ class Master:
     def finished_because(self) -> str:
         """Why the search ended, in words."""
         return self._work.finished_because(self.inversion)
+
+
+def check_turn(rank: int, piece: Piece, row: np.void) -> None:
+    """Raise a RuntimeError if a rank sent something else than what it was to do next."""
+    sent = int(row["string"]), int(row["sample"])
+    if sent != piece[:2]:
+        raise RuntimeError(f"rank {rank} sent string and sample {sent}; expected were {piece[:2]}")
+
+
+def consecutive(places: list[int]) -> Iterator[tuple[int, int]]:
+    """Begin and length of each run of consecutive numbers."""
+    begin = 0
+    for end in range(1, len(places) + 1):
+        if end == len(places) or places[end] != places[end - 1] + 1:
+            yield places[begin], end - begin
+            begin = end

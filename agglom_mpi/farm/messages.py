@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.simulation.outcome import TIMED_OUT
 from agglom_mpi.variables import COUNT
 
 TASKS: Final = 1
@@ -17,15 +18,23 @@ UNWRITTEN: Final = 6
 SYNC: Final = 7
 FINALS: Final = 8
 FRAMES: Final = 9
+ALIVE: Final = 10
 """Message tags."""
 
 POLL: Final = 0.001
 """Seconds between looks at the mail while nothing happens; a blocking receive burns a core."""
 
 TASK: Final = np.dtype(
-    [("string", "i8"), ("sample", "i8"), ("frames", "i8"), ("parameters", "f8", COUNT)]
+    [
+        ("string", "i8"),
+        ("first", "i8"),
+        ("count", "i8"),
+        ("frames", "i8"),
+        ("parameters", "f8", COUNT),
+    ]
 )
-"""One sample to simulate; or, if `frames` is not 0, to take so many pictures of."""
+"""Samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not 0, to take
+so many pictures of each."""
 
 RESULT: Final = sample_dtype
 """One simulated sample, as it stands in the campaign file."""
@@ -35,11 +44,20 @@ FAILED_SAMPLE: Final = np.dtype(
 )
 """The traceback of a sample that raised."""
 
+HOST: Final = np.dtype([("host", "S64")])
+"""A sign of life: the machine of a rank."""
+
+ALIVE_EVERY: Final = 5.0
+"""Seconds after which a rank that has nothing to say gives a sign of life."""
+
+SILENT_AFTER: Final = 30.0
+"""Seconds without a sign of life after which a rank's work is given to others, too."""
+
 FAREWELL: Final = np.dtype([("database_seconds", "f8")])
 """The last word of a rank that has stopped: time that it spent on the campaign file, s."""
 
-MOST_TASKS: Final = 64
-"""Tasks in one message at most."""
+MOST_SAMPLES: Final = 256
+"""Samples asked for in one message at most."""
 
 
 def failed_sample(string: int, sample: int, rank: int, text: str) -> np.ndarray:
@@ -51,3 +69,9 @@ def failed_sample(string: int, sample: int, rank: int, text: str) -> np.ndarray:
         text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
     )
     return record
+
+
+def final_results(results: np.ndarray) -> np.ndarray:
+    """Return those results, (n,), that are kept: a sample that took too long may be tried again."""
+    late = results["reason"] == TIMED_OUT
+    return results[~late] if late.any() else results

@@ -18,7 +18,7 @@ from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
 from agglom_mpi.farm.leg import run_leg, warm_up
-from agglom_mpi.farm.master import Master
+from agglom_mpi.farm.master import End, Master
 from agglom_mpi.farm.order import Order
 from agglom_mpi.farm.sharing import PARALLEL, Nodes, choose_database, find_nodes
 from agglom_mpi.farm.simulator import Simulator
@@ -174,7 +174,9 @@ def lead(
                 end = None
             else:
                 tell(world, FINISHED, work, path if database == PARALLEL else None)
-                end = run_leg(order, database, writer, master, display, stop, world)
+                end, missing = run_leg(order, database, writer, master, display, stop, world)
+                if missing and world is not None:
+                    return leave(end, missing, order, display, finish, world)
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{in_words(error)}; {kept if path.exists() else 'it is lost'}")
@@ -182,9 +184,37 @@ def lead(
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE
-        if end is not None and end.code != FINISHED:
-            show = display.error if end.code == FAILURE else display.message
-            show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
-            return end.code
+    return conclude(end, order, display, finish)
+
+
+def conclude(
+    end: End | None, order: Order, display: Display, finish: Callable[[Order], None]
+) -> int:
+    """Say how it ended, None for long ago; the exit code."""
+    if end is not None and end.code != FINISHED:
+        show = display.error if end.code == FAILURE else display.message
+        show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
+        return end.code
     finish(order)
     return FINISHED
+
+
+def leave(
+    end: End,
+    missing: set[int],
+    order: Order,
+    display: Display,
+    finish: Callable[[Order], None],
+    world: "Intracomm",
+) -> int:
+    """Conclude without ranks that do not answer: the file is complete, the job is ended by force.
+
+    Waiting for them, as any call that all ranks join does, might never end.
+    """
+    code = conclude(end, order, display, finish)
+    ranks = ", ".join(map(str, sorted(missing)))
+    display.error(f"no answer from rank {ranks}: the job is ended without; {order.path} is whole")
+    sys.stdout.flush()
+    time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
+    world.Abort(code)
+    return code

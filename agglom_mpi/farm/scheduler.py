@@ -1,21 +1,40 @@
-"""Who simulates what next: a pure state machine, without MPI, files or a clock."""
+"""Who simulates what next: a pure state machine, without MPI, files or a clock.
 
-from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple, Protocol
+Events go in (`returned`, `heard`, `clock`), assignments come out.
+"""
+
+import heapq
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.farm.messages import MOST_TASKS, TASK
+from agglom_mpi.farm.experience import Experience
+from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+from agglom_mpi.farm.messages import MOST_SAMPLES, TASK
 
-MESSAGES_IN_FLIGHT: Final = 2
-"""Batches a rank holds: one that it works on and one that it finds when it is done."""
+BATCH_SECONDS: Final = 0.01
+"""Work in one message, so that a message of some 50 µs costs less than 1 %."""
 
-BATCH_SECONDS: Final = 0.005
-"""Work in one message, so that a message of some 50 µs costs about 1 %."""
+QUEUE_SECONDS: Final = (1.0, 0.05)
+"""A rank holds a second batch if batches are shorter than the first of these, and so on."""
+
+STOCK: Final = 0.02
+URGENCY: Final = 1.4
+"""A sample that decisions wait for comes before one of a coming generation that is so many times
+as likely to be needed."""
+
+HOPELESS: Final = 0.02
+"""Samples that are less likely to be needed are not simulated."""
+
+QUEUED: Final = 0.9
+SURE: Final = 0.95
+GENERATIONS_AHEAD: Final = 4
+"""Coming generations of which samples may be simulated."""
 
 
-class LiveString(Protocol):
+class Progress(Protocol):
     """How far the ensemble of a string is."""
 
     @property
@@ -31,24 +50,35 @@ class Needs(Protocol):
     """What the scheduler asks of a campaign; `search.inversion.Inversion` answers it."""
 
     @property
-    def live(self) -> Mapping[int, LiveString]:
-        """Strings that are not judged yet."""
+    def generation(self) -> int:
+        """Number of the generation that is being judged."""
+
+    @property
+    def live(self) -> Mapping[int, Progress]:
+        """Strings of this generation that are not judged yet."""
+
+    def progress(self, string: int) -> Progress | None:
+        """How far a live or announced string is; None once it is judged."""
+
+    def used(self, string: int) -> int:
+        """Samples that a judged string needed."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
         """Return a proposed string, shape (10,)."""
 
+    def announce(self, generations: int) -> Sequence[int]:
+        """Propose strings of one more coming generation, at most so many ahead of this one.
 
-class Lane(NamedTuple):
-    """A rank as the scheduler sees it: the batches it holds, oldest first."""
-
-    batches: list[set[tuple[int, int]]]
+        Those that depend on no result; none, if there are none or they are all announced.
+        """
 
 
 class Scheduler:
-    """Hand out samples of the strings that are not judged yet.
+    """Hand out samples to ranks, those first that are most likely to be needed soonest.
 
-    A string gets its samples in order. The string whose judgement is least far behind what was
-    handed out comes first, so that ranks run ahead only when there is nothing more urgent.
+    A string gets its samples in order. Strings that are not judged yet go before those of coming
+    generations, which go before samples that are hardly needed. What a rank that fell silent holds
+    is given to others, too, and the first result counts.
 
     Parameters
     ----------
@@ -58,68 +88,238 @@ class Scheduler:
         Number of ranks.
     known
         (string, sample) pairs that need no simulation, from an earlier leg.
+    experience
+        Samples that strings judged before needed.
     """
 
-    def __init__(self, needs: Needs, ranks: int, known: Iterable[tuple[int, int]] = ()) -> None:
+    def __init__(
+        self,
+        needs: Needs,
+        ranks: int,
+        known: Iterable[tuple[int, int]] = (),
+        experience: Iterable[int] = (),
+    ) -> None:
+        self.lanes = Lanes(ranks)
         self._needs = needs
-        self._lanes = [Lane([]) for _ in range(ranks)]
-        self._handed_out: dict[int, int] = {}
+        self._ranks = ranks
+        self._experience = Experience()
         self._known: dict[int, set[int]] = {}
+        self._generation = -1
+        self._live: set[int] = set()
+        self._next: dict[int, int] = {}
+        self._queue: list[tuple[float, int]] = []
+        self._score: dict[int, float] = {}
+        self._again: list[Piece] = []
+        self._doubled: dict[tuple[int, int], bool] = {}
         self._mean_seconds = 0.0
+        self._most_judged = 0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
+        for used in experience:
+            self._experience.learn(used)
 
-    @property
-    def in_flight(self) -> int:
-        """Samples handed out whose results are not back."""
-        return sum(len(batch) for lane in self._lanes for batch in lane.batches)
+    def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
+        """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
+        self._meet_generation()
+        for batches in range(self._in_flight()):
+            while (rank := self.lanes.next_with(batches)) is not None:
+                pieces = self._choose(QUEUED if batches else HOPELESS)
+                if not pieces:
+                    return
+                self.lanes.give(rank, pieces, now)
+                yield rank, self._tasks(pieces)
 
-    def assign(self, rank: int) -> NDArray[np.void]:
-        """Tasks for a rank, an array of `TASK`; empty if it holds enough or nothing is needed."""
-        lane = self._lanes[rank]
-        if len(lane.batches) >= MESSAGES_IN_FLIGHT:
-            return np.zeros(0, TASK)
-        pairs = self._choose(self._batch_size())
-        tasks = np.zeros(len(pairs), TASK)
-        for task, (string, sample) in zip(tasks, pairs, strict=True):
-            task["string"], task["sample"] = string, sample
-            task["parameters"] = self._needs.parameters(string)
-        if pairs:
-            lane.batches.append(set(pairs))
-        return tasks
+    def returned(self, rank: int, seconds: Sequence[float]) -> list[tuple[Piece, list[int]]]:
+        """Take the next samples that a rank was to simulate, which took it so many seconds each.
 
-    def returned(self, rank: int, string: int, sample: int, seconds: float) -> None:
-        """Take note that a rank is done with a sample, which took it `seconds`."""
-        weight = 0.05 if self._mean_seconds else 1.0
-        self._mean_seconds += weight * (seconds - self._mean_seconds)
-        for batch in self._lanes[rank].batches:
-            batch.discard((string, sample))
-        self._lanes[rank].batches[:] = [batch for batch in self._lanes[rank].batches if batch]
+        Returns
+        -------
+        list
+            What they are, and of each piece the places of those that nobody had returned before.
+        """
+        count = len(seconds)
+        if count:
+            weight = 1.0 - 0.95**count if self._mean_seconds else 1.0
+            self._mean_seconds += weight * (sum(seconds) / count - self._mean_seconds)
+        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, count)]
 
-    def _batch_size(self) -> int:
-        if not self._mean_seconds:
-            return 1
-        return int(min(MOST_TASKS, max(1.0, BATCH_SECONDS / self._mean_seconds)))
+    def _fresh(self, piece: Piece) -> list[int]:
+        if not self._doubled:
+            return list(range(piece.count))
+        fresh = []
+        for place in range(piece.count):
+            pair = piece.string, piece.first + place
+            if not self._doubled.get(pair, False):
+                fresh.append(place)
+                if pair in self._doubled:
+                    self._doubled[pair] = True
+        return fresh
 
-    def _choose(self, count: int) -> list[tuple[int, int]]:
-        live = self._needs.live
-        self._handed_out = {string: self._handed_out.get(string, 0) for string in live}
-        ahead = {string: self._next(string) - live[string].next_sample for string in live}
-        chosen: list[tuple[int, int]] = []
-        while ahead and len(chosen) < count:
-            string = min(ahead, key=lambda name: (ahead[name], name))
-            # Consecutive samples: rows that lie together are written together.
-            while len(chosen) < count and self._next(string) < live[string].max_samples:
-                chosen.append((string, self._next(string)))
-                self._handed_out[string] += 1
-            del ahead[string]
-        return chosen
+    def judged(self, string: int) -> None:
+        """Take note that samples of a string have been judged."""
+        if string not in self._next:
+            return
+        if self._needs.progress(string) is None:
+            self._experience.learn(self._needs.used(string))
+            for kept in (self._next, self._score, self._known):
+                kept.pop(string, None)
+        else:
+            self._rank_anew(string)
 
-    def _next(self, string: int) -> int:
-        """First sample of a string that is neither handed out nor known."""
-        sample = self._handed_out[string]
-        known = self._known.get(string, ())
+    def heard(self, rank: int, now: float) -> bool:
+        """Take a sign of life of a rank; whether it had fallen silent."""
+        return self.lanes.heard(rank, now)
+
+    def clock(self, now: float, patience: float) -> list[int]:
+        """Ranks that have work and were not heard for so many seconds; others do it, too."""
+        fallen = self.lanes.fall_silent(now - patience)
+        for rank in fallen:
+            for piece in self.lanes.held(rank):
+                self._again.append(piece)
+                for sample in range(piece.first, piece.first + piece.count):
+                    self._doubled.setdefault((piece.string, sample), False)
+        return fallen
+
+    def _meet_generation(self) -> None:
+        if self._needs.generation == self._generation:
+            return
+        self._generation = self._needs.generation
+        self._live = set(self._needs.live)
+        for string in sorted(self._live):
+            self._next.setdefault(string, 0)
+            self._rank_anew(string)
+
+    def _rank_anew(self, string: int) -> None:
+        """Give a string its place among those that wait for a rank."""
+        progress = self._needs.progress(string)
+        assert progress is not None
+        sample = self._skip_known(string, progress.next_sample)
+        if sample >= progress.max_samples:
+            self._score.pop(string, None)
+            return
+        self._most_judged = max(self._most_judged, progress.next_sample)
+        score = self._worth(string, progress, sample)
+        if self._score.get(string) != score:
+            self._score[string] = score
+            heapq.heappush(self._queue, (-score, string))
+
+    def _worth(self, string: int, progress: Progress, sample: int) -> float:
+        chance = self._experience.chance(progress.next_sample, sample)
+        return URGENCY * chance if string in self._live else chance
+
+    def _skip_known(self, string: int, judged: int) -> int:
+        sample, known = max(self._next[string], judged), self._known.get(string, ())
         while sample in known:
             sample += 1
-        self._handed_out[string] = sample
+        self._next[string] = sample
         return sample
+
+    def _choose(self, least: float) -> list[Piece]:
+        """Pieces for one batch; none that is not worth at least so much."""
+        room = self._batch_size()
+        pieces: list[Piece] = []
+        while room > 0:
+            piece = self._once_more(room) or self._best(room, least)
+            if piece is None:
+                break
+            pieces.append(piece)
+            room -= piece.count
+        return pieces
+
+    def _best(self, room: int, least: float) -> Piece | None:
+        """Samples of the string that is worth most."""
+        best = self._peek()
+        if best < 1.0:
+            self._look_ahead()
+            best = self._peek()
+        if best < least:
+            return None
+        _, string = heapq.heappop(self._queue)
+        self._score.pop(string)
+        piece = self._piece(string, room)
+        self._next[string] = piece.first + piece.count
+        self._rank_anew(string)
+        return piece
+
+    def _peek(self) -> float:
+        """Worth of the best string; entries that are out of date are dropped or put right."""
+        while self._queue:
+            worth, string = -self._queue[0][0], self._queue[0][1]
+            if self._score.get(string) == worth:
+                self._rank_anew(string)  # experience grows
+                if self._score.get(string) == worth:
+                    return worth
+            heapq.heappop(self._queue)
+        return 0.0
+
+    def _look_ahead(self) -> None:
+        while self._peek() < 1.0 and (strings := self._needs.announce(GENERATIONS_AHEAD)):
+            for string in strings:
+                self._next[string] = 0
+                self.judged(string)
+
+    def _piece(self, string: int, room: int) -> Piece:
+        progress = self._needs.progress(string)
+        assert progress is not None
+        first, judged = self._next[string], progress.next_sample
+        count = min(room, progress.max_samples - first)
+        if string in self._live:
+            count = min(count, self._share(judged))
+        known = self._known.get(string)
+        if known:
+            count = next((n for n in range(1, count) if first + n in known), count)
+        worth = self._experience.chance(judged, first)
+        while count > 1 and self._experience.chance(judged, first + count - 1) < SURE * worth:
+            count //= 2
+        return Piece(string, first, count)
+
+    def _share(self, judged: int) -> int:
+        """Samples of one string for one rank, so that all ranks can help to judge it soon."""
+        need = max(self._experience.mean, judged + 1.0)
+        return max(1, int(need * len(self._live) / (2 * self._ranks)))
+
+    def _once_more(self, room: int) -> Piece | None:
+        """Samples of a rank that fell silent, if they are still missing and needed."""
+        while self._again:
+            piece = self._again.pop()
+            if self._doubled[piece.string, piece.first]:
+                piece = piece.split(1)[1]
+            elif self._needs.progress(piece.string) is None:
+                continue
+            else:
+                count = min(room, piece.count)
+                count = next(
+                    (n for n in range(1, count) if self._doubled[piece.string, piece.first + n]),
+                    count,
+                )
+                piece, rest = piece.split(count)
+                if rest.count:
+                    self._again.append(rest)
+                return piece
+            if piece.count:
+                self._again.append(piece)
+        return None
+
+    def _in_flight(self) -> int:
+        """Batches for each rank: short ones must last until the next come, long ones tie it down.
+
+        Where ranks use all cores their main threads wait some milliseconds for one, and it takes
+        three of them to return results and to fetch more.
+        """
+        seconds = self._batch_size() * self._mean_seconds
+        return 1 + sum(seconds < limit for limit in QUEUE_SECONDS)
+
+    def _batch_size(self) -> int:
+        """Samples for one message: not less work than pays, nor more than is surely needed."""
+        if not self._mean_seconds:
+            return 1
+        need = max(self._experience.mean, self._most_judged)
+        sure = STOCK * len(self._next) * need / self._ranks
+        return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self._mean_seconds, sure)))
+
+    def _tasks(self, pieces: list[Piece]) -> NDArray[np.void]:
+        tasks = np.zeros(len(pieces), TASK)
+        for task, piece in zip(tasks, pieces, strict=True):
+            task["string"], task["first"], task["count"] = piece
+            task["parameters"] = self._needs.parameters(piece.string)
+        return tasks

@@ -65,7 +65,9 @@ class Work(ABC):
     campaign
         Gives the file its title, text, seed and search box.
     max_failures
-        Samples that may raise before the run is given up.
+        Samples that may raise or take too long before the run is given up.
+    max_seconds
+        Time that a sample may take, None for ever.
     top
         Strings in the mean of the best.
     purpose
@@ -74,6 +76,7 @@ class Work(ABC):
 
     campaign: Campaign
     max_failures: int
+    max_seconds: float | None = None
     top: int
     purpose: str
 
@@ -125,6 +128,7 @@ class CampaignWork(Work):
         target = campaign.stopping.target
         self.campaign = campaign
         self.max_failures = campaign.stopping.max_failures
+        self.max_seconds = campaign.stopping.max_seconds
         self.top = target.top if target else campaign.search.parents
 
     @property

@@ -1,5 +1,6 @@
 """A rank that simulates what it is sent until it is told to stop."""
 
+import socket
 import time
 from typing import TYPE_CHECKING
 
@@ -8,11 +9,14 @@ import numpy as np
 from agglom_mpi.database.samples import RankFile
 from agglom_mpi.database.table import joined
 from agglom_mpi.farm.messages import (
+    ALIVE,
+    ALIVE_EVERY,
     FAILURE,
     FAREWELL,
     FINALS,
     FRAMES,
-    MOST_TASKS,
+    HOST,
+    MOST_SAMPLES,
     POLL,
     RESULT,
     RESULTS,
@@ -23,9 +27,11 @@ from agglom_mpi.farm.messages import (
     UNWRITTEN,
     WRITTEN,
     failed_sample,
+    final_results,
 )
-from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.store import in_words
+from agglom_mpi.farm.thread import SimulatorThread
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -58,7 +64,9 @@ class Worker:
         self._told = 0
         self._thread = SimulatorThread(simulator)
         self._any, self._byte, self._status = MPI.ANY_TAG, MPI.BYTE, MPI.Status()
-        self._tasks = np.zeros(MOST_TASKS, TASK)
+        self._host = np.array([(socket.gethostname(),)], HOST)
+        self._spoken = -ALIVE_EVERY
+        self._tasks = np.zeros(MOST_SAMPLES, TASK)
 
     def serve(self) -> None:
         """Read the mail, and pass on what has been simulated; waits at most `POLL`."""
@@ -72,6 +80,8 @@ class Worker:
         if self._file is not None:
             self._file.samples.flush_due()
             self._tell_written(self._file)
+        if time.monotonic() - self._spoken >= ALIVE_EVERY:
+            self._send(self._host, ALIVE)
 
     def complain(self, error: OSError) -> None:
         """Let rank 0 know that this rank cannot write, and leave it to end the job."""
@@ -91,7 +101,7 @@ class Worker:
         if batch.results:
             results = joined(batch.results, RESULT)
             if self._file is not None:
-                self._file.samples.put(results, finals)
+                self._file.samples.put(final_results(results), finals)
             self._send(results, RESULTS)
 
     def _read(self, tag: int) -> None:
@@ -127,4 +137,5 @@ class Worker:
             self._told = file.samples.written
 
     def _send(self, record: np.ndarray, tag: int) -> None:
+        self._spoken = time.monotonic()
         self._world.Send([record, self._byte], dest=0, tag=tag)

@@ -4,7 +4,7 @@ from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import GenerationSummary, Inversion, Observer, Progress, Target
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth, Objective, make_objective
-from agglom_mpi.search.proposals import ORIGINS, Batch, Search
+from agglom_mpi.search.proposals import OFFSPRING, ORIGINS, RANDOM, Batch, Search
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import (
     Moments,
@@ -15,7 +15,9 @@ from agglom_mpi.search.stopping import (
 )
 
 __all__ = [
+    "OFFSPRING",
     "ORIGINS",
+    "RANDOM",
     "Batch",
     "Ensemble",
     "EnsembleResult",

@@ -3,12 +3,10 @@
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.running import PooledMoments, RunningMean
 from agglom_mpi.search.stopping import Rule, Snapshot
-from agglom_mpi.simulation.outcome import COMPLETED
+from agglom_mpi.simulation.outcome import Measured
 
 FAILURES_JUDGED_FROM: Final = 10
 """Samples before the share of failed ones may end an ensemble."""
@@ -74,12 +72,12 @@ class Ensemble:
         self._radii = PooledMoments()
         self._last: Snapshot | None = None
 
-    def add(self, outcome: np.void) -> None:
-        """Judge sample number `samples_used`, an OUTCOME scalar."""
+    def add(self, outcome: Measured) -> None:
+        """Judge sample number `samples_used`."""
         if self.finished:
             raise ValueError("this ensemble needs no more samples")
         self.samples_used += 1
-        if outcome["state"] == COMPLETED:
+        if outcome.completed:
             self._measure(outcome)
         else:
             self.failed += 1
@@ -104,13 +102,13 @@ class Ensemble:
     def _unreliable(self) -> bool:
         return 10 * self.failed > self.samples_used
 
-    def _measure(self, outcome: np.void) -> None:
-        ratio, left = float(outcome["mean_radius_ratio"]), int(outcome["particles"])
+    def _measure(self, outcome: Measured) -> None:
+        ratio, left = outcome.mean_radius_ratio, outcome.particles
         self._ratio.add(ratio)
         self._deviation.add(self._objective.deviation(ratio))
         self._grains.add(self._particles / left)
-        second, third, fourth = (float(outcome[f"radius_moment_{r}"]) for r in (2, 3, 4))
-        self._radii.add(left, ratio, (second, third, fourth))
+        if self._rule.needs_moments:
+            self._radii.add(left, ratio, outcome.central_moments)
         before, self._last = self._last, self._snapshot()
         if before is not None and self._last.samples >= self._min_samples:
             self._converged = self._rule.satisfied(before, self._last)
@@ -121,5 +119,5 @@ class Ensemble:
             mean_radius_ratio=self._ratio.mean,
             objective=abs(self._deviation.mean),
             standard_error=self._deviation.standard_error,
-            central_moments=self._radii.central,
+            central_moments=self._radii.central if self._rule.needs_moments else None,
         )

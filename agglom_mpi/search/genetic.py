@@ -118,8 +118,8 @@ class GeneticSearch:
         """Return the mean objective of the k best strings of the population [A 26]."""
         return float(np.mean(self._objectives[self._ranked[:k]]))
 
-    def random_proposals(self, generation: int) -> Batch | None:
-        """Return the random strings of a coming generation, which depend on no result.
+    def random_proposals(self, generation: int) -> tuple[int, Batch] | None:
+        """Return the random strings of a coming generation, and the number of the first of them.
 
         None while the box that they come from is not known.
         """
@@ -127,7 +127,9 @@ class GeneticSearch:
             every = self.rescale[0]
             if generation // every != self.generation // every:
                 return None
-        return self._random_strings(generation)
+        new = self.population - self.parents
+        first = self.population + (generation - 1) * new + self.parents if generation else 0
+        return first, self._random_strings(generation)
 
     def _random_strings(self, generation: int) -> Batch:
         slots = np.arange(2 * self.parents if generation else 0, self.population)

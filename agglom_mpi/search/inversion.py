@@ -1,6 +1,6 @@
 """The decisions of a campaign, which depend on outcomes alone, never on when they arrive."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
 from agglom_mpi.search.proposals import Batch, Search
+from agglom_mpi.simulation.outcome import Measured
 
 TARGET_REACHED: Final = "target"
 GENERATIONS_DONE: Final = "generations"
@@ -50,8 +51,11 @@ class GenerationSummary(NamedTuple):
 class Observer(Protocol):
     """Whoever keeps the books; it must not call the inversion back."""
 
+    def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Store strings of a coming generation; called before `Inversion.announce` returns."""
+
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
-        """Store new strings; called before any of them appears in `Inversion.live`."""
+        """Store new strings, of which some may be announced; called before they are live."""
 
     def judged(self, string: int, result: EnsembleResult) -> None:
         """Take the result of a string."""
@@ -66,7 +70,8 @@ class Inversion:
     Strings are numbered 0, 1, 2, … in the order of proposal. Samples of a string are judged in
     order 0, 1, 2, …; early ones wait, and those after the ensemble's end are ignored, as is any
     but the first copy. Outcomes of strings yet to be proposed wait too, so that a resume may
-    hand over all it has at once, before `start`.
+    hand over all it has at once, before `start`, and samples of announced strings may be
+    simulated before their generation comes.
 
     Parameters
     ----------
@@ -98,16 +103,20 @@ class Inversion:
         self.stop_reason: str | None = None
         self._search = search
         self._make_ensemble = make_ensemble
+        self._max_samples = make_ensemble().max_samples
         self._generations = generations
         self._target = target
         self._restore = restore
         self._observer = observer
         self._top = search.parents if target is None else target.top
         self._strings: list[NDArray[np.float64]] = []
-        self._generation = 0
+        self._coming: dict[int, NDArray[np.float64]] = {}
+        self._last_announced = 0
+        self.generation = 0
         self._ids = np.empty(0, np.int64)
         self._open: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, np.void]] = {}
+        self._early: dict[int, Ensemble] = {}
+        self._waiting: dict[int, dict[int, Measured]] = {}
         self._samples_used = 0
 
     @property
@@ -123,45 +132,100 @@ class Inversion:
             for string, ensemble in self._open.items()
         }
 
+    def progress(self, string: int) -> Progress | None:
+        """How far a live or announced string is; None once it needs no more samples."""
+        ensemble = self._open.get(string) or self._early.get(string)
+        if ensemble is None or ensemble.finished:
+            return None
+        return Progress(ensemble.samples_used, ensemble.max_samples)
+
+    def used(self, string: int) -> int:
+        """Samples that a string needed which needs no more."""
+        early = self._early.get(string)
+        return self.results[string].samples_used if early is None else early.samples_used
+
     def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a proposed string, shape (10,)."""
-        return self._strings[string]
+        """Return a proposed or announced string, shape (10,)."""
+        if string < len(self._strings):
+            return self._strings[string]
+        return self._coming[string]
 
     def start(self) -> None:
         """Propose the first generation."""
         self._propose()
         self._settle()
 
-    def accept(self, string: int, sample: int, outcome: np.void) -> None:
-        """Take the outcome of one sample, an OUTCOME scalar."""
+    def announce(self, generations: int) -> Sequence[int]:
+        """Propose strings of one more coming generation, at most so many ahead of this one.
+
+        Returns
+        -------
+        sequence of int
+            Numbers of those that depend on no result; none if there are none, or no such
+            generation.
+        """
+        coming = max(self._last_announced, self.generation) + 1
+        if self.finished or coming >= min(self._generations, self.generation + generations + 1):
+            return ()
+        random = self._search.random_proposals(coming)
+        if random is None:
+            return ()
+        first, batch = random
+        if self._restore is not None:
+            batch = self._restore(batch, first)
+        ids = np.arange(first, first + len(batch.parameters))
+        self._observer.announced(batch, ids)
+        self._coming.update(zip(ids.tolist(), batch.parameters, strict=True))
+        self._last_announced = coming
+        for string in ids.tolist():
+            self._early[string] = self._make_ensemble()
+            self._feed(string, self._early[string])
+        return ids.tolist()
+
+    def accept(self, string: int, first: int, outcomes: Sequence[Measured]) -> None:
+        """Take the outcomes of consecutive samples, those from `first` on."""
         ensemble = self._open.get(string)
-        if self.finished or (ensemble is None and string < len(self._strings)):
+        early = self._early.get(string)
+        over = string < len(self._strings) if early is None else early.finished
+        if self.finished or (ensemble is None and over):
             return
-        self._waiting.setdefault(string, {}).setdefault(sample, outcome)
+        waiting = self._waiting.setdefault(string, {})
+        for sample, outcome in enumerate(outcomes, first):
+            waiting.setdefault(sample, outcome)
         if ensemble is not None:
             self._judge(string, ensemble)
             self._settle()
+        elif string in self._early:
+            self._feed(string, self._early[string])
 
     def _propose(self) -> None:
         batch = self._search.ask()
         first = len(self._strings)
         if self._restore is not None:
             batch = self._restore(batch, first)
-        self._generation = batch.generation
+        self.generation = batch.generation
         self._ids = np.arange(first, first + len(batch.parameters))
         self._observer.proposed(batch, self._ids)
         self._strings.extend(batch.parameters)
-        self._open = {int(string): self._make_ensemble() for string in self._ids}
+        self._open = {}
+        for string in self._ids.tolist():
+            self._coming.pop(string, None)
+            self._open[string] = self._early.pop(string, None) or self._make_ensemble()
         for string, ensemble in list(self._open.items()):
             self._judge(string, ensemble)
 
-    def _judge(self, string: int, ensemble: Ensemble) -> None:
+    def _feed(self, string: int, ensemble: Ensemble) -> None:
+        """Let an ensemble have the samples that it waits for."""
         waiting = self._waiting.get(string, {})
         while not ensemble.finished and ensemble.samples_used in waiting:
             ensemble.add(waiting.pop(ensemble.samples_used))
         if ensemble.finished:
-            del self._open[string]
             self._waiting.pop(string, None)
+
+    def _judge(self, string: int, ensemble: Ensemble) -> None:
+        self._feed(string, ensemble)
+        if ensemble.finished:
+            del self._open[string]
             self.results[string] = ensemble.result()
             self._samples_used += ensemble.samples_used
             self._observer.judged(string, self.results[string])
@@ -183,7 +247,7 @@ class Inversion:
         mean_of_top = self._search.mean_of_top(self._top)
         self._observer.generation_done(
             GenerationSummary(
-                generation=self._generation,
+                generation=self.generation,
                 best=best,
                 objective=objective,
                 standard_error=self.results[best].standard_error,
@@ -195,5 +259,5 @@ class Inversion:
         )
         if self._target is not None and mean_of_top <= self._target.objective:
             self.stop_reason = TARGET_REACHED
-        elif self._generation + 1 >= self._generations:
+        elif self.generation + 1 >= self._generations:
             self.stop_reason = GENERATIONS_DONE

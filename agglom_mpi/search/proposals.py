@@ -40,6 +40,16 @@ class Search(Protocol):
     def ask(self) -> Batch:
         """Propose the strings of the next generation; asking again changes nothing."""
 
+    def random_proposals(self, generation: int) -> tuple[int, Batch] | None:
+        """Propose the strings of a coming generation that depend on no result, the last of it.
+
+        Returns
+        -------
+        tuple or None
+            Number that the first of them will have, and the strings; None if there are none, or
+            if they are not known yet.
+        """
+
     def tell(
         self,
         ids: NDArray[np.int64],

@@ -1,7 +1,7 @@
 """When an ensemble is large enough: the papers' two rules, and one by standard error."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
 
 from agglom_mpi.search.student import t_95
 
@@ -18,12 +18,17 @@ class Snapshot(NamedTuple):
     objective: float
     standard_error: float
     """Of the objective; nan for one sample."""
-    central_moments: tuple[float, float, float]
-    """Moments 2, 3, 4 of b/b⁰ about its mean, over the particles of all samples [A 24]."""
+    central_moments: tuple[float, float, float] | None
+    """Moments 2, 3, 4 of b/b⁰ about its mean, over the particles of all samples [A 24]; None where
+    the rule does not need them."""
 
 
 class Rule(Protocol):
     """A test that is made after each completed sample but the first."""
+
+    @property
+    def needs_moments(self) -> bool:
+        """Whether snapshots must have their central moments."""
 
     def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
         """Tell whether the sample between the two snapshots was the last one needed."""
@@ -51,6 +56,7 @@ class SuccessiveDifference:
 
     tolerance: float
     quantity: str = "objective"
+    needs_moments: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.quantity not in ("mean_radius", "objective"):
@@ -83,11 +89,21 @@ class Moments:
         if not 1 <= self.order <= 4:
             raise ValueError("the order of the moments must be 1 to 4")
 
+    @property
+    def needs_moments(self) -> bool:
+        """The mean alone is there without."""
+        return self.order > 1
+
     def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
         """Compare the moments up to the order."""
-        old = (before.mean_radius_ratio, *before.central_moments)[: self.order]
-        new = (after.mean_radius_ratio, *after.central_moments)[: self.order]
-        return all(_settled(*pair, self.tolerance) for pair in zip(old, new, strict=True))
+        return all(
+            _settled(*pair, self.tolerance)
+            for pair in zip(self._watched(before), self._watched(after), strict=True)
+        )
+
+    def _watched(self, snapshot: Snapshot) -> tuple[float, ...]:
+        central = snapshot.central_moments or ()
+        return (snapshot.mean_radius_ratio, *central)[: self.order]
 
 
 @dataclass(frozen=True)
@@ -104,6 +120,7 @@ class StandardError:
 
     tolerance: float
     min_samples: int = 5
+    needs_moments: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.min_samples < 3:

@@ -14,12 +14,14 @@ REASONS: Final = (
     "non-finite state",
     "budget of steps or events exceeded",
     "exception",
+    "took longer than max_seconds",
 )
 """Why a sample failed, by the `reason` of its record."""
 PLACEMENT_JAMMED: Final = 1
 NON_FINITE: Final = 2
 BUDGET_EXCEEDED: Final = 3
 EXCEPTION: Final = 4
+TIMED_OUT: Final = 5
 
 
 class Column(NamedTuple):
@@ -62,6 +64,31 @@ COLUMNS: Final = (
 
 OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
 """One sample as a structured scalar; ledger columns end it."""
+
+
+class Measured(NamedTuple):
+    """What of a sample decisions are made from."""
+
+    completed: bool
+    mean_radius_ratio: float
+    particles: int
+    central_moments: tuple[float, float, float]
+    """Moments 2, 3, 4 of b/b0 over the particles left."""
+    steps: int
+    particle_steps: int
+
+
+def measured(rows: npt.NDArray[np.void]) -> list[Measured]:
+    """Read rows, shape (n,), that have the columns of `OUTCOME`."""
+    columns = [rows[name].tolist() for name in ("mean_radius_ratio", "particles")]
+    moments = (rows[f"radius_moment_{r}"].tolist() for r in (2, 3, 4))
+    work = [rows[name].tolist() for name in ("steps", "particle_steps")]
+    completed = (rows["state"] == COMPLETED).tolist()
+    return list(map(Measured, completed, *columns, zip(*moments, strict=True), *work))
+
+
+UNFINISHED: Final = Measured(False, 0.0, 0, (0.0, 0.0, 0.0), 0, 0)
+"""A sample that failed."""
 
 
 class FinalParticles(NamedTuple):
