@@ -75,6 +75,8 @@ def with_scene(campaign: Campaign, **changes: object) -> Campaign:
 class _Never:
     """The rule of a trial: nothing but the number of samples ends it."""
 
+    needs_moments = False
+
     def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
         return False
 

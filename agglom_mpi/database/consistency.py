@@ -8,6 +8,7 @@ import numpy as np
 from agglom_mpi.database.contents import Contents, named
 from agglom_mpi.database.digest import generation_digest, used_samples
 from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
+from agglom_mpi.database.timed_out import late_failures
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -74,11 +75,22 @@ def _wrong_variables(contents: Contents) -> Iterator[str]:
 
 
 def _find_absent_strings(contents: Contents) -> None:
-    """Every string up to the last that anything is stored of must be there."""
+    """Every string up to the last that anything is stored of must be there.
+
+    Of generations that have not begun only the last strings may be, which depend on no result.
+    """
     stored = contents.numbers("strings")
-    needed = contents.numbers("samples") | contents.numbers("results")
-    last = max(stored | needed, default=-1)
-    contents.miss("strings", set(range(last + 1)) - stored, "though later ones are stored")
+    begun = contents.rows["strings"][begun_generations(contents)]["string"]
+    last = max([*begun.tolist(), *contents.numbers("results")], default=-1)
+    needed = set(range(int(last) + 1)) | contents.numbers("samples")
+    contents.miss("strings", needed - stored, "though later ones are stored")
+
+
+def begun_generations(contents: Contents) -> np.ndarray:
+    """Which rows of `/strings` are of generations that have begun, (n,) bool."""
+    strings = contents.rows["strings"]
+    bred = strings["generation"][strings["origin"] != ORIGINS.index("random")]
+    return strings["generation"] <= max([0, *bred.tolist(), *contents.recorded])
 
 
 def _find_absent_samples(contents: Contents) -> None:
@@ -88,10 +100,11 @@ def _find_absent_samples(contents: Contents) -> None:
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
     gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
-    missing = {divmod(place, most) for place in gaps.tolist()}
+    missing = {divmod(place, most) for place in gaps.tolist()} - set(contents.timed_out)
     contents.miss("samples", missing, "though the results of their strings rest on them")
     counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
-    final = len(samples) + sum(1 for key in contents.lost["samples"] if key not in missing)
+    final = len(samples) + len(late_failures(contents.rows["failures"]))
+    final += sum(1 for key in contents.lost["samples"] if key not in missing)
     if final + len(missing) < counted:
         contents.faults.append(
             f"samples: {counted - final - len(missing)} unused ones are absent; {counted} had been "
@@ -107,7 +120,7 @@ def _find_absent_of_generations(contents: Contents) -> None:
     without = set(strings["string"][decided].tolist()) - contents.numbers("results")
     contents.miss("results", without, "though the generations of their strings are stored")
     # Where ranks write their samples themselves, judgements are stored somewhat later.
-    begun = strings["generation"] - 1 if contents.settled else ()
+    begun = strings["generation"][begun_generations(contents)] - 1 if contents.settled else ()
     last = max([*contents.recorded, *begun], default=-1)
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
@@ -125,6 +138,8 @@ def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
     samples = used_samples(contents.rows["samples"], results)
     failures = samples["string"][samples["state"] == FAILED]
     found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
+    for string, _ in contents.timed_out:
+        found[string] += 1
     whole = ~np.isin(results["string"], list(contents.lost_strings))
     yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
     samples = contents.rows["samples"]

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.database.reader import Status
+from agglom_mpi.database.timed_out import judged_as_timed_out
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
@@ -72,6 +73,12 @@ class Contents:
         self.lost[table] |= keys
         said = self.losses if table in MADE_AGAIN else self.faults
         said.append(f"{table}: {named(keys)} {why}")
+
+    @property
+    def timed_out(self) -> list[tuple[int, int]]:
+        """Samples that were judged as failed but have no row."""
+        tables = (self.rows[name] for name in ("failures", "results", "samples"))
+        return judged_as_timed_out(*tables)
 
     @property
     def unused(self) -> set[Key]:

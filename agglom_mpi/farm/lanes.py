@@ -9,18 +9,18 @@ MESSAGES_IN_FLIGHT: Final = 3
 
 
 class Piece(NamedTuple):
-    """Samples `first` to `first + count - 1` of a string."""
+    """Samples `first` to `first + size - 1` of a string."""
 
     string: int
     first: int
-    count: int
+    size: int
 
     def split(self, count: int) -> tuple["Piece", "Piece"]:
         """Return the first `count` samples, and the others."""
         rest = self.first + count
         return (
             Piece(self.string, self.first, count),
-            Piece(self.string, rest, self.count - count),
+            Piece(self.string, rest, self.size - count),
         )
 
 
@@ -43,7 +43,7 @@ class Lanes:
     @property
     def samples(self) -> int:
         """Samples that ranks hold."""
-        return sum(piece.count for rank in range(len(self._batches)) for piece in self.held(rank))
+        return sum(piece.size for rank in range(len(self._batches)) for piece in self.held(rank))
 
     def held(self, rank: int) -> Iterator[Piece]:
         """Pieces that a rank holds, in order."""
@@ -66,14 +66,14 @@ class Lanes:
         batches, done = self._batches[rank], []
         while count:
             piece = batches[0].popleft()
-            if piece.count > count:
+            if piece.size > count:
                 piece, rest = piece.split(count)
                 batches[0].appendleft(rest)
             elif not batches[0]:
                 batches.popleft()
                 self._place(rank, len(batches) + 1)
             done.append(piece)
-            count -= piece.count
+            count -= piece.size
         return done
 
     def heard(self, rank: int, now: float) -> bool:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.schema import TOOK_TOO_LONG
-from agglom_mpi.database.table import series
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
@@ -20,6 +19,7 @@ from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
 from agglom_mpi.farm.messages import POLL, SILENT_AFTER, final_results
+from agglom_mpi.farm.replay import accept_stored
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
 from agglom_mpi.simulation.outcome import (
@@ -27,7 +27,6 @@ from agglom_mpi.simulation.outcome import (
     FAILED,
     REASONS,
     TIMED_OUT,
-    UNFINISHED,
     measured,
 )
 
@@ -75,10 +74,7 @@ class Master:
 
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
-        for run in series(self._stored.samples):
-            self.inversion.accept(int(run["string"][0]), int(run["sample"][0]), measured(run))
-        for string, sample in self._stored.timed_out:
-            self.inversion.accept(string, sample, [UNFINISHED])
+        accept_stored(self.inversion, self._stored.samples, self._stored.timed_out)
         self.books.failures = self._stored.failures
         self.inversion.start()
         return self.inversion.finished and self.gallery.complete
@@ -177,7 +173,7 @@ class Master:
         """Let decisions be made from what a rank simulated, unless others were first."""
         outcomes, begin = measured(results), 0
         for piece, fresh in self._scheduler.returned(rank, results["seconds"].tolist()):
-            rows = results[begin : begin + piece.count]
+            rows = results[begin : begin + piece.size]
             check_turn(rank, piece, rows[0])
             for first, count in consecutive(fresh):
                 new = rows[first : first + count]
@@ -185,7 +181,7 @@ class Master:
                 at = begin + first
                 self.inversion.accept(piece.string, piece.first + first, outcomes[at : at + count])
             self._scheduler.judged(piece.string)
-            begin += piece.count
+            begin += piece.size
         for row in results[results["state"] == FAILED]:
             self._count_failure(row)
 

@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.database.consistency import begun_generations
 from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.table import series
 from agglom_mpi.farm.books import restored
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
+from agglom_mpi.simulation.outcome import UNFINISHED, measured
 from agglom_mpi.variables import NAMES
 
 
@@ -28,6 +31,9 @@ class Recorder:
         self.batches: list[tuple[NDArray[np.int64], Batch]] = []
         self.results: dict[int, EnsembleResult] = {}
         self.summaries: dict[int, GenerationSummary] = {}
+
+    def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Take strings of a coming generation."""
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Take new strings."""
@@ -98,10 +104,21 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
         return restored(batch, first, known)
 
     inversion = CampaignWork(campaign).inversion(restore, recorder)
-    for row in contents.rows["samples"]:
-        inversion.accept(int(row["string"]), int(row["sample"]), row)
+    accept_stored(inversion, contents.rows["samples"], contents.timed_out)
     inversion.start()
+    while inversion.announce(contents.room["generations"]):
+        pass  # to `restore`: strings of coming generations may be stored
     return recorder, inversion
+
+
+def accept_stored(
+    inversion: Inversion, samples: NDArray[np.void], timed_out: list[tuple[int, int]]
+) -> None:
+    """Give an inversion rows of `/samples`, and samples that took too long."""
+    for rows in series(samples):
+        inversion.accept(int(rows["string"][0]), int(rows["sample"][0]), measured(rows))
+    for string, sample in timed_out:
+        inversion.accept(string, sample, [UNFINISHED])
 
 
 def _compare_strings(recorder: Recorder, contents: Contents) -> int:
@@ -172,7 +189,8 @@ def _check_end(inversion: Inversion, recorder: Recorder, contents: Contents) -> 
     beyond = set(inversion.live) & contents.numbers("results")
     if contents.settled:  # a proposal need not wait until the samples behind it are written
         proposed = {int(i) for ids, _ in recorder.batches for i in ids}
-        beyond |= contents.numbers("strings") - proposed
+        strings = contents.rows["strings"][begun_generations(contents)]
+        beyond |= set(strings["string"].tolist()) - proposed
     if beyond:
         contents.faults.append(f"replay: ends before strings {named(beyond)}, which are stored")
     if (

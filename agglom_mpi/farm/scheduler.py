@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.farm.experience import Experience
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+from agglom_mpi.farm.lanes import Lanes, Piece
 from agglom_mpi.farm.messages import MOST_SAMPLES, TASK
 
 BATCH_SECONDS: Final = 0.01
@@ -61,7 +61,7 @@ class Needs(Protocol):
         """How far a live or announced string is; None once it is judged."""
 
     def used(self, string: int) -> int:
-        """Samples that a judged string needed."""
+        """Return how many samples a judged string needed."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
         """Return a proposed string, shape (10,)."""
@@ -145,9 +145,9 @@ class Scheduler:
 
     def _fresh(self, piece: Piece) -> list[int]:
         if not self._doubled:
-            return list(range(piece.count))
+            return list(range(piece.size))
         fresh = []
-        for place in range(piece.count):
+        for place in range(piece.size):
             pair = piece.string, piece.first + place
             if not self._doubled.get(pair, False):
                 fresh.append(place)
@@ -176,7 +176,7 @@ class Scheduler:
         for rank in fallen:
             for piece in self.lanes.held(rank):
                 self._again.append(piece)
-                for sample in range(piece.first, piece.first + piece.count):
+                for sample in range(piece.first, piece.first + piece.size):
                     self._doubled.setdefault((piece.string, sample), False)
         return fallen
 
@@ -223,11 +223,11 @@ class Scheduler:
             if piece is None:
                 break
             pieces.append(piece)
-            room -= piece.count
+            room -= piece.size
         return pieces
 
     def _best(self, room: int, least: float) -> Piece | None:
-        """Samples of the string that is worth most."""
+        """Take samples of the string that is worth most."""
         best = self._peek()
         if best < 1.0:
             self._look_ahead()
@@ -237,7 +237,7 @@ class Scheduler:
         _, string = heapq.heappop(self._queue)
         self._score.pop(string)
         piece = self._piece(string, room)
-        self._next[string] = piece.first + piece.count
+        self._next[string] = piece.first + piece.size
         self._rank_anew(string)
         return piece
 
@@ -274,12 +274,12 @@ class Scheduler:
         return Piece(string, first, count)
 
     def _share(self, judged: int) -> int:
-        """Samples of one string for one rank, so that all ranks can help to judge it soon."""
+        """Limit a rank's samples of one string, so that all ranks can help to judge it soon."""
         need = max(self._experience.mean, judged + 1.0)
         return max(1, int(need * len(self._live) / (2 * self._ranks)))
 
     def _once_more(self, room: int) -> Piece | None:
-        """Samples of a rank that fell silent, if they are still missing and needed."""
+        """Take samples of a rank that fell silent, if they are still missing and needed."""
         while self._again:
             piece = self._again.pop()
             if self._doubled[piece.string, piece.first]:
@@ -287,16 +287,16 @@ class Scheduler:
             elif self._needs.progress(piece.string) is None:
                 continue
             else:
-                count = min(room, piece.count)
+                count = min(room, piece.size)
                 count = next(
                     (n for n in range(1, count) if self._doubled[piece.string, piece.first + n]),
                     count,
                 )
                 piece, rest = piece.split(count)
-                if rest.count:
+                if rest.size:
                     self._again.append(rest)
                 return piece
-            if piece.count:
+            if piece.size:
                 self._again.append(piece)
         return None
 
@@ -310,7 +310,7 @@ class Scheduler:
         return 1 + sum(seconds < limit for limit in QUEUE_SECONDS)
 
     def _batch_size(self) -> int:
-        """Samples for one message: not less work than pays, nor more than is surely needed."""
+        """Choose how much goes in one message: what pays, but no more than is surely needed."""
         if not self._mean_seconds:
             return 1
         need = max(self._experience.mean, self._most_judged)

@@ -200,14 +200,16 @@ class Series(Job):
         watch, at = self._watch, self._done
         watch.begin()
         begin = time.perf_counter()
-        final = self._simulate(at)
+        final, error = self._simulate(at)
         late, hurried = watch.end()
         if watch.stopped:
             return False
         if late:
-            final = self._give_up(at)
+            final, error = [], self._give_up(at)
         elif hurried:  # by a look that was meant for the sample before
             return True
+        if error:
+            self._failed(self._first + at, error)
         self._seconds[at] = time.perf_counter() - begin
         self._finished[at] = time.time()
         self._finals.extend(final)
@@ -224,38 +226,35 @@ class Series(Job):
         if completed.any():
             campaign = self._simulator.work.setup(self._string).campaign
             objective = make_objective(campaign.objective, campaign.scene.particles)
-            rows["objective"][completed] = objective.of_sample(
-                rows["mean_radius_ratio"][completed]
-            )
+            rows["objective"][completed] = objective.of_sample(rows["mean_radius_ratio"][completed])
         if len(rows):
             batch.results.append(rows)
         batch.finals.extend(self._finals)
         self._finals = []
         self._give_failures(batch)
 
-    def _simulate(self, at: int) -> list[NDArray[np.void]]:
-        """Fill the record of a sample; its row of final particles, if they are wanted."""
+    def _simulate(self, at: int) -> tuple[list[NDArray[np.void]], str]:
+        """Fill the record of a sample; its row of final particles, if wanted, and its exception."""
         sample, record = self._first + at, self._records[at]
         try:
             _, scene, random = self._start(sample)
             self._records[at], particles = simulate_scene(scene, random, self._watch.abort)
             if self._simulator.finals and record["state"] == COMPLETED:
-                return [self._final(sample, scene, particles)]
+                return [self._final(sample, scene, particles)], ""
         except Exception:
             record["state"], record["reason"] = FAILED, EXCEPTION
-            self._failed(sample, traceback.format_exc())
-        return []
+            return [], traceback.format_exc()
+        return [], ""
 
     def _final(self, sample: int, scene: Scene, particles: Any) -> NDArray[np.void]:
         final = final_particles(scene, particles)
         return final_row(self._string, sample, final, scene.particles)
 
-    def _give_up(self, at: int) -> list[NDArray[np.void]]:
-        """Let a sample that took too long have failed, without final particles."""
+    def _give_up(self, at: int) -> str:
+        """Let a sample that took too long have failed; why, in words."""
         self._records[at] = np.zeros((), OUTCOME)
         self._records[at]["state"], self._records[at]["reason"] = FAILED, TIMED_OUT
-        self._failed(self._first + at, f"{TOOK_TOO_LONG} {self._watch.max_seconds:g} s")
-        return []
+        return f"{TOOK_TOO_LONG} {self._watch.max_seconds:g} s"
 
 
 class Pictures(Job):

@@ -100,9 +100,9 @@ class Worker:
                 self._send(picture, FRAMES)
         if batch.results:
             results = joined(batch.results, RESULT)
-            if self._file is not None:
-                self._file.samples.put(final_results(results), finals)
             self._send(results, RESULTS)
+            if self._file is not None:  # after that: nothing is stored that rank 0 does not know
+                self._file.samples.put(final_results(results), finals)
 
     def _read(self, tag: int) -> None:
         if tag == TASKS:

@@ -171,13 +171,14 @@ def samples_in(path):
 def decisions(path):
     """Everything that must not depend on how a campaign was run, bit for bit."""
     file = open_campaign(path)
-    results, samples = file.result_rows(), file.all_sample_rows()
+    results, samples, strings = file.result_rows(), file.all_sample_rows(), file.string_rows()
     used = np.zeros(int(samples["string"].max()) + 1, np.int64)
     used[results["string"]] = results["samples_used"]
+    begun = strings["generation"] <= file.generation_rows()["generation"].max()
     judged = samples[samples["sample"] < used[samples["string"]]]
     kept = {
         "samples": (judged, {"seconds", "finished", "rank"}),
-        "strings": (file.string_rows(), set()),
+        "strings": (strings[begun], set()),  # those of coming generations ran ahead
         "results": (results, set()),
         "generations": (file.generation_rows(), {"seconds", "samples_simulated"}),
     }

@@ -1,5 +1,10 @@
 """Code that every rank of a run executes first, to make a rare course of events the usual one."""
 
+RANK = """
+import os
+rank = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
+"""
+
 SENDS_WAIT_TO_BE_RECEIVED = """
 import agglom_mpi.farm.launch as launch
 
@@ -26,9 +31,9 @@ import agglom_mpi.farm.crew as crew
 
 dismiss = crew.Crew.dismiss
 
-def late(self, code):
+def late(self, *arguments):
     time.sleep(0.3)  # every worker has results by now, and waits for them to be received
-    yield from dismiss(self, code)
+    yield from dismiss(self, *arguments)
 
 crew.Crew.dismiss = late
 """

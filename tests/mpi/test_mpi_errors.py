@@ -15,16 +15,11 @@ from farm_runs import (
     stop,
     write_campaign,
 )
-from mpi_injections import SENDS_WAIT_TO_BE_RECEIVED
+from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED
 
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.farm.check import check_file
 from agglom_mpi.simulation.outcome import EXCEPTION, FAILED
-
-RANK = """
-import os
-rank = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
-"""
 
 ONE_SAMPLE_RAISES = f"""{RANK}
 import agglom_mpi.farm.simulator as simulator
@@ -57,11 +52,11 @@ simulator.simulate_scene = never
 SIMULATOR_BREAKS = f"""{RANK}
 import agglom_mpi.farm.simulator as simulator
 
-def broken(self, task, batch):
+def broken(self, task):
     raise SystemError("injected")
 
 if rank == "1":
-    simulator.Simulator.carry_out = broken
+    simulator.Simulator.begin = broken
 """
 
 WORKER_BREAKS = f"""{RANK}
@@ -143,7 +138,7 @@ def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
     folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
     done = invert(tmp_path, "small.yaml", ranks=ranks, inject=folder)
     assert done.returncode == 1
-    assert "samples raised errors; everything simulated so far is in small.h5" in done.stderr
+    assert "samples failed with errors; everything simulated so far is in small.h5" in done.stderr
     assert "rank " not in done.stderr.partition("stopped:")[2]
     file = open_campaign(tmp_path / "small.h5")
     failed = len(file.all_sample_rows())
@@ -154,7 +149,7 @@ def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
     counted, words = reason.split(" ", 1)
     # Others that were under way arrived after that, and were stored.
     assert 5 <= int(counted) <= failed
-    assert words == "samples raised errors"
+    assert words == "samples failed with errors"
     assert file.legs()["exit_code"].tolist() == [1]
     assert file.legs()["samples"].tolist() == [failed]
 

@@ -2,6 +2,7 @@
 
 import pytest
 from farm_runs import (
+    SLOW,
     TINY,
     assert_same,
     decisions,
@@ -10,6 +11,7 @@ from farm_runs import (
     invert,
     need_mpirun,
     state,
+    stop,
     write_campaign,
 )
 
@@ -29,7 +31,7 @@ sys.meta_path.insert(0, Refuse())
 """
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
 def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     need_mpirun()
     finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
@@ -39,6 +41,29 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     assert file.legs()["ranks"].tolist() == [ranks]
     assert set(file.all_sample_rows()["rank"]) == set(range(ranks))
     assert state(file.path) == ("finished", "all 3 generations are done")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Decisions of a plain run of a campaign that is long enough to be interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    write_campaign(folder / "slow.yaml", **SLOW)
+    finish(folder, "slow.yaml")
+    return decisions(folder / "slow.h5")
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
+def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(whole, tmp_path, ranks):
+    need_mpirun()
+    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    for _ in range(2):
+        code, said = stop(tmp_path, "slow", ranks=ranks)
+        assert code == 75, said
+        assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+    finish(tmp_path, "slow.yaml", ranks=ranks)
+    assert_same(tmp_path / "slow.h5", whole)
+    assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+    assert open_campaign(tmp_path / "slow.h5").legs()["exit_code"].tolist() == [75, 75, 0]
 
 
 def test_more_ranks_than_work_finish(tmp_path):

@@ -1,0 +1,89 @@
+"""A sample that takes longer than `max_seconds` fails, and may be tried again by another run."""
+
+import re
+
+import pytest
+from farm_runs import (
+    SMALL,
+    assert_same,
+    decisions,
+    finish,
+    inject,
+    invert,
+    need_mpirun,
+    state,
+    write_campaign,
+)
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.farm.check import check_file
+
+HANGS = """
+import time
+import agglom_mpi.farm.simulator as simulator
+
+go = simulator.Series._simulate
+
+def hang(self, at):
+    if (self._string, self._first + at) in {pairs}:
+        end = time.monotonic() + 20.0
+        while not self._watch.abort[0] and time.monotonic() < end:
+            time.sleep(0.01)
+    return go(self, at)
+
+simulator.Series._simulate = hang
+"""
+PAIRS = [(2, 1), (5, 0)]
+
+
+def write(path, **numbers):
+    write_campaign(path, **SMALL | numbers)
+    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 0.5 s\n")
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
+    if ranks:
+        need_mpirun()
+    write(tmp_path / "small.yaml", generations=2)
+    folder = inject(tmp_path / "inject", HANGS.replace("{pairs}", str(set(PAIRS))))
+    done = finish(tmp_path, "small.yaml", ranks=ranks, inject=folder)
+    for string, sample in PAIRS:
+        text = rf"string {string} sample {sample} took longer than max_seconds, 0.5 s"
+        assert re.search(text, done.stderr)
+    file = open_campaign(tmp_path / "small.h5")
+    failures, rows, results = file.failures(), file.all_sample_rows(), file.result_rows()
+    assert sorted(failures[["string", "sample"]].tolist()) == PAIRS
+    assert not set(PAIRS) & set(rows[["string", "sample"]].tolist())
+    assert [results["failed"][string] for string, _ in PAIRS] == [1, 1]
+    assert check_file(str(file.path))[1] == 0, check_file(str(file.path))[0]
+    before = decisions(file.path)
+    again = finish(tmp_path, "small.yaml", ranks=ranks)  # what is decided stays
+    assert "nothing to do" in again.stderr
+    write(tmp_path / "small.yaml", generations=3)
+    finish(tmp_path, "small.yaml", ranks=ranks)
+    assert check_file(str(file.path))[1] == 0, check_file(str(file.path))[0]
+    for name, values in decisions(file.path).items():
+        assert values.startswith(before[name]) or name.startswith("samples.")
+
+
+def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
+    write(tmp_path / "small.yaml")
+    folder = inject(tmp_path / "inject", HANGS.replace("{pairs}", "{(0, 1)}"))
+    path = tmp_path / "small.yaml"
+    path.write_text(path.read_text() + "  max_failures: 1\n")
+    assert invert(tmp_path, "small.yaml", inject=folder).returncode == 1
+    assert state(tmp_path / "small.h5")[0] == "failed"
+    finish(tmp_path, "small.yaml")
+    write(tmp_path / "other.yaml")
+    finish(tmp_path, "other.yaml")
+    assert_same(tmp_path / "small.h5", decisions(tmp_path / "other.h5"))
+    assert check_file(str(tmp_path / "small.h5"))[1] == 0
+
+
+def test_without_max_seconds_nothing_is_cut_short(tmp_path):
+    write_campaign(tmp_path / "small.yaml", **SMALL | {"generations": 1})
+    text = HANGS.replace("{pairs}", "{(0, 1)}").replace("20.0", "1.0")
+    done = finish(tmp_path, "small.yaml", inject=inject(tmp_path / "inject", text))
+    assert "took longer" not in done.stderr
+    assert len(open_campaign(tmp_path / "small.h5").failures()) == 0
