@@ -17,7 +17,6 @@ from agglom_mpi.farm.messages import (
     FINALS,
     FRAMES,
     HOST,
-    POLL,
     RESULT,
     RESULTS,
     STOP,
@@ -28,6 +27,7 @@ from agglom_mpi.farm.messages import (
 )
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.thread import SimulatorThread
+from agglom_mpi.farm.waiting import LONGEST, Waiting
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -95,6 +95,7 @@ class Crew:
         self.database_seconds = 0.0
         self.missing: set[int] = set()
         self._dismissed = False
+        self._waiting = Waiting()
         self._world = world
         self._thread = SimulatorThread(simulator)
         self._sends: list[tuple[Any, NDArray[np.void]]] = []
@@ -116,10 +117,14 @@ class Crew:
             return
         self._post(tasks, rank, TASKS)
 
-    def deliveries(self, timeout: float) -> Iterator[Delivery]:
-        """Everything that has arrived; waits at most `timeout` in s for own results."""
-        yield from self._mail()
-        finished = self._thread.take(timeout)
+    def deliveries(self) -> Iterator[Delivery]:
+        """Everything that has arrived; waits a moment for own results if nothing has."""
+        found = False
+        for delivery in self._mail():
+            found = True
+            yield delivery
+        finished = self._thread.take(0.0 if found else self._waiting.seconds)
+        self._waiting.looked(found or finished is not None)
         while finished is not None:
             yield _own(finished)
             finished = self._thread.take(0.0)
@@ -154,7 +159,7 @@ class Crew:
                 heard = time.monotonic()
                 if delivery.stopped:
                     working.discard(delivery.rank)
-            time.sleep(POLL)
+            time.sleep(LONGEST)
         self.missing = working
         if not working:
             for request, _ in self._sends:

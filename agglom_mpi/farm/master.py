@@ -18,7 +18,7 @@ from agglom_mpi.farm.crew import Crew, Delivery
 from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
-from agglom_mpi.farm.messages import POLL, SILENT_AFTER, final_results
+from agglom_mpi.farm.messages import SILENT_AFTER, final_results
 from agglom_mpi.farm.replay import accept_stored
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
@@ -95,7 +95,7 @@ class Master:
             if self.books.failures >= self._work.max_failures:
                 return End(FAILURE, "failed", f"{self.books.failures} samples failed with errors")
             self._serve(self._scheduler)
-            for delivery in crew.deliveries(POLL):
+            for delivery in crew.deliveries():
                 self._take(delivery)
                 self._listen(self._scheduler, delivery.rank)
         return self._take_pictures(stop)
@@ -138,7 +138,7 @@ class Master:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)
             self._serve(errands)
-            for delivery in self._crew.deliveries(POLL):
+            for delivery in self._crew.deliveries():
                 for _ in range(self._take(delivery)):
                     errands.done(delivery.rank)
                 self._listen(errands, delivery.rank)

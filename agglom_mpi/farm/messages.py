@@ -21,9 +21,6 @@ FRAMES: Final = 9
 ALIVE: Final = 10
 """Message tags."""
 
-POLL: Final = 0.001
-"""Seconds between looks at the mail while nothing happens; a blocking receive burns a core."""
-
 TASK: Final = np.dtype(
     [
         ("string", "i8"),
@@ -56,7 +53,7 @@ SILENT_AFTER: Final = 30.0
 FAREWELL: Final = np.dtype([("database_seconds", "f8")])
 """The last word of a rank that has stopped: time that it spent on the campaign file, s."""
 
-MOST_SAMPLES: Final = 256
+MOST_SAMPLES: Final = 1024
 """Samples asked for in one message at most."""
 
 

@@ -17,7 +17,6 @@ from agglom_mpi.farm.messages import (
     FRAMES,
     HOST,
     MOST_SAMPLES,
-    POLL,
     RESULT,
     RESULTS,
     STOP,
@@ -32,6 +31,7 @@ from agglom_mpi.farm.messages import (
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.store import in_words
 from agglom_mpi.farm.thread import SimulatorThread
+from agglom_mpi.farm.waiting import Waiting
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -64,17 +64,21 @@ class Worker:
         self._told = 0
         self._thread = SimulatorThread(simulator)
         self._any, self._byte, self._status = MPI.ANY_TAG, MPI.BYTE, MPI.Status()
+        self._waiting = Waiting()
         self._host = np.array([(socket.gethostname(),)], HOST)
         self._spoken = -ALIVE_EVERY
         self._tasks = np.zeros(MOST_SAMPLES, TASK)
 
     def serve(self) -> None:
-        """Read the mail, and pass on what has been simulated; waits at most `POLL`."""
+        """Read the mail, and pass on what has been simulated; waits a moment if nothing has."""
+        found = False
         while self._world.Iprobe(source=0, tag=self._any, status=self._status):
+            found = True
             self._read(self._status.Get_tag())
             if self.code is not None:
                 return
-        finished = self._thread.take(POLL)
+        finished = self._thread.take(0.0 if found else self._waiting.seconds)
+        self._waiting.looked(found or finished is not None)
         if finished is not None:
             self._pass_on(finished)
         if self._file is not None:

@@ -1,0 +1,106 @@
+"""Tasks that do nothing, through the real farm or through its peer; run under mpirun -n 2.
+
+    noop_farm.py farm SAMPLES_IN_A_MESSAGE SECONDS | futures CHUNK TASKS
+
+Prints tasks per second.
+"""
+
+import sys
+import time
+from types import SimpleNamespace
+
+import numpy as np
+from mpi4py import MPI
+
+from agglom_mpi.farm import messages, scheduler
+from agglom_mpi.farm.crew import Crew
+from agglom_mpi.farm.simulator import Series, Simulator
+from agglom_mpi.farm.worker import work as serve
+from agglom_mpi.search import Progress
+
+STRINGS, SAMPLES = 20, 10**9
+
+
+class Nothing(Series):
+    """Samples that take no time."""
+
+    def _simulate(self, at):
+        return [], ""
+
+
+class Idle(Simulator):
+    """A simulator that has nothing to do."""
+
+    def __init__(self, rank):
+        room = SimpleNamespace(final_particles=False, grains=1)
+        super().__init__(SimpleNamespace(max_seconds=None, room=room), rank)
+
+    def begin(self, task):
+        return Nothing(self, task)
+
+
+class Endless:
+    """A campaign that needs any number of samples of each string."""
+
+    generation = 0
+
+    def __init__(self):
+        self.done = dict.fromkeys(range(STRINGS), 0)
+
+    @property
+    def live(self):
+        return {string: self.progress(string) for string in self.done}
+
+    def progress(self, string):
+        return Progress(self.done[string], SAMPLES)
+
+    def parameters(self, string):
+        return np.zeros(10)
+
+    def announce(self, generations):
+        return ()
+
+
+def farm(most, seconds):
+    scheduler.MOST_SAMPLES = most
+    world = MPI.COMM_WORLD
+    if world.rank:
+        messages.MOST_SAMPLES = max(most, messages.MOST_SAMPLES)
+        serve(world, Idle(world.rank), None)
+        return
+    crew, needs, returned = Crew(Idle(0), world), Endless(), [0, 0]
+    plan = scheduler.Scheduler(needs, world.size, experience=[10**8] * 10)
+    begin = time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        for rank, tasks in plan.assignments(time.monotonic()):
+            if rank or world.size == 1:
+                crew.send(rank, tasks)
+        for delivery in crew.deliveries():
+            rows = delivery.results
+            for piece, fresh in plan.returned(delivery.rank, rows["seconds"].tolist()):
+                needs.done[piece.string] += len(fresh)
+                plan.judged(piece.string)
+            returned[delivery.rank] += len(rows)
+    print(sum(returned) / (time.perf_counter() - begin))
+    for _ in crew.dismiss(0):
+        pass
+
+
+def nothing(number):
+    return number
+
+
+def futures(chunk, tasks):
+    from mpi4py.futures import MPICommExecutor
+
+    with MPICommExecutor(MPI.COMM_WORLD, root=0) as pool:
+        if pool is not None:
+            begin = time.perf_counter()
+            for _ in pool.map(nothing, range(tasks), chunksize=chunk):
+                pass
+            print(tasks / (time.perf_counter() - begin))
+
+
+if __name__ == "__main__":
+    kind, first, second = sys.argv[1:]
+    {"farm": farm, "futures": futures}[kind](int(first), int(second))
