@@ -3,7 +3,7 @@
 from typing import Final
 
 SHORTEST: Final = 5e-5
-LONGEST: Final = 1e-3
+LONGEST: Final = 4e-3
 """Bounds of the wait, s."""
 
 

@@ -1,8 +1,8 @@
 """Tasks that do nothing, through the real farm or through its peer; run under mpirun -n 2.
 
-    noop_farm.py farm SAMPLES_IN_A_MESSAGE SECONDS | futures CHUNK TASKS
+    noop_farm.py farm SAMPLES_IN_A_MESSAGE SECONDS | futures CHUNK TASKS | wait 0 SECONDS
 
-Prints tasks per second.
+Prints tasks per second; of `wait`, the share of a core that a rank without work takes.
 """
 
 import sys
@@ -101,6 +101,21 @@ def futures(chunk, tasks):
             print(tasks / (time.perf_counter() - begin))
 
 
+def wait(_, seconds):
+    world = MPI.COMM_WORLD
+    if world.rank:
+        begin, used = time.perf_counter(), time.process_time()
+        serve(world, Idle(world.rank), None)
+        print((time.process_time() - used) / (time.perf_counter() - begin))
+        return
+    crew, end = Crew(Idle(0), world), time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        for _ in crew.deliveries():
+            pass
+    for _ in crew.dismiss(0):
+        pass
+
+
 if __name__ == "__main__":
     kind, first, second = sys.argv[1:]
-    {"farm": farm, "futures": futures}[kind](int(first), int(second))
+    {"farm": farm, "futures": futures, "wait": wait}[kind](int(first), int(second))
