@@ -23,6 +23,8 @@ from mpi_injections import RANK
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.farm.check import check_file
 
+LONG = SLOW | {"steps": 20_000}
+
 IMPATIENT = f"""{RANK}
 import agglom_mpi.farm.messages as messages
 
@@ -54,7 +56,7 @@ def undisturbed(tmp_path_factory):
     """Decisions of a plain run."""
     need_mpirun()
     folder = tmp_path_factory.mktemp("undisturbed")
-    write_campaign(folder / "slow.yaml", **SLOW)
+    write_campaign(folder / "slow.yaml", **LONG)
     finish(folder, "slow.yaml")
     return decisions(folder / "slow.h5")
 
@@ -62,7 +64,7 @@ def undisturbed(tmp_path_factory):
 @pytest.fixture
 def started(tmp_path):
     """Start the campaign on three impatient ranks; it is under way."""
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    write_campaign(tmp_path / "slow.yaml", **LONG)
     folder = inject(tmp_path / "inject", IMPATIENT)
     with running(tmp_path, "slow.yaml", ranks=3, inject=folder) as process:
         wait_until(lambda: samples_in(tmp_path / "slow.h5") > 20, process)
@@ -153,7 +155,7 @@ def test_a_killed_rank_ends_the_job_promptly(started, undisturbed):
 
 
 def test_ranks_that_answer_late_change_nothing(tmp_path, undisturbed):
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    write_campaign(tmp_path / "slow.yaml", **LONG)
     folder = inject(tmp_path / "inject", SLOW_TO_ANSWER)
     finish(tmp_path, "slow.yaml", ranks=3, inject=folder)
     assert_same(tmp_path / "slow.h5", undisturbed)
