@@ -103,7 +103,6 @@ class Inversion:
         self.stop_reason: str | None = None
         self._search = search
         self._make_ensemble = make_ensemble
-        self._max_samples = make_ensemble().max_samples
         self._generations = generations
         self._target = target
         self._restore = restore
