@@ -245,11 +245,12 @@ class Scheduler:
         """Worth of the best string; entries that are out of date are dropped or put right."""
         while self._queue:
             worth, string = -self._queue[0][0], self._queue[0][1]
+            if self._score.get(string) != worth:
+                heapq.heappop(self._queue)
+                continue
+            self._rank_anew(string)  # experience grows
             if self._score.get(string) == worth:
-                self._rank_anew(string)  # experience grows
-                if self._score.get(string) == worth:
-                    return worth
-            heapq.heappop(self._queue)
+                return worth
         return 0.0
 
     def _look_ahead(self) -> None:
