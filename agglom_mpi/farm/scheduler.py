@@ -188,6 +188,9 @@ class Scheduler:
         for string in sorted(self._live):
             self._next.setdefault(string, 0)
             self._rank_anew(string)
+        # What is out of date sinks to the bottom, and would stay there.
+        self._queue = [(-score, string) for string, score in self._score.items()]
+        heapq.heapify(self._queue)
 
     def _rank_anew(self, string: int) -> None:
         """Give a string its place among those that wait for a rank."""
