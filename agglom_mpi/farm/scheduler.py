@@ -109,7 +109,7 @@ class Scheduler:
         self._next: dict[int, int] = {}
         self._queue: list[tuple[float, int]] = []
         self._score: dict[int, float] = {}
-        self._again: list[Piece] = []
+        self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
         self._doubled: dict[tuple[int, int], bool] = {}
         self._mean_seconds = 0.0
         self._most_judged = 0
@@ -161,7 +161,7 @@ class Scheduler:
             return
         if self._needs.progress(string) is None:
             self._experience.learn(self._needs.used(string))
-            for kept in (self._next, self._score, self._known):
+            for kept in (self._next, self._score, self._known, self._lost):
                 kept.pop(string, None)
         else:
             self._rank_anew(string)
@@ -175,10 +175,19 @@ class Scheduler:
         fallen = self.lanes.fall_silent(now - patience)
         for rank in fallen:
             for piece in self.lanes.held(rank):
-                self._again.append(piece)
-                for sample in range(piece.first, piece.first + piece.count):
-                    self._doubled.setdefault((piece.string, sample), False)
+                self._lose(piece)
         return fallen
+
+    def _lose(self, piece: Piece) -> None:
+        """Let the samples of a silent rank wait for another one, if they are still needed."""
+        samples = range(piece.first, piece.first + piece.count)
+        for sample in samples:
+            self._doubled.setdefault((piece.string, sample), False)
+        if piece.string in self._next:
+            lost = self._lost.setdefault(piece.string, [])
+            for sample in samples:
+                heapq.heappush(lost, sample)
+            self._rank_anew(piece.string)
 
     def _meet_generation(self) -> None:
         if self._needs.generation == self._generation:
@@ -196,7 +205,8 @@ class Scheduler:
         """Give a string its place among those that wait for a rank."""
         progress = self._needs.progress(string)
         assert progress is not None
-        sample = self._skip_known(string, progress.next_sample)
+        lost = self._first_lost(string)
+        sample = self._skip_known(string, progress.next_sample) if lost is None else lost
         if sample >= progress.max_samples:
             self._score.pop(string, None)
             return
@@ -222,7 +232,7 @@ class Scheduler:
         room = self._batch_size()
         pieces: list[Piece] = []
         while room > 0:
-            piece = self._once_more(room) or self._best(room, least)
+            piece = self._best(room, least)
             if piece is None:
                 break
             pieces.append(piece)
@@ -239,8 +249,9 @@ class Scheduler:
             return None
         _, string = heapq.heappop(self._queue)
         self._score.pop(string)
-        piece = self._piece(string, room)
-        self._next[string] = piece.first + piece.count
+        lost = self._first_lost(string) is not None
+        piece = self._once_more(string, room) if lost else self._piece(string, room)
+        self._next[string] = max(self._next[string], piece.first + piece.count)
         self._rank_anew(string)
         return piece
 
@@ -282,27 +293,24 @@ class Scheduler:
         need = max(self._experience.mean, judged + 1.0)
         return max(1, int(need * len(self._live) / (2 * self._ranks)))
 
-    def _once_more(self, room: int) -> Piece | None:
-        """Samples of a rank that fell silent, if they are still missing and needed."""
-        while self._again:
-            piece = self._again.pop()
-            if self._doubled[piece.string, piece.first]:
-                piece = piece.split(1)[1]
-            elif self._needs.progress(piece.string) is None:
-                continue
-            else:
-                count = min(room, piece.count)
-                count = next(
-                    (n for n in range(1, count) if self._doubled[piece.string, piece.first + n]),
-                    count,
-                )
-                piece, rest = piece.split(count)
-                if rest.count:
-                    self._again.append(rest)
-                return piece
-            if piece.count:
-                self._again.append(piece)
-        return None
+    def _first_lost(self, string: int) -> int | None:
+        """Sample that a rank fell silent with and that is still missing, the first of a string."""
+        lost = self._lost.get(string, [])
+        while lost and self._doubled[string, lost[0]]:
+            heapq.heappop(lost)
+        return lost[0] if lost else None
+
+    def _once_more(self, string: int, room: int) -> Piece:
+        """Consecutive samples of ranks that fell silent, each once if several ranks had them."""
+        lost = self._lost[string]
+        first, count = heapq.heappop(lost), 1
+        while lost and lost[0] <= first + count:
+            if lost[0] == first + count:
+                if count == room or self._doubled[string, lost[0]]:
+                    break
+                count += 1
+            heapq.heappop(lost)
+        return Piece(string, first, count)
 
     def _in_flight(self) -> int:
         """Batches for each rank: short ones must last until the next come, long ones tie it down.
