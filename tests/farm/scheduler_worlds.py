@@ -183,12 +183,16 @@ class World:
             self._given_up.update(pairs)
 
     def _wait_for_those_who_are_not_heard(self):
-        self._now += PATIENCE + 1.0
-        for rank in self._awake():
-            self._say_something(rank)
-        self._look_at_the_clock()
-        self.hand_out()
-        assert any(self._held[rank] for rank in self._awake()), "nobody has anything to do"
+        """They may be given work again, but not more than once each."""
+        for _ in range(self._ranks):
+            self._now += PATIENCE + 1.0
+            for rank in self._awake():
+                self._say_something(rank)
+            self._look_at_the_clock()
+            self.hand_out()
+            if any(self._held[rank] for rank in self._awake()):
+                return
+        raise AssertionError("nobody has anything to do")
 
     def hand_out(self):
         """Let ranks have what the scheduler wants them to."""
