@@ -59,9 +59,7 @@ def test_samples_of_ranks_that_fell_silent_are_handed_out_again_and_come_back_tw
 
 @given(RANKS, SEEDS, SECONDS, RESCALE, st.integers(0, 120), st.floats(0.0, 1.0))
 @settings(derandomize=True, max_examples=100, deadline=None)
-def test_known_samples_are_never_handed_out(
-    wanted, ranks, seed, typical, rescale, steps, share
-):
+def test_known_samples_are_never_handed_out(wanted, ranks, seed, typical, rescale, steps, share):
     """Nor those of coming generations; and the second leg decides what one would have."""
     chance = random.Random(seed)
     leg = World(ranks, chance, typical, 0.1, rescale=rescale).run(steps)
