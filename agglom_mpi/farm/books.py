@@ -64,7 +64,7 @@ class Stored:
 def judged_as_timed_out(
     failures: NDArray[np.void], results: NDArray[np.void], samples: NDArray[np.void]
 ) -> list[tuple[int, int]]:
-    """(string, sample) that were judged, but have no row because they took too long."""
+    """Return (string, sample) that were judged, but have no row because they took too long."""
     used = dict(results[["string", "samples_used"]].tolist())
     late = [row for row in failures if row["text"].startswith(TOOK_TOO_LONG.encode())]
     pairs = {(int(row["string"]), int(row["sample"])) for row in late}

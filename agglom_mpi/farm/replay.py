@@ -29,6 +29,9 @@ class Recorder:
         self.results: dict[int, EnsembleResult] = {}
         self.summaries: dict[int, GenerationSummary] = {}
 
+    def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+        """Nothing is announced that nobody asks for."""
+
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Take new strings."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.farm.experience import Experience
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+from agglom_mpi.farm.lanes import Lanes, Piece
 from agglom_mpi.farm.messages import MOST_SAMPLES, TASK
 
 BATCH_SECONDS: Final = 0.01
@@ -61,7 +61,7 @@ class Needs(Protocol):
         """How far a live or announced string is; None once it is judged."""
 
     def used(self, string: int) -> int:
-        """Samples that a judged string needed."""
+        """Return the number of samples that a judged string needed."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
         """Return a proposed string, shape (10,)."""
@@ -240,7 +240,7 @@ class Scheduler:
         return pieces
 
     def _best(self, room: int, least: float) -> Piece | None:
-        """Samples of the string that is worth most."""
+        """Take samples of the string that is worth most."""
         best = self._peek()
         if best < 1.0:
             self._look_ahead()
@@ -289,7 +289,7 @@ class Scheduler:
         return Piece(string, first, count)
 
     def _share(self, judged: int) -> int:
-        """Samples of one string for one rank, so that all ranks can help to judge it soon."""
+        """Most samples of one string for one rank, so that all can help to judge it soon."""
         need = max(self._experience.mean, judged + 1.0)
         return max(1, int(need * len(self._live) / (2 * self._ranks)))
 
@@ -322,7 +322,7 @@ class Scheduler:
         return 1 + sum(seconds < limit for limit in QUEUE_SECONDS)
 
     def _batch_size(self) -> int:
-        """Samples for one message: not less work than pays, nor more than is surely needed."""
+        """Size of a message in samples: no less work than pays, no more than is surely needed."""
         if not self._mean_seconds:
             return 1
         need = max(self._experience.mean, self._most_judged)

@@ -139,7 +139,7 @@ class Inversion:
         return Progress(ensemble.samples_used, ensemble.max_samples)
 
     def used(self, string: int) -> int:
-        """Samples that a string needed which needs no more."""
+        """Return the number of samples that a string needed which needs no more."""
         early = self._early.get(string)
         return self.results[string].samples_used if early is None else early.samples_used
 
@@ -209,7 +209,8 @@ class Inversion:
         self._open = {}
         for string in self._ids.tolist():
             self._coming.pop(string, None)
-            self._open[string] = self._early.pop(string, None) or self._make_ensemble()
+            ahead = self._early.pop(string, None)
+            self._open[string] = self._make_ensemble() if ahead is None else ahead
         for string, ensemble in list(self._open.items()):
             self._judge(string, ensemble)
 

@@ -1,5 +1,7 @@
 """How likely a sample is to be needed, after what other strings needed."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,7 +25,7 @@ def test_the_chance_is_one_for_the_next_sample_and_falls_from_there(used, judged
     experience = experienced(used)
     chances = [experience.chance(judged, sample) for sample in range(judged, judged + 60)]
     assert chances[0] == 1.0
-    assert all(later < before for before, later in zip(chances, chances[1:], strict=False))
+    assert all(later < before for before, later in pairwise(chances))
     assert min(chances) > 0.0
 
 

@@ -81,7 +81,8 @@ class Model:
         lanes = self.lanes
         assert lanes.silent == self.silent
         for rank in range(RANKS):
-            assert samples_of(lanes.held(rank)) == sum(self.batches[rank], [])
+            wanted = [pair for batch in self.batches[rank] for pair in batch]
+            assert samples_of(lanes.held(rank)) == wanted
         assert lanes.samples == sum(len(batch) for held in self.batches for batch in held)
         for count in range(MESSAGES_IN_FLIGHT + 1):
             ranks = {r for r in range(RANKS) if len(self.batches[r]) == count} - self.silent
