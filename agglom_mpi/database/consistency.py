@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.contents import Contents, judged_as_timed_out, named, timed_out
 from agglom_mpi.database.digest import generation_digest, used_samples
 from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
@@ -74,11 +74,12 @@ def _wrong_variables(contents: Contents) -> Iterator[str]:
 
 
 def _find_absent_strings(contents: Contents) -> None:
-    """Every string up to the last that anything is stored of must be there."""
-    stored = contents.numbers("strings")
-    needed = contents.numbers("samples") | contents.numbers("results")
-    last = max(stored | needed, default=-1)
+    """Every string up to the last of a generation that has begun must be there."""
+    stored, strings = contents.numbers("strings"), contents.rows["strings"]
+    begun = strings["generation"] <= max(contents.bred["generation"].tolist(), default=0)
+    last = max([*strings["string"][begun].tolist(), *contents.numbers("results")], default=-1)
     contents.miss("strings", set(range(last + 1)) - stored, "though later ones are stored")
+    contents.miss("strings", contents.numbers("samples") - stored, "though they have samples")
 
 
 def _find_absent_samples(contents: Contents) -> None:
@@ -88,13 +89,15 @@ def _find_absent_samples(contents: Contents) -> None:
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
     gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
-    missing = {divmod(place, most) for place in gaps.tolist()}
+    late = timed_out(contents.rows["failures"], samples)
+    missing = {divmod(place, most) for place in gaps.tolist()} - late
     contents.miss("samples", missing, "though the results of their strings rest on them")
     counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
     final = len(samples) + sum(1 for key in contents.lost["samples"] if key not in missing)
-    if final + len(missing) < counted:
+    final += len(missing) + len(late)
+    if final < counted:
         contents.faults.append(
-            f"samples: {counted - final - len(missing)} unused ones are absent; {counted} had been "
+            f"samples: {counted - final} unused ones are absent; {counted} had been "
             "simulated when the last generation was stored"
         )
 
@@ -107,7 +110,7 @@ def _find_absent_of_generations(contents: Contents) -> None:
     without = set(strings["string"][decided].tolist()) - contents.numbers("results")
     contents.miss("results", without, "though the generations of their strings are stored")
     # Where ranks write their samples themselves, judgements are stored somewhat later.
-    begun = strings["generation"] - 1 if contents.settled else ()
+    begun = contents.bred["generation"] - 1 if contents.settled else ()
     last = max([*contents.recorded, *begun], default=-1)
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
@@ -125,6 +128,11 @@ def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
     samples = used_samples(contents.rows["samples"], results)
     failures = samples["string"][samples["state"] == FAILED]
     found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
+    late = judged_as_timed_out(
+        contents.rows["failures"], contents.rows["samples"], contents.rows["results"]
+    )
+    for string, _ in late:
+        found[string] += 1
     whole = ~np.isin(results["string"], list(contents.lost_strings))
     yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
     samples = contents.rows["samples"]

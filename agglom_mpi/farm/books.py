@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.database.contents import judged_as_timed_out
 from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.database.schema import TOOK_TOO_LONG
 from agglom_mpi.database.table import unbroken
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.backlog import Backlog
@@ -48,7 +48,7 @@ class Stored:
         self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
         self.generations = {int(row["generation"]) for row in file.generation_rows()}
         self.samples = file.all_sample_rows()
-        self.timed_out = judged_as_timed_out(file.failures(), file.result_rows(), self.samples)
+        self.timed_out = judged_as_timed_out(file.failures(), self.samples, results)
         self.seconds = _seconds_of_legs(file)
 
     @property
@@ -59,18 +59,6 @@ class Stored:
     def restore(self, batch: Batch, first: int) -> Batch:
         """Replace proposals by what is stored of them, bit for bit."""
         return restored(batch, first, self.parameters)
-
-
-def judged_as_timed_out(
-    failures: NDArray[np.void], results: NDArray[np.void], samples: NDArray[np.void]
-) -> list[tuple[int, int]]:
-    """Return (string, sample) that were judged, but have no row because they took too long."""
-    used = dict(results[["string", "samples_used"]].tolist())
-    late = [row for row in failures if row["text"].startswith(TOOK_TOO_LONG.encode())]
-    pairs = {(int(row["string"]), int(row["sample"])) for row in late}
-    if pairs:
-        pairs -= set(samples[["string", "sample"]].tolist())
-    return sorted((string, sample) for string, sample in pairs if sample < used.get(string, 0))
 
 
 def restored(batch: Batch, first: int, known: Mapping[int, NDArray[np.float64]]) -> Batch:

@@ -6,10 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.contents import Contents, judged_as_timed_out, named
+from agglom_mpi.database.table import series
 from agglom_mpi.farm.books import restored
+from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
+from agglom_mpi.simulation.outcome import UNFINISHED, measured
 from agglom_mpi.variables import NAMES
 
 
@@ -30,7 +33,7 @@ class Recorder:
         self.summaries: dict[int, GenerationSummary] = {}
 
     def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
-        """Nothing is announced that nobody asks for."""
+        """Take strings of a coming generation."""
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Take new strings."""
@@ -101,15 +104,28 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
         return restored(batch, first, known)
 
     inversion = CampaignWork(campaign).inversion(restore, recorder)
-    for row in contents.rows["samples"]:
-        inversion.accept(int(row["string"]), int(row["sample"]), row)
     inversion.start()
+    _announce_all(inversion)
+    for run in series(contents.rows["samples"]):
+        inversion.accept(int(run["string"][0]), int(run["sample"][0]), measured(run))
+        _announce_all(inversion)
+    rows = contents.rows
+    for string, sample in judged_as_timed_out(rows["failures"], rows["samples"], rows["results"]):
+        inversion.accept(string, sample, [UNFINISHED])
+        _announce_all(inversion)
     return recorder, inversion
+
+
+def _announce_all(inversion: Inversion) -> None:
+    """Propose what a run may have simulated ahead of its generation."""
+    while inversion.announce(GENERATIONS_AHEAD):
+        pass
 
 
 def _compare_strings(recorder: Recorder, contents: Contents) -> int:
     stored = {int(row["string"]): row for row in contents.rows["strings"]}
-    same, other = 0, []
+    same: set[int] = set()
+    other: set[int] = set()  # some strings are announced before they are proposed
     for ids, batch in recorder.batches:
         for i, string in enumerate(ids.tolist()):
             row = stored.get(string)
@@ -122,12 +138,10 @@ def _compare_strings(recorder: Recorder, contents: Contents) -> int:
                 and np.array_equal(row["parents"], batch.parents[i])
                 and _close([row[name] for name in NAMES], batch.parameters[i])
             )
-            same += agrees
-            if not agrees:
-                other.append(string)
+            (same if agrees else other).add(string)
     if other:
         contents.faults.append(f"replay: the search proposes other strings than {named(other)}")
-    return same
+    return len(same - other)
 
 
 def _compare_results(recorder: Recorder, contents: Contents) -> int:
