@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def with_scene(campaign: Campaign, **changes: object) -> Campaign:
 class _Never:
     """The rule of a trial: nothing but the number of samples ends it."""
 
-    needs_moments = False
+    needs_moments: ClassVar[bool] = False
 
     def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
         return False

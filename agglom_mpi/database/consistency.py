@@ -5,10 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.contents import Contents, judged_as_timed_out, named, timed_out
 from agglom_mpi.database.digest import generation_digest, used_samples
 from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
-from agglom_mpi.database.timed_out import late_failures
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -75,22 +74,12 @@ def _wrong_variables(contents: Contents) -> Iterator[str]:
 
 
 def _find_absent_strings(contents: Contents) -> None:
-    """Every string up to the last that anything is stored of must be there.
-
-    Of generations that have not begun only the last strings may be, which depend on no result.
-    """
-    stored = contents.numbers("strings")
-    begun = contents.rows["strings"][begun_generations(contents)]["string"]
-    last = max([*begun.tolist(), *contents.numbers("results")], default=-1)
-    needed = set(range(int(last) + 1)) | contents.numbers("samples")
-    contents.miss("strings", needed - stored, "though later ones are stored")
-
-
-def begun_generations(contents: Contents) -> np.ndarray:
-    """Which rows of `/strings` are of generations that have begun, (n,) bool."""
-    strings = contents.rows["strings"]
-    bred = strings["generation"][strings["origin"] != ORIGINS.index("random")]
-    return strings["generation"] <= max([0, *bred.tolist(), *contents.recorded])
+    """Every string up to the last of a generation that has begun must be there."""
+    stored, strings = contents.numbers("strings"), contents.rows["strings"]
+    begun = strings["generation"] <= max(contents.bred["generation"].tolist(), default=0)
+    last = max([*strings["string"][begun].tolist(), *contents.numbers("results")], default=-1)
+    contents.miss("strings", set(range(last + 1)) - stored, "though later ones are stored")
+    contents.miss("strings", contents.numbers("samples") - stored, "though they have samples")
 
 
 def _find_absent_samples(contents: Contents) -> None:
@@ -100,14 +89,15 @@ def _find_absent_samples(contents: Contents) -> None:
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
     gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
-    missing = {divmod(place, most) for place in gaps.tolist()} - set(contents.timed_out)
+    late = timed_out(contents.rows["failures"], samples)
+    missing = {divmod(place, most) for place in gaps.tolist()} - late
     contents.miss("samples", missing, "though the results of their strings rest on them")
     counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
-    final = len(samples) + len(late_failures(contents.rows["failures"]))
-    final += sum(1 for key in contents.lost["samples"] if key not in missing)
-    if final + len(missing) < counted:
+    final = len(samples) + sum(1 for key in contents.lost["samples"] if key not in missing)
+    final += len(missing) + len(late)
+    if final < counted:
         contents.faults.append(
-            f"samples: {counted - final - len(missing)} unused ones are absent; {counted} had been "
+            f"samples: {counted - final} unused ones are absent; {counted} had been "
             "simulated when the last generation was stored"
         )
 
@@ -120,7 +110,7 @@ def _find_absent_of_generations(contents: Contents) -> None:
     without = set(strings["string"][decided].tolist()) - contents.numbers("results")
     contents.miss("results", without, "though the generations of their strings are stored")
     # Where ranks write their samples themselves, judgements are stored somewhat later.
-    begun = strings["generation"][begun_generations(contents)] - 1 if contents.settled else ()
+    begun = contents.bred["generation"] - 1 if contents.settled else ()
     last = max([*contents.recorded, *begun], default=-1)
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
@@ -138,7 +128,10 @@ def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
     samples = used_samples(contents.rows["samples"], results)
     failures = samples["string"][samples["state"] == FAILED]
     found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
-    for string, _ in contents.timed_out:
+    late = judged_as_timed_out(
+        contents.rows["failures"], contents.rows["samples"], contents.rows["results"]
+    )
+    for string, _ in late:
         found[string] += 1
     whole = ~np.isin(results["string"], list(contents.lost_strings))
     yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
@@ -184,7 +177,9 @@ def _wrong_legs(contents: Contents) -> Iterator[str]:
     odd |= ended & (legs["exit_code"] == -1)
     if odd.any():
         yield f"legs: numbers that cannot be in {named(np.flatnonzero(odd).tolist())}"
-    elif ended.all() and not contents.lost["legs"] and len(legs) < LEG_CAPACITY:
+    # A rank that writes its own samples may have been given up before it told of the last ones.
+    gathered = (legs["database"] == b"gathered").all()
+    if gathered and ended.all() and not contents.lost["legs"] and len(legs) < LEG_CAPACITY:
         simulated, stored = int(legs["samples"].sum()), len(contents.rows["samples"])
         if stored > simulated:
             yield f"legs: simulated {simulated} samples in all, but {stored} are stored"

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.database.reader import Status
-from agglom_mpi.database.timed_out import judged_as_timed_out
+from agglom_mpi.database.schema import ORIGINS, TOOK_TOO_LONG
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
@@ -75,10 +75,13 @@ class Contents:
         said.append(f"{table}: {named(keys)} {why}")
 
     @property
-    def timed_out(self) -> list[tuple[int, int]]:
-        """Samples that were judged as failed but have no row."""
-        tables = (self.rows[name] for name in ("failures", "results", "samples"))
-        return judged_as_timed_out(*tables)
+    def bred(self) -> np.ndarray:
+        """Rows of strings that are offspring: their generations have begun.
+
+        Random strings of coming generations may be stored, too, whose samples are simulated ahead.
+        """
+        strings = self.rows["strings"]
+        return strings[strings["origin"] == ORIGINS.index("offspring")]
 
     @property
     def unused(self) -> set[Key]:
@@ -93,6 +96,24 @@ class Contents:
         samples = self.lost["samples"] - self.unused
         lost = self.lost["strings"] | self.lost["results"] | samples
         return {key[0] if isinstance(key, tuple) else key for key in lost}
+
+
+def timed_out(failures: np.ndarray, samples: np.ndarray) -> set[tuple[int, int]]:
+    """Return (string, sample) that have no row because they took too long."""
+    late = np.array([text.startswith(TOOK_TOO_LONG.encode()) for text in failures["text"]], bool)
+    if not late.any():
+        return set()
+    pairs = set(failures[["string", "sample"]][late].tolist())
+    return pairs - set(samples[["string", "sample"]].tolist())
+
+
+def judged_as_timed_out(
+    failures: np.ndarray, samples: np.ndarray, results: np.ndarray
+) -> list[tuple[int, int]]:
+    """Return those samples without a row, because they took too long, that results rest on."""
+    late = timed_out(failures, samples)
+    used = dict(results[["string", "samples_used"]].tolist()) if late else {}
+    return sorted((string, sample) for string, sample in late if sample < used.get(string, 0))
 
 
 def named(keys: Iterable[Key]) -> str:

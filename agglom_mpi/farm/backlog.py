@@ -36,7 +36,7 @@ class Backlog:
         self._catch_up()
 
     def take_over(self, rank: int) -> list[NDArray[np.void]]:
-        """Give samples that a rank has delivered and perhaps not written; wait for it no longer.
+        """Return samples that a rank has delivered and perhaps not written; wait no longer for it.
 
         Whoever calls this writes them, and then calls `taken_over`.
         """

@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.database.contents import judged_as_timed_out
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.table import unbroken
-from agglom_mpi.database.timed_out import judged_as_timed_out
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.backlog import Backlog
 from agglom_mpi.farm.evidence import Evidence, result_row
@@ -48,7 +48,7 @@ class Stored:
         self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
         self.generations = {int(row["generation"]) for row in file.generation_rows()}
         self.samples = file.all_sample_rows()
-        self.timed_out = judged_as_timed_out(file.failures(), results, self.samples)
+        self.timed_out = judged_as_timed_out(file.failures(), self.samples, results)
         self.seconds = _seconds_of_legs(file)
 
     @property

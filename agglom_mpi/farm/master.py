@@ -19,7 +19,7 @@ from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
 from agglom_mpi.farm.messages import SILENT_AFTER, final_results
-from agglom_mpi.farm.replay import accept_stored
+from agglom_mpi.farm.replay import stored_outcomes
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
 from agglom_mpi.simulation.outcome import (
@@ -74,7 +74,8 @@ class Master:
 
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
-        accept_stored(self.inversion, self._stored.samples, self._stored.timed_out)
+        for stored in stored_outcomes(self._stored.samples, self._stored.timed_out):
+            self.inversion.accept(*stored)
         self.books.failures = self._stored.failures
         self.inversion.start()
         return self.inversion.finished and self.gallery.complete

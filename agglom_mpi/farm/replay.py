@@ -1,18 +1,18 @@
 """Deciding again, from the samples in a file, what the file says that was decided."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.database.consistency import begun_generations
-from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.database.contents import Contents, judged_as_timed_out, named
 from agglom_mpi.database.table import series
 from agglom_mpi.farm.books import restored
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
-from agglom_mpi.simulation.outcome import UNFINISHED, measured
+from agglom_mpi.simulation.outcome import UNFINISHED, Measured, measured
 from agglom_mpi.variables import NAMES
 
 
@@ -104,26 +104,35 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
         return restored(batch, first, known)
 
     inversion = CampaignWork(campaign).inversion(restore, recorder)
-    accept_stored(inversion, contents.rows["samples"], contents.timed_out)
     inversion.start()
-    while inversion.announce(contents.room["generations"]):
-        pass  # to `restore`: strings of coming generations may be stored
+    rows, ahead = contents.rows, contents.room["generations"]
+    late = judged_as_timed_out(rows["failures"], rows["samples"], rows["results"])
+    for string, first, outcomes in stored_outcomes(rows["samples"], late):
+        while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
+            pass
+        inversion.accept(string, first, outcomes)
+    while inversion.announce(ahead):
+        pass
     return recorder, inversion
 
 
-def accept_stored(
-    inversion: Inversion, samples: NDArray[np.void], timed_out: list[tuple[int, int]]
-) -> None:
-    """Give an inversion rows of `/samples`, and samples that took too long."""
+def stored_outcomes(
+    samples: NDArray[np.void], late: list[tuple[int, int]]
+) -> Iterator[tuple[int, int, list[Measured]]]:
+    """Read rows of `/samples`, and add samples that took too long: string, first sample, outcomes.
+
+    What follows each other in a string comes together.
+    """
     for rows in series(samples):
-        inversion.accept(int(rows["string"][0]), int(rows["sample"][0]), measured(rows))
-    for string, sample in timed_out:
-        inversion.accept(string, sample, [UNFINISHED])
+        yield int(rows["string"][0]), int(rows["sample"][0]), measured(rows)
+    for string, sample in late:
+        yield string, sample, [UNFINISHED]
 
 
 def _compare_strings(recorder: Recorder, contents: Contents) -> int:
     stored = {int(row["string"]): row for row in contents.rows["strings"]}
-    same, other = 0, []
+    same: set[int] = set()
+    other: set[int] = set()  # some strings are announced before they are proposed
     for ids, batch in recorder.batches:
         for i, string in enumerate(ids.tolist()):
             row = stored.get(string)
@@ -136,12 +145,10 @@ def _compare_strings(recorder: Recorder, contents: Contents) -> int:
                 and np.array_equal(row["parents"], batch.parents[i])
                 and _close([row[name] for name in NAMES], batch.parameters[i])
             )
-            same += agrees
-            if not agrees:
-                other.append(string)
+            (same if agrees else other).add(string)
     if other:
         contents.faults.append(f"replay: the search proposes other strings than {named(other)}")
-    return same
+    return len(same - other)
 
 
 def _compare_results(recorder: Recorder, contents: Contents) -> int:
@@ -189,8 +196,7 @@ def _check_end(inversion: Inversion, recorder: Recorder, contents: Contents) -> 
     beyond = set(inversion.live) & contents.numbers("results")
     if contents.settled:  # a proposal need not wait until the samples behind it are written
         proposed = {int(i) for ids, _ in recorder.batches for i in ids}
-        strings = contents.rows["strings"][begun_generations(contents)]
-        beyond |= set(strings["string"].tolist()) - proposed
+        beyond |= contents.numbers("strings") - proposed
     if beyond:
         contents.faults.append(f"replay: ends before strings {named(beyond)}, which are stored")
     if (

@@ -61,7 +61,7 @@ class Needs(Protocol):
         """How far a live or announced string is; None once it is judged."""
 
     def used(self, string: int) -> int:
-        """Return how many samples a judged string needed."""
+        """Return the number of samples that a judged string needed."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
         """Return a proposed string, shape (10,)."""
@@ -109,7 +109,7 @@ class Scheduler:
         self._next: dict[int, int] = {}
         self._queue: list[tuple[float, int]] = []
         self._score: dict[int, float] = {}
-        self._again: list[Piece] = []
+        self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
         self._doubled: dict[tuple[int, int], bool] = {}
         self._mean_seconds = 0.0
         self._most_judged = 0
@@ -161,7 +161,7 @@ class Scheduler:
             return
         if self._needs.progress(string) is None:
             self._experience.learn(self._needs.used(string))
-            for kept in (self._next, self._score, self._known):
+            for kept in (self._next, self._score, self._known, self._lost):
                 kept.pop(string, None)
         else:
             self._rank_anew(string)
@@ -175,10 +175,19 @@ class Scheduler:
         fallen = self.lanes.fall_silent(now - patience)
         for rank in fallen:
             for piece in self.lanes.held(rank):
-                self._again.append(piece)
-                for sample in range(piece.first, piece.first + piece.size):
-                    self._doubled.setdefault((piece.string, sample), False)
+                self._lose(piece)
         return fallen
+
+    def _lose(self, piece: Piece) -> None:
+        """Let the samples of a silent rank wait for another one, if they are still needed."""
+        samples = range(piece.first, piece.first + piece.size)
+        for sample in samples:
+            self._doubled.setdefault((piece.string, sample), False)
+        if piece.string in self._next:
+            lost = self._lost.setdefault(piece.string, [])
+            for sample in samples:
+                heapq.heappush(lost, sample)
+            self._rank_anew(piece.string)
 
     def _meet_generation(self) -> None:
         if self._needs.generation == self._generation:
@@ -188,12 +197,16 @@ class Scheduler:
         for string in sorted(self._live):
             self._next.setdefault(string, 0)
             self._rank_anew(string)
+        # What is out of date sinks to the bottom, and would stay there.
+        self._queue = [(-score, string) for string, score in self._score.items()]
+        heapq.heapify(self._queue)
 
     def _rank_anew(self, string: int) -> None:
         """Give a string its place among those that wait for a rank."""
         progress = self._needs.progress(string)
         assert progress is not None
-        sample = self._skip_known(string, progress.next_sample)
+        lost = self._first_lost(string)
+        sample = self._skip_known(string, progress.next_sample) if lost is None else lost
         if sample >= progress.max_samples:
             self._score.pop(string, None)
             return
@@ -219,7 +232,7 @@ class Scheduler:
         room = self._batch_size()
         pieces: list[Piece] = []
         while room > 0:
-            piece = self._once_more(room) or self._best(room, least)
+            piece = self._best(room, least)
             if piece is None:
                 break
             pieces.append(piece)
@@ -236,8 +249,9 @@ class Scheduler:
             return None
         _, string = heapq.heappop(self._queue)
         self._score.pop(string)
-        piece = self._piece(string, room)
-        self._next[string] = piece.first + piece.size
+        lost = self._first_lost(string) is not None
+        piece = self._once_more(string, room) if lost else self._piece(string, room)
+        self._next[string] = max(self._next[string], piece.first + piece.size)
         self._rank_anew(string)
         return piece
 
@@ -245,11 +259,12 @@ class Scheduler:
         """Worth of the best string; entries that are out of date are dropped or put right."""
         while self._queue:
             worth, string = -self._queue[0][0], self._queue[0][1]
+            if self._score.get(string) != worth:
+                heapq.heappop(self._queue)
+                continue
+            self._rank_anew(string)  # experience grows
             if self._score.get(string) == worth:
-                self._rank_anew(string)  # experience grows
-                if self._score.get(string) == worth:
-                    return worth
-            heapq.heappop(self._queue)
+                return worth
         return 0.0
 
     def _look_ahead(self) -> None:
@@ -274,31 +289,28 @@ class Scheduler:
         return Piece(string, first, count)
 
     def _share(self, judged: int) -> int:
-        """Limit a rank's samples of one string, so that all ranks can help to judge it soon."""
+        """Most samples of one string for one rank, so that all can help to judge it soon."""
         need = max(self._experience.mean, judged + 1.0)
         return max(1, int(need * len(self._live) / (2 * self._ranks)))
 
-    def _once_more(self, room: int) -> Piece | None:
-        """Take samples of a rank that fell silent, if they are still missing and needed."""
-        while self._again:
-            piece = self._again.pop()
-            if self._doubled[piece.string, piece.first]:
-                piece = piece.split(1)[1]
-            elif self._needs.progress(piece.string) is None:
-                continue
-            else:
-                count = min(room, piece.size)
-                count = next(
-                    (n for n in range(1, count) if self._doubled[piece.string, piece.first + n]),
-                    count,
-                )
-                piece, rest = piece.split(count)
-                if rest.size:
-                    self._again.append(rest)
-                return piece
-            if piece.size:
-                self._again.append(piece)
-        return None
+    def _first_lost(self, string: int) -> int | None:
+        """Sample that a rank fell silent with and that is still missing, the first of a string."""
+        lost = self._lost.get(string, [])
+        while lost and self._doubled[string, lost[0]]:
+            heapq.heappop(lost)
+        return lost[0] if lost else None
+
+    def _once_more(self, string: int, room: int) -> Piece:
+        """Consecutive samples of ranks that fell silent, each once if several ranks had them."""
+        lost = self._lost[string]
+        first, count = heapq.heappop(lost), 1
+        while lost and lost[0] <= first + count:
+            if lost[0] == first + count:
+                if count == room or self._doubled[string, lost[0]]:
+                    break
+                count += 1
+            heapq.heappop(lost)
+        return Piece(string, first, count)
 
     def _in_flight(self) -> int:
         """Batches for each rank: short ones must last until the next come, long ones tie it down.
@@ -310,7 +322,7 @@ class Scheduler:
         return 1 + sum(seconds < limit for limit in QUEUE_SECONDS)
 
     def _batch_size(self) -> int:
-        """Choose how much goes in one message: what pays, but no more than is surely needed."""
+        """Size of a message in samples: no less work than pays, no more than is surely needed."""
         if not self._mean_seconds:
             return 1
         need = max(self._experience.mean, self._most_judged)

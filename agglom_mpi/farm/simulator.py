@@ -3,7 +3,7 @@
 import time
 import traceback
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +108,7 @@ class Watch:
         self.abort = np.zeros(1, np.uint8)
         self.stopped = False
         self.max_seconds = max_seconds
-        self._begun = time.monotonic()
+        self._begun: float | None = None
 
     def stop(self) -> None:
         """End all samples, from now on."""
@@ -117,16 +117,18 @@ class Watch:
 
     def look(self) -> None:
         """End the sample under way if it has taken too long."""
-        if self.max_seconds is not None and self._late:
+        if self._late:
             self.abort[0] = 1
 
     def begin(self) -> None:
         """Start the clock of a sample."""
-        self._begun = time.monotonic()
+        if self.max_seconds is not None:
+            self._begun = time.monotonic()
 
     def end(self) -> tuple[bool, bool]:
-        """Whether the sample took too long, and whether anything may have ended it early."""
-        late, hurried = self._late, bool(self.abort[0])
+        """Stop the clock: did it take too long, and may anything have ended the sample early?"""
+        late, self._begun = self._late, None
+        hurried = bool(self.abort[0])
         if hurried and not self.stopped:
             self.abort[0] = 0
             if self.stopped:  # just now
@@ -135,7 +137,8 @@ class Watch:
 
     @property
     def _late(self) -> bool:
-        return self.max_seconds is not None and time.monotonic() - self._begun > self.max_seconds
+        begun, most = self._begun, self.max_seconds
+        return begun is not None and most is not None and time.monotonic() - begun > most
 
 
 class Job(ABC):
@@ -160,9 +163,39 @@ class Job(ABC):
         self._done = 0
         self._failures: list[NDArray[np.void]] = []
 
-    @abstractmethod
     def go_on(self) -> bool:
-        """Do the next sample; whether there is another one to do."""
+        """Do the next sample; whether there is another one to do.
+
+        One that is ended by `Watch.stop` never was, and one that is ended by a look that was meant
+        for the sample before is done again.
+        """
+        begin, text, reason = time.perf_counter(), "", 0
+        self._watch.begin()
+        try:
+            self._do(self._first + self._done)
+        except Exception:
+            text, reason = traceback.format_exc(), EXCEPTION
+        late, hurried = self._watch.end()
+        if self._watch.stopped:
+            return False
+        if late:
+            text, reason = f"{TOOK_TOO_LONG} {self._watch.max_seconds:g} s", TIMED_OUT
+        elif hurried:
+            return True
+        if reason:
+            sample, rank = self._first + self._done, self._simulator.rank
+            self._failures.append(failed_sample(self._string, sample, rank, text))
+        self._keep(reason, time.perf_counter() - begin)
+        self._done += 1
+        return self._done < self._count
+
+    @abstractmethod
+    def _do(self, sample: int) -> None:
+        """Simulate a sample."""
+
+    @abstractmethod
+    def _keep(self, reason: int, seconds: float) -> None:
+        """Take what `_do` has made, in so many seconds; nothing if it failed for a reason."""
 
     @abstractmethod
     def take(self, batch: Batch) -> None:
@@ -173,9 +206,6 @@ class Job(ABC):
         scene = self._simulator.scene_of(self._string, setup, self._parameters)
         seed, number = setup.campaign.seed, setup.first_sample + sample
         return setup, scene, random_stream(seed, self._parameters, number)
-
-    def _failed(self, sample: int, text: str) -> None:
-        self._failures.append(failed_sample(self._string, sample, self._simulator.rank, text))
 
     def _give_failures(self, batch: Batch) -> None:
         batch.failures.extend(self._failures)
@@ -193,28 +223,8 @@ class Series(Job):
         self._rows["string"], self._rows["rank"] = self._string, simulator.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
         self._seconds, self._finished = self._rows["seconds"], self._rows["finished"]
+        self._final: NDArray[np.void] | None = None
         self._finals: list[NDArray[np.void]] = []
-
-    def go_on(self) -> bool:
-        """Simulate the next sample; one that is ended by `Watch.stop` never was."""
-        watch, at = self._watch, self._done
-        watch.begin()
-        begin = time.perf_counter()
-        final, error = self._simulate(at)
-        late, hurried = watch.end()
-        if watch.stopped:
-            return False
-        if late:
-            final, error = [], self._give_up(at)
-        elif hurried:  # by a look that was meant for the sample before
-            return True
-        if error:
-            self._failed(self._first + at, error)
-        self._seconds[at] = time.perf_counter() - begin
-        self._finished[at] = time.time()
-        self._finals.extend(final)
-        self._done += 1
-        return self._done < self._count
 
     def take(self, batch: Batch) -> None:
         """Add rows, texts of errors and final particles."""
@@ -233,28 +243,23 @@ class Series(Job):
         self._finals = []
         self._give_failures(batch)
 
-    def _simulate(self, at: int) -> tuple[list[NDArray[np.void]], str]:
-        """Fill the record of a sample; its row of final particles, if wanted, and its exception."""
-        sample, record = self._first + at, self._records[at]
-        try:
-            _, scene, random = self._start(sample)
-            self._records[at], particles = simulate_scene(scene, random, self._watch.abort)
-            if self._simulator.finals and record["state"] == COMPLETED:
-                return [self._final(sample, scene, particles)], ""
-        except Exception:
-            record["state"], record["reason"] = FAILED, EXCEPTION
-            return [], traceback.format_exc()
-        return [], ""
+    def _do(self, sample: int) -> None:
+        self._final = None
+        _, scene, random = self._start(sample)
+        record = self._records[self._done]
+        self._records[self._done], particles = simulate_scene(scene, random, self._watch.abort)
+        if self._simulator.finals and record["state"] == COMPLETED:
+            final = final_particles(scene, particles)
+            self._final = final_row(self._string, sample, final, scene.particles)
 
-    def _final(self, sample: int, scene: Scene, particles: Any) -> NDArray[np.void]:
-        final = final_particles(scene, particles)
-        return final_row(self._string, sample, final, scene.particles)
-
-    def _give_up(self, at: int) -> str:
-        """Let a sample that took too long have failed; why, in words."""
-        self._records[at] = np.zeros((), OUTCOME)
-        self._records[at]["state"], self._records[at]["reason"] = FAILED, TIMED_OUT
-        return f"{TOOK_TOO_LONG} {self._watch.max_seconds:g} s"
+    def _keep(self, reason: int, seconds: float) -> None:
+        at = self._done
+        if reason:
+            self._records[at] = np.zeros((), OUTCOME)
+            self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
+        elif self._final is not None:
+            self._finals.append(self._final)
+        self._seconds[at], self._finished[at] = seconds, time.time()
 
 
 class Pictures(Job):
@@ -262,26 +267,23 @@ class Pictures(Job):
 
     def __init__(self, simulator: Simulator, task: np.void) -> None:
         super().__init__(simulator, task)
+        self._picture: NDArray[np.void] | None = None
         self._taken: list[NDArray[np.void]] = []
-
-    def go_on(self) -> bool:
-        """Take the pictures of the next sample."""
-        sample = self._first + self._done
-        try:
-            _, scene, random = self._start(sample)
-            frames = new_frames(frame_times(self._frames, scene.end_time), scene.particles)
-            # A sample that fails has no particles in the pictures after that.
-            simulate_scene(scene, random, self._watch.abort, frames)
-            if self._watch.stopped:
-                return False
-            self._taken.append(frame_rows(self._string, sample, frames))
-        except Exception:
-            self._failed(sample, traceback.format_exc())
-        self._done += 1
-        return self._done < self._count
 
     def take(self, batch: Batch) -> None:
         """Add rows of `/frames` and texts of errors."""
         batch.frames.extend(self._taken)
         self._taken = []
         self._give_failures(batch)
+
+    def _do(self, sample: int) -> None:
+        self._picture = None
+        _, scene, random = self._start(sample)
+        frames = new_frames(frame_times(self._frames, scene.end_time), scene.particles)
+        # A sample that fails has no particles in the pictures after that.
+        simulate_scene(scene, random, self._watch.abort, frames)
+        self._picture = frame_rows(self._string, sample, frames)
+
+    def _keep(self, reason: int, seconds: float) -> None:
+        if not reason and self._picture is not None:
+            self._taken.append(self._picture)

@@ -103,7 +103,6 @@ class Inversion:
         self.stop_reason: str | None = None
         self._search = search
         self._make_ensemble = make_ensemble
-        self._max_samples = make_ensemble().max_samples
         self._generations = generations
         self._target = target
         self._restore = restore
@@ -140,7 +139,7 @@ class Inversion:
         return Progress(ensemble.samples_used, ensemble.max_samples)
 
     def used(self, string: int) -> int:
-        """Return how many samples a string needed which needs no more."""
+        """Return the number of samples that a string needed which needs no more."""
         early = self._early.get(string)
         return self.results[string].samples_used if early is None else early.samples_used
 
@@ -210,9 +209,8 @@ class Inversion:
         self._open = {}
         for string in self._ids.tolist():
             self._coming.pop(string, None)
-            self._open[string] = (
-                self._early.pop(string) if string in self._early else (self._make_ensemble())
-            )
+            ahead = self._early.pop(string, None)
+            self._open[string] = self._make_ensemble() if ahead is None else ahead
         for string, ensemble in list(self._open.items()):
             self._judge(string, ensemble)
 

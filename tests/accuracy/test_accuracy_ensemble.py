@@ -25,7 +25,7 @@ from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference
 from agglom_mpi.search.student import t_95
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
 
 GRAINS = 60
 CAMPAIGN = """
@@ -85,13 +85,14 @@ def drawn(pool, samples, orders, seed):
 def test_stops_are_those_of_the_ensemble_that_judges_one_by_one(rule, min_samples, objective):
     most = 150
     pool = pool_of_radii(40, seed=1)
+    outcomes = measured(pool)
     draws = drawn(pool, most, 20, seed=2)
     paths = run_paths(pool, objective, draws)
     stops = stop(rule, paths, min_samples, most)
     for order, rows in enumerate(draws.T):
         judged = Ensemble(rule, objective, GRAINS, min_samples, most)
         for row in rows:
-            judged.add(pool[row])
+            judged.add(outcomes[row])
             if judged.finished:
                 break
         result = judged.result()

@@ -15,7 +15,7 @@ from agglom_mpi.campaign import CampaignError, load_campaign
 from agglom_mpi.campaign.engines import FixedEngine
 from agglom_mpi.farm.messages import TASK
 from agglom_mpi.farm.simulator import Batch, Simulator
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
 
 JOB = "jobs/quickstart.yaml"
 
@@ -28,14 +28,17 @@ def campaign():
 def done(simulator, task):
     """Return what comes of one task."""
     batch = Batch([], [], [], [])
-    simulator.carry_out(task, batch)
+    job = simulator.begin(task)
+    while job.go_on():
+        pass
+    job.take(batch)
     return batch
 
 
 def outcome(steps=10, state=COMPLETED):
     row = np.zeros(1, OUTCOME)
     row["state"], row["steps"], row["mean_radius_ratio"], row["particles"] = state, steps, 2.0, 50
-    return row[0]
+    return measured(row)[0]
 
 
 def test_a_trial_takes_its_samples_and_no_more(campaign):
@@ -63,6 +66,33 @@ def test_a_trial_that_mostly_fails_is_given_up(campaign):
     while not quota.finished:
         quota.add(outcome(state=FAILED))
     assert quota.samples_used == 10
+
+
+class Unread:
+    """An observer that forgets everything."""
+
+    def proposed(self, batch, ids):
+        pass
+
+    def judged(self, string, result):
+        pass
+
+    def generation_done(self, summary):
+        pass
+
+
+def test_every_trial_of_a_study_has_its_own_quota(campaign):
+    wanted = {"a": 3, "b": 5, "c": 7}
+    parameters = campaign.parameters()
+    trials = {name: Trial(campaign, parameters, count) for name, count in wanted.items()}
+    inversion = Study(campaign, trials, 1e9).inversion(None, Unread())
+    inversion.start()
+    assert inversion.announce(4) == ()
+    assert [progress.max_samples for progress in inversion.live.values()] == [3, 5, 7]
+    for string in range(3):
+        inversion.accept(string, 0, [outcome()] * 9)
+    assert inversion.finished
+    assert [inversion.used(string) for string in range(3)] == [3, 5, 7]
 
 
 def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
@@ -95,7 +125,8 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     trials = {"a": Trial(campaign, parameters, 3), "b": Trial(campaign, parameters, 3, engine, 40)}
     simulator = Simulator(Study(campaign, trials, 1e9), 0)
     tasks = np.zeros(2, TASK)
-    tasks["string"], tasks["sample"], tasks["parameters"] = [0, 1], 2, parameters
+    tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
+    tasks["parameters"] = parameters
     plain, stepped = (done(simulator, task).results[0] for task in tasks)
     expected = campaign.simulate(parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
@@ -141,7 +172,7 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     (tmp_path / "scene.yaml").write_text(text)
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
-    task["parameters"] = study.trials["event"].parameters
+    task["count"], task["parameters"] = 1, study.trials["event"].parameters
     [result], *others = done(Simulator(study, 0), task[0])
     assert others == [[], [], []]
     assert result["state"] == COMPLETED

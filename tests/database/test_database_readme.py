@@ -105,7 +105,8 @@ def test_the_reasons_of_failures_are_listed():
 def test_the_lines_for_reading_without_this_package_read_what_it_reads(path):
     with CampaignWriter(path) as writer:
         put_strings(writer, 0, 5)
-        for string in (1, 3):
+        put_strings(writer, 8, 2)  # of a coming generation
+        for string in (1, 3, 9):
             writer.put_samples(sample_rows(string, string, 7))
     with h5py.File(path, "r+") as file:
         row = file["samples"][305]
@@ -115,6 +116,6 @@ def test_the_lines_for_reading_without_this_package_read_what_it_reads(path):
     found = {}
     exec(lines.replace("accretion_2003.h5", str(path)), found)
     campaign = open_campaign(path)
-    assert len(found["samples"]) == 13
+    assert len(found["samples"]) == 20
     assert found["samples"].tobytes() == campaign.all_sample_rows().tobytes()
     assert found["strings"].tobytes() == campaign.string_rows().tobytes()

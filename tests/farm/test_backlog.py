@@ -1,9 +1,18 @@
 """Judgements wait for the samples that they rest on, and keep their order."""
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglom_mpi.farm.backlog import Backlog
+from agglom_mpi.farm.messages import RESULT
+
+
+def rows(count, first=0):
+    """Samples `first`, `first` + 1, … of a string."""
+    batch = np.zeros(count, RESULT)
+    batch["sample"] = first + np.arange(count)
+    return batch
 
 
 def test_without_samples_of_other_ranks_nothing_waits():
@@ -14,8 +23,8 @@ def test_without_samples_of_other_ranks_nothing_waits():
 
 def test_a_record_waits_for_every_rank_that_it_rests_on():
     backlog, stored = Backlog(), []
-    backlog.delivered(1, 3)
-    backlog.delivered(2, 1)
+    backlog.delivered(1, rows(3))
+    backlog.delivered(2, rows(1))
     backlog.store(lambda: stored.append("result"))
     backlog.written(1, 2)
     backlog.written(2, 1)
@@ -26,9 +35,9 @@ def test_a_record_waits_for_every_rank_that_it_rests_on():
 
 def test_what_came_later_is_not_waited_for():
     backlog, stored = Backlog(), []
-    backlog.delivered(1, 3)
+    backlog.delivered(1, rows(3))
     backlog.store(lambda: stored.append("result"))
-    backlog.delivered(1, 5)
+    backlog.delivered(1, rows(5))
     backlog.written(1, 3)
     assert stored == ["result"]
 
@@ -36,7 +45,7 @@ def test_what_came_later_is_not_waited_for():
 def test_rows_written_before_their_delivery_is_known_count():
     backlog, stored = Backlog(), []
     backlog.written(1, 4)
-    backlog.delivered(1, 3)
+    backlog.delivered(1, rows(3))
     backlog.store(lambda: stored.append("result"))
     assert stored == ["result"]
 
@@ -45,43 +54,100 @@ STEPS = st.lists(
     st.one_of(
         st.tuples(st.just("delivered"), st.integers(1, 3), st.integers(1, 5)),
         st.tuples(st.just("written"), st.integers(1, 3), st.integers(1, 5)),
+        st.tuples(st.just("take_over"), st.integers(1, 3), st.just(0)),
         st.tuples(st.just("store"), st.just(0), st.just(0)),
     ),
     max_size=60,
 )
 
 
+class Model:
+    """What ranks and the file hold while steps are taken, and what must be true of it."""
+
+    def __init__(self):
+        self.backlog, self.stored, self.asked = Backlog(), [], 0
+        self.delivered = dict.fromkeys((1, 2, 3), 0)
+        self.written = dict.fromkeys((1, 2, 3), 0)
+        self.in_file = {rank: set() for rank in (1, 2, 3)}
+
+    def deliver(self, rank, count):
+        first, self.delivered[rank] = self.delivered[rank], self.delivered[rank] + count
+        self.backlog.delivered(rank, rows(count, first))
+
+    def write(self, rank, count):
+        """A rank writes what it delivered, in order, whoever has written that in its stead."""
+        first = self.written[rank]
+        self.written[rank] = min(first + count, self.delivered[rank])
+        self.in_file[rank] |= set(range(first, self.written[rank]))
+        self.backlog.written(rank, self.written[rank] - first)
+
+    def take_over(self, rank):
+        """All that a rank has not written must be among what is given back."""
+        taken = [int(row["sample"]) for batch in self.backlog.take_over(rank) for row in batch]
+        assert taken == sorted(set(taken))
+        assert self.in_file[rank] | set(taken) == set(range(self.delivered[rank]))
+        self.in_file[rank] |= set(taken)
+        self.backlog.taken_over()
+        assert self.backlog.take_over(rank) == [], "it waits for a rank that it has given up"
+
+    def store(self):
+        number, needed = self.asked, dict(self.delivered)
+        self.asked += 1
+
+        def action():
+            assert all(set(range(needed[rank])) <= self.in_file[rank] for rank in needed)
+            self.stored.append(number)
+
+        self.backlog.store(action)
+
+
 @given(STEPS)
 @settings(derandomize=True, deadline=None, max_examples=300)
 def test_records_are_stored_in_order_once_and_never_before_their_samples(steps):
-    backlog, stored, asked = Backlog(), [], 0
-    delivered, written = dict.fromkeys((1, 2, 3), 0), dict.fromkeys((1, 2, 3), 0)
-
-    def store(number, needed):
-        assert all(written[rank] >= count for rank, count in needed.items())
-        stored.append(number)
-
+    model = Model()
     for step, rank, count in steps:
         if step == "delivered":
-            delivered[rank] += count
-            backlog.delivered(rank, count)
+            model.deliver(rank, count)
         elif step == "written":
-            count = min(count, delivered[rank] - written[rank])
-            written[rank] += count
-            backlog.written(rank, count)
+            model.write(rank, count)
+        elif step == "take_over":
+            model.take_over(rank)
         else:
-            backlog.store(lambda number=asked, needed=dict(delivered): store(number, needed))
-            asked += 1
+            model.store()
     for rank in (1, 2, 3):
-        late = delivered[rank] - written[rank]
-        written[rank] += late
-        backlog.written(rank, late)
-    assert stored == list(range(asked))
+        model.write(rank, model.delivered[rank])
+    assert model.stored == list(range(model.asked))
+
+
+def test_a_rank_that_is_not_heard_any_more_holds_nothing_back():
+    backlog, stored = Backlog(), []
+    backlog.delivered(1, rows(3))
+    backlog.delivered(1, rows(2, first=3))
+    backlog.store(lambda: stored.append("result"))
+    backlog.written(1, 3)
+    [batch] = backlog.take_over(1)
+    assert batch["sample"].tolist() == [3, 4]
+    assert stored == []
+    backlog.taken_over()
+    assert stored == ["result"]
+
+
+def test_what_a_rank_that_is_back_writes_late_does_not_count_for_what_it_sends_next():
+    backlog, stored = Backlog(), []
+    backlog.delivered(1, rows(3))
+    backlog.take_over(1)
+    backlog.taken_over()
+    backlog.delivered(1, rows(2, first=3))
+    backlog.store(lambda: stored.append("result"))
+    backlog.written(1, 3)
+    assert stored == []
+    backlog.written(1, 2)
+    assert stored == ["result"]
 
 
 def test_at_the_end_all_that_waits_is_stored():
     backlog, stored = Backlog(), []
-    backlog.delivered(1, 3)
+    backlog.delivered(1, rows(3))
     for number in range(3):
         backlog.store(lambda number=number: stored.append(number))
     backlog.finish()

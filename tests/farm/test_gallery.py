@@ -51,7 +51,7 @@ def open_gallery(album, pictures=WANTED):
 
 
 def pairs(tasks):
-    return [(int(task["string"]), int(task["sample"])) for task in tasks]
+    return [(int(task["string"]), int(task["first"])) for task in tasks]
 
 
 def test_all_are_taken_in_order_where_there_are_none():

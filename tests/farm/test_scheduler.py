@@ -1,184 +1,203 @@
+"""The scheduler as a state machine: whatever ranks do, the same is decided, and nobody starves."""
+
 import random
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scheduler_worlds import MAX_SAMPLES, PATIENCE, World, campaign, in_order, simulated
 
-from agglom_mpi.farm.messages import MOST_TASKS
-from agglom_mpi.farm.scheduler import MESSAGES_IN_FLIGHT, Scheduler
-from agglom_mpi.search.ensembles import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
-from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import GrowthTarget
-from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.stopping import SuccessiveDifference
-from agglom_mpi.simulation.outcome import COMPLETED, OUTCOME
-from agglom_mpi.variables import COUNT
+from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
+from agglom_mpi.farm.messages import MOST_SAMPLES
+from agglom_mpi.farm.scheduler import BATCH_SECONDS, GENERATIONS_AHEAD, Scheduler
 
-MAX_SAMPLES = 9
-GENERATIONS = 3
-
-
-class Decisions:
-    """An observer that keeps what was decided."""
-
-    def __init__(self):
-        self.results, self.summaries, self.strings = {}, [], []
-
-    def proposed(self, batch, ids):
-        self.strings.append(batch.parameters.tobytes())
-
-    def judged(self, string, result):
-        self.results[string] = tuple(result)
-
-    def generation_done(self, summary):
-        self.summaries.append((summary.generation, summary.best, summary.population.tolist()))
-
-    def everything(self):
-        return self.strings, sorted(self.results.items()), self.summaries
-
-
-def campaign():
-    decisions = Decisions()
-    search = GeneticSearch(
-        SearchSpace(np.zeros(COUNT), np.ones(COUNT)), seed=5, population=6, parents=2
-    )
-    inversion = Inversion(
-        search,
-        lambda: Ensemble(SuccessiveDifference(0.02), GrowthTarget(), 100, 2, MAX_SAMPLES),
-        GENERATIONS,
-        None,
-        None,
-        decisions,
-    )
-    return inversion, decisions
-
-
-def simulated(parameters, sample):
-    """Return the outcome of a sample: a pure function of the string and the number."""
-    record = np.zeros((), OUTCOME)
-    noise = np.random.default_rng([int(1e6 * parameters[0]), sample]).normal(1.0, 0.05)
-    record["state"], record["particles"] = COMPLETED, 50
-    record["mean_radius_ratio"] = (1.0 + parameters[:2].sum()) * noise
-    return record[()]
-
-
-def serve(ranks, chance, known=(), seconds=lambda chance: 1e-3):
-    """Drive a campaign with ranks as slow as chance wants; what was handed out and decided."""
-    inversion, decisions = campaign()
-    for string, sample, outcome in known:
-        inversion.accept(string, sample, outcome)
-    inversion.start()
-    scheduler = Scheduler(inversion, ranks, [pair[:2] for pair in known])
-    held = [[] for _ in range(ranks)]
-    handed = []
-    idle = 0
-    while not inversion.finished:
-        rank = chance.randrange(ranks)
-        if held[rank] and chance.random() < 0.5:
-            idle = 0
-            for string, sample in held[rank].pop(0):
-                scheduler.returned(rank, string, sample, seconds(chance))
-                outcome = simulated(inversion.parameters(string), sample)
-                inversion.accept(string, sample, outcome)
-            continue
-        tasks = scheduler.assign(rank)
-        live = inversion.live
-        for task in tasks:
-            string, sample = int(task["string"]), int(task["sample"])
-            assert string in live
-            assert live[string].next_sample <= sample < live[string].max_samples
-            assert task["parameters"].tobytes() == inversion.parameters(string).tobytes()
-            handed.append((string, sample))
-        if len(tasks):
-            held[rank].append(tasks[["string", "sample"]].tolist())
-        assert len(tasks) <= MOST_TASKS
-        assert len(held[rank]) <= MESSAGES_IN_FLIGHT
-        assert scheduler.in_flight == sum(len(batch) for queue in held for batch in queue)
-        idle = 0 if len(tasks) else idle + 1
-        assert idle < 200 * ranks, "nothing is handed out and nothing comes back"
-    return handed, decisions
+RANKS = st.integers(1, 9)
+SEEDS = st.integers(0, 2**32)
+SECONDS = st.integers(-7, 4).map(lambda decade: 10.0**decade)
+RESCALE = st.sampled_from([None, (2, 0.5)])
 
 
 @pytest.fixture(scope="module")
-def reference():
-    return serve(1, random.Random(0))[1].everything()
+def wanted():
+    """Return what one rank decides that simulates what is needed next and nothing else."""
+    return {rescale: in_order(rescale) for rescale in (None, (2, 0.5))}
 
 
-@given(st.integers(1, 9), st.integers(0, 2**32), st.sampled_from([1e-5, 1e-3, 1.0]))
-@settings(max_examples=60, deadline=None)
-def test_every_schedule_ends_with_the_same_decisions(reference, ranks, seed, typical):
+@given(RANKS, SEEDS, SECONDS, RESCALE)
+@settings(derandomize=True, max_examples=100, deadline=None)
+def test_every_schedule_ends_with_the_same_decisions(wanted, ranks, seed, typical, rescale):
     """Each sample is handed out once, in the order of its string, and no needed one is left out."""
-    handed, decisions = serve(
-        ranks, random.Random(seed), seconds=lambda chance: typical * chance.random()
-    )
-    assert len(set(handed)) == len(handed)
+    world = World(ranks, random.Random(seed), typical, rescale=rescale).run()
+    assert world.decisions.everything() == wanted[rescale]
+    assert set(world.handed.values()) == {1}
     by_string = {}
-    for string, sample in handed:
+    for string, sample in world.handed:
         assert sample == by_string.get(string, 0)
         by_string[string] = sample + 1
-    for string, result in decisions.results.items():
+    for string, result in world.decisions.results.items():
         assert result[3] <= by_string[string]  # samples_used
-    assert decisions.everything() == reference
 
 
-@given(st.integers(1, 5), st.integers(0, 2**32), st.floats(0.0, 1.0))
-@settings(max_examples=40, deadline=None)
-def test_known_samples_are_never_handed_out(reference, ranks, seed, share):
+@given(RANKS, SEEDS, SECONDS, RESCALE, st.sampled_from([0.02, 0.1, 0.5]))
+@settings(derandomize=True, max_examples=150, deadline=None)
+def test_ranks_that_die_or_are_late_change_no_decision(
+    wanted, ranks, seed, typical, rescale, trouble
+):
+    world = World(ranks, random.Random(seed), typical, trouble, rescale=rescale).run()
+    assert world.decisions.everything() == wanted[rescale]
+
+
+def test_samples_of_ranks_that_fell_silent_are_handed_out_again_and_come_back_twice():
+    handed, lost = 0, 0
+    for seed in range(10):
+        world = World(4, random.Random(seed), trouble=0.3).run()
+        handed += sum(count - 1 for count in world.handed.values())
+        lost += world.lost.total()
+    assert 100 < handed <= lost
+
+
+@given(RANKS, SEEDS, SECONDS, RESCALE, st.integers(0, 120), st.floats(0.0, 1.0))
+@settings(derandomize=True, max_examples=100, deadline=None)
+def test_known_samples_are_never_handed_out(wanted, ranks, seed, typical, rescale, steps, share):
+    """Nor those of coming generations; and the second leg decides what one would have."""
     chance = random.Random(seed)
-    inversion, _ = campaign()
-    inversion.start()
-    known = [
-        (string, sample, simulated(inversion.parameters(string), sample))
-        for string in inversion.live
-        for sample in range(MAX_SAMPLES)
-        if chance.random() < share
-    ]
-    handed, decisions = serve(ranks, chance, known)
-    pairs = {(string, sample) for string, sample, _ in known}
-    assert pairs.isdisjoint(handed)
-    assert len(set(handed)) == len(handed)
-    assert decisions.everything() == reference
+    leg = World(ranks, chance, typical, 0.1, rescale=rescale).run(steps)
+    known = {pair: outcome for pair, outcome in leg.outcomes.items() if chance.random() < share}
+    world = World(ranks, chance, typical, 0.1, known, rescale=rescale).run()
+    assert known.keys().isdisjoint(world.handed)
+    assert world.decisions.everything() == wanted[rescale]
+
+
+def test_a_leg_leaves_samples_of_generations_that_had_not_come():
+    leg = World(9, random.Random(1)).run(60)
+    coming = {leg.decisions.generation_of[string] for string, _ in leg.outcomes}
+    assert max(coming) > leg.inversion.generation
+
+
+def test_idle_ranks_do_strings_of_coming_generations_but_not_of_any():
+    world = World(9, random.Random(0), generations=20)
+    for _ in range(9 * MAX_SAMPLES * 20):
+        world.hand_out()
+    ahead = {world.decisions.generation_of[string] for string in world.decisions.ahead}
+    assert ahead == set(range(1, GENERATIONS_AHEAD + 1))
+    while not world.inversion.finished:
+        world.run(1)
+        announced = max(map(world.decisions.generation_of.get, world.decisions.ahead))
+        assert announced <= world.inversion.generation + GENERATIONS_AHEAD
+    assert len(world.decisions.ahead) == 19 * 2, "the random strings of all generations but one"
+
+
+def test_no_string_of_a_box_that_is_not_known_yet_is_announced():
+    world = World(9, random.Random(0), rescale=(2, 0.5))
+    while not world.inversion.finished:
+        world.run(1)
+        generation = world.inversion.generation
+        ahead = {world.decisions.generation_of[string] for string in world.decisions.ahead}
+        assert all(coming // 2 <= generation // 2 for coming in ahead)
+    assert ahead == {1, 3, 5}
+
+
+def size(scheduler):
+    """Entries of all that a scheduler keeps, but for its experience."""
+    kept = [value for value in vars(scheduler).values() if hasattr(value, "__len__")]
+    inner = [v for value in kept if isinstance(value, dict) for v in value.values()]
+    return sum(map(len, kept)) + sum(len(v) for v in inner if hasattr(v, "__len__"))
+
+
+def test_memory_does_not_grow_with_the_number_of_generations():
+    world = World(3, random.Random(0), generations=200)
+    sizes = [0] * 200
+    while not world.inversion.finished:
+        generation = world.inversion.generation
+        world.run(1)
+        sizes[generation] = max(sizes[generation], size(world.scheduler))
+    assert max(sizes[25:]) <= max(sizes[:25])
 
 
 def test_the_string_whose_judgement_is_nearest_comes_first():
     inversion, _ = campaign()
     inversion.start()
     scheduler = Scheduler(inversion, 1)
-    first, second = scheduler.assign(0), scheduler.assign(0)
-    assert (first["string"].item(), first["sample"].item()) == (0, 0)
-    assert (second["string"].item(), second["sample"].item()) == (1, 0)
-    scheduler.returned(0, 0, 0, 1.0)
-    inversion.accept(0, 0, simulated(inversion.parameters(0), 0))
-    third = scheduler.assign(0)
-    assert (third["string"].item(), third["sample"].item()) == (0, 1)
+    batches = [tasks[["string", "first"]].tolist() for _, tasks in scheduler.assignments(0.0)]
+    assert batches == [[(0, 0)], [(1, 0)], [(2, 0)]]
+    scheduler.returned(0, [1e-3])
+    inversion.accept(0, 0, [simulated(0, inversion.parameters(0), 0)])
+    scheduler.judged(0)
+    [(_, tasks)] = scheduler.assignments(0.0)
+    assert tasks[["string", "first"]].tolist()[0] == (0, 1)
+
+
+def batches_of(ranks, seconds, experience=(), **options):
+    """Ranks and numbers of samples of the batches handed out when samples take so long."""
+    inversion, _ = campaign(**options)
+    inversion.start()
+    scheduler = Scheduler(inversion, ranks, (), experience)
+    first = [rank for rank, _ in scheduler.assignments(0.0)]
+    for rank in first:
+        scheduler.returned(rank, [seconds])
+    assert scheduler.lanes.samples == 0
+    return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
 
 def test_a_rank_gets_no_more_than_it_can_hold():
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 2)
-    counts = [len(scheduler.assign(0)) for _ in range(MESSAGES_IN_FLIGHT + 1)]
-    assert counts == [1] * MESSAGES_IN_FLIGHT + [0]
-    assert len(scheduler.assign(1)) == 1
+    batches = batches_of(2, 1e-3, population=40)
+    assert [rank for rank, _ in batches] == [0, 1] * MESSAGES_IN_FLIGHT
 
 
 def test_short_samples_travel_together_and_long_ones_alone():
-    for seconds, wanted in ((1e-9, 6 * MAX_SAMPLES - 1), (1e-3, 5), (10.0, 1)):
-        inversion, _ = campaign()
-        inversion.start()
-        scheduler = Scheduler(inversion, 1)
-        task = scheduler.assign(0)[0]
-        scheduler.returned(0, int(task["string"]), int(task["sample"]), seconds)
-        assert len(scheduler.assign(0)) == min(wanted, MOST_TASKS)
+    many = {"population": 2000, "max_samples": 1000, "experience": [1000]}
+    times = {1e-9: MOST_SAMPLES, BATCH_SECONDS / 20.5: 20, BATCH_SECONDS: 1, 10.0: 1}
+    for seconds, wanted in times.items():
+        assert {count for _, count in batches_of(1, seconds, **many)} == {wanted}
+
+
+def test_a_rank_that_has_long_samples_is_not_tied_down():
+    for seconds, batches in ((10.0, 1), (0.5, 2), (0.01, 3)):
+        assert len(batches_of(3, seconds, population=40)) == 3 * batches
 
 
 def test_more_ranks_than_samples_leave_some_without_work():
+    inversion, decisions = campaign()
+    inversion.start()
+    scheduler = Scheduler(inversion, 1000)
+    tasks = [task for _, batch in scheduler.assignments(0.0) for task in batch]
+    announced = len(decisions.ahead)
+    assert announced == GENERATIONS_AHEAD * 2
+    assert sum(int(task["count"]) for task in tasks) == (6 + announced) * MAX_SAMPLES
+    assert max(int(task["first"]) for task in tasks) == MAX_SAMPLES - 1
+    assert scheduler.lanes.next_with(0) is not None
+
+
+def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
     inversion, _ = campaign()
     inversion.start()
-    scheduler = Scheduler(inversion, 100)
-    tasks = [scheduler.assign(rank) for rank in range(100)]
-    assert sum(map(len, tasks)) == 6 * MAX_SAMPLES
-    assert max(int(task["sample"][0]) for task in tasks if len(task)) == MAX_SAMPLES - 1
-    assert len(tasks[-1]) == 0
+    scheduler = Scheduler(inversion, 2)
+    held = {rank: [] for rank in range(2)}
+    for rank, tasks in scheduler.assignments(0.0):
+        held[rank] += tasks[["string", "first"]].tolist()
+    scheduler.heard(1, 100.0)
+    assert scheduler.clock(100.0, PATIENCE) == [0]
+    scheduler.returned(1, [1e-3] * len(held[1]))
+    again = [
+        pair
+        for _, tasks in scheduler.assignments(100.0)
+        for pair in tasks[["string", "first"]].tolist()
+    ]
+    assert again == sorted(held[0])
+
+
+@pytest.mark.parametrize("used", [[], [2, 2, 3, 3, 9, 9, 9]])
+def test_a_string_that_experience_makes_likelier_to_be_needed_keeps_its_place(used):
+    inversion, _ = campaign()
+    inversion.start()
+    scheduler = Scheduler(inversion, 1, (), used)
+    handed = set()
+    for _ in range(200):
+        for rank, tasks in scheduler.assignments(0.0):
+            for string, first, count in tasks[["string", "first", "count"]].tolist():
+                handed |= {(string, first + i) for i in range(count)}
+            scheduler.returned(rank, np.ones(int(tasks["count"].sum())))
+            scheduler._experience.learn(MAX_SAMPLES)
+    live = {pair for pair in handed if pair[0] < 6}
+    assert len(live) == 6 * MAX_SAMPLES

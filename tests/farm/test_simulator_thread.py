@@ -1,5 +1,6 @@
 import threading
 import time
+from collections import deque
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from farm_runs import SMALL, write_campaign
 from agglom_mpi.campaign import load_campaign
 from agglom_mpi.farm import simulator as module
 from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
-from agglom_mpi.farm.simulator import Batch, Simulator, SimulatorThread
+from agglom_mpi.farm.simulator import Batch, Simulator, Watch
+from agglom_mpi.farm.thread import HELD_BACK, SimulatorThread
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
 
@@ -20,8 +22,9 @@ def campaign(tmp_path_factory):
 
 
 def tasks(campaign, count=1, string=3):
-    batch = np.zeros(count, TASK)
-    batch["string"], batch["sample"] = string, np.arange(count)
+    """Return one task of so many samples, in a batch of its own."""
+    batch = np.zeros(1, TASK)
+    batch["string"], batch["count"] = string, count
     batch["parameters"] = campaign.parameters()
     return batch
 
@@ -29,23 +32,56 @@ def tasks(campaign, count=1, string=3):
 class Fake:
     """A simulator that computes nothing, with a say in what goes wrong."""
 
-    def __init__(self, act=lambda fake, task: None):
-        self.abort = np.zeros(1, np.uint8)
+    def __init__(self, act=lambda fake, sample: None):
+        self.watch = Watch(None)
         self.seen = []
         self._act = act
 
-    def carry_out(self, task, batch):
-        self.seen.append(int(task["sample"]))
-        self._act(self, task)
-        result = np.zeros(1, RESULT)
-        result["sample"] = task["sample"]
-        batch.results.append(result)
+    def begin(self, task):
+        return FakeJob(self, task)
+
+    def simulate(self, sample):
+        self.seen.append(sample)
+        self._act(self, sample)
+
+
+class FakeJob:
+    """Samples of a task that are nothing but their numbers."""
+
+    def __init__(self, fake, task):
+        self._fake = fake
+        self._left = deque(range(int(task["first"]), int(task["first"] + task["count"])))
+        self._done = []
+
+    def go_on(self):
+        sample = self._left.popleft()
+        self._fake.simulate(sample)
+        if self._fake.watch.stopped:
+            return False
+        self._done.append(sample)
+        return bool(self._left)
+
+    def take(self, batch):
+        results = np.zeros(len(self._done), RESULT)
+        results["sample"] = self._done
+        self._done = []
+        if len(results):
+            batch.results.append(results)
+
+
+def some(count, first=0):
+    """Return a batch of one task for a fake."""
+    batch = np.zeros(1, TASK)
+    batch["first"], batch["count"] = first, count
+    return batch
 
 
 def done(simulator, task):
     """Return what comes of one task."""
-    batch = Batch([], [], [], [])
-    simulator.carry_out(task, batch)
+    batch, job = Batch([], [], [], []), simulator.begin(task)
+    while job.go_on():
+        pass
+    job.take(batch)
     return batch
 
 
@@ -80,11 +116,11 @@ def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkey
 
 
 def test_an_exception_of_the_thread_itself_is_raised_where_results_are_taken():
-    def refuse(fake, task):
+    def refuse(fake, sample):
         raise MemoryError("no more")
 
     thread = SimulatorThread(Fake(refuse))
-    thread.put(np.zeros(1, TASK))
+    thread.put(some(1))
     with pytest.raises(MemoryError, match="no more"):
         thread.take(20.0)
     thread.stop()
@@ -93,12 +129,34 @@ def test_an_exception_of_the_thread_itself_is_raised_where_results_are_taken():
 def test_batches_come_back_whole_and_in_order():
     thread = SimulatorThread(Fake())
     for first in (0, 10):
-        batch = np.zeros(3, TASK)
-        batch["sample"] = first + np.arange(3)
-        thread.put(batch)
+        thread.put(some(3, first))
     taken = [np.concatenate(thread.take(20.0).results)["sample"].tolist() for _ in range(2)]
     thread.stop()
     assert taken == [[0, 1, 2], [10, 11, 12]]
+
+
+def test_tasks_of_a_batch_come_back_together():
+    thread = SimulatorThread(Fake())
+    thread.put(np.concatenate([some(2), some(1, 7), some(2, 4)]))
+    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [0, 1, 7, 4, 5]
+    thread.stop()
+
+
+def test_what_is_finished_does_not_wait_for_long_for_the_rest_of_its_batch():
+    last = threading.Event()
+
+    def slow_in_the_end(fake, sample):
+        if sample == 1:
+            time.sleep(1.5 * HELD_BACK)
+        elif sample == 3:
+            assert last.wait(20.0)
+
+    thread = SimulatorThread(Fake(slow_in_the_end))
+    thread.put(some(4))
+    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [0, 1]
+    last.set()
+    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [2, 3]
+    thread.stop()
 
 
 def test_nothing_finished_is_none_after_the_wait():
@@ -111,15 +169,15 @@ def test_nothing_finished_is_none_after_the_wait():
 def test_stopping_abandons_what_runs_and_what_is_queued():
     running = threading.Event()
 
-    def until_aborted(fake, task):
+    def until_aborted(fake, sample):
         running.set()
-        while not fake.abort[0]:
+        while not fake.watch.abort[0]:
             time.sleep(0.001)
 
     fake = Fake(until_aborted)
     thread = SimulatorThread(fake)
     for _ in range(3):
-        thread.put(np.zeros(5, TASK))
+        thread.put(some(5))
     assert running.wait(20.0)
     thread.stop()
     assert thread.take(0.0) is None

@@ -3,7 +3,7 @@
 import numpy as np
 
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME
+from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
 from agglom_mpi.variables import COUNT
 
 PARTICLES = 100
@@ -11,13 +11,13 @@ PARTICLES = 100
 
 def completed(ratio, particles=PARTICLES, moments=(0.0, 0.0, 0.0)):
     """Return the outcome of a sample that ended with so many particles of such radii."""
-    record = np.zeros((), OUTCOME)
+    record = np.zeros(1, OUTCOME)
     record["state"] = COMPLETED
     record["mean_radius_ratio"] = ratio
     record["particles"] = particles
     for order, moment in zip((2, 3, 4), moments, strict=True):
         record[f"radius_moment_{order}"] = moment
-    return record[()]
+    return measured(record)[0]
 
 
 def of_radii(radii):
@@ -29,11 +29,11 @@ def of_radii(radii):
 
 def failed():
     """Return the outcome of a sample that failed."""
-    record = np.zeros((), OUTCOME)
+    record = np.zeros(1, OUTCOME)
     record["state"] = FAILED
     record["reason"] = 3
     record["mean_radius_ratio"] = np.nan
-    return record[()]
+    return measured(record)[0]
 
 
 def papers_box():

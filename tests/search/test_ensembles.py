@@ -10,6 +10,8 @@ from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 class Never:
     """A rule that is never satisfied."""
 
+    needs_moments = False
+
     def satisfied(self, before, after):
         return False
 

@@ -263,7 +263,7 @@ def test_random_strings_of_coming_generations_are_known_until_the_box_changes():
     ahead = {generation: search.random_proposals(generation) for generation in range(6)}
     assert [generation for generation in range(6) if ahead[generation] is None] == [3, 4, 5]
     for batch, _ in run(search, 3):
-        early = ahead[batch.generation]
+        _, early = ahead[batch.generation]
         assert np.array_equal(early.parameters, batch.parameters[batch.origin == RANDOM])
         assert np.array_equal(early.slot, batch.slot[batch.origin == RANDOM])
     assert search.random_proposals(5) is not None
@@ -272,7 +272,7 @@ def test_random_strings_of_coming_generations_are_known_until_the_box_changes():
 
 def test_without_rescaling_random_strings_are_known_for_ever():
     search = GeneticSearch(unit_box(), seed=1)
-    early = search.random_proposals(7)
+    _, early = search.random_proposals(7)
     batch, _ = run(search, 8)[-1]
     assert np.array_equal(early.parameters, batch.parameters[6:])
 

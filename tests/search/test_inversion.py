@@ -31,6 +31,9 @@ class Book:
     def __init__(self):
         self.batches, self.results, self.summaries = [], {}, []
 
+    def announced(self, batch, ids):
+        raise AssertionError("nobody asked for strings of coming generations")
+
     def proposed(self, batch, ids):
         assert ids[0] == sum(len(earlier.parameters) for earlier, _ in self.batches)
         self.batches.append((batch, ids))
@@ -65,7 +68,7 @@ def serve_in_order(process):
     while not process.finished:
         string, progress = next(iter(process.live.items()))
         outcome = simulate(process.parameters(string), progress.next_sample)
-        process.accept(string, progress.next_sample, outcome)
+        process.accept(string, progress.next_sample, [outcome])
 
 
 @pytest.fixture(scope="module")
@@ -92,9 +95,9 @@ def serve_at_random(process, chance, ahead, repeats):
             flying.extend([task] * chance.randint(1, 1 + repeats))
         else:
             string, sample = flying.pop(chance.randrange(len(flying)))
-            process.accept(string, sample, simulate(process.parameters(string), sample))
+            process.accept(string, sample, [simulate(process.parameters(string), sample)])
     for string, sample in flying:
-        process.accept(string, sample, simulate(process.parameters(string), sample))
+        process.accept(string, sample, [simulate(process.parameters(string), sample)])
 
 
 @given(st.integers(0, 2**32), st.integers(0, 30), st.integers(0, 2))
@@ -113,7 +116,7 @@ def test_a_resume_may_hand_over_everything_before_the_start(reference):
     outcomes = {row: simulate(process.parameters(row[0]), row[1]) for row in rows}
     resumed, replayed = inversion()
     for row in rows:
-        resumed.accept(*row, outcomes[row])
+        resumed.accept(*row, [outcomes[row]])
     assert not replayed.batches
     resumed.start()
     assert resumed.finished
@@ -126,7 +129,7 @@ def test_a_partial_resume_goes_on_to_the_same_end(reference):
     resumed, replayed = inversion()
     for string in range(10):
         for sample in range(0, 12, 2):
-            resumed.accept(string, sample, simulate(whole.parameters(string), sample))
+            resumed.accept(string, sample, [simulate(whole.parameters(string), sample)])
     serve_in_order(resumed)
     assert replayed.text() == reference
 
@@ -166,9 +169,9 @@ def test_live_strings_show_what_is_judged_and_the_most_there_can_be():
     process, _ = inversion(rule=StandardError(1e-9))
     process.start()
     assert set(process.live.values()) == {(0, 12)}
-    process.accept(3, 1, completed(2.0))
+    process.accept(3, 1, [completed(2.0)])
     assert process.live[3] == (0, 12)
-    process.accept(3, 0, completed(2.0))
+    process.accept(3, 0, [completed(2.0)])
     assert process.live[3] == (2, 12)
 
 
@@ -176,9 +179,9 @@ def test_the_first_copy_of_a_sample_wins():
     process, _ = inversion(rule=StandardError(1e-9))
     process.start()
     for sample, ratio in ((1, 2.0), (1, 9.0), (0, 2.0), (0, 9.0), (1, 9.0)):
-        process.accept(0, sample, completed(ratio))
+        process.accept(0, sample, [completed(ratio)])
     for sample in range(2, 5):
-        process.accept(0, sample, completed(2.0))
+        process.accept(0, sample, [completed(2.0)])
     assert process.results[0].mean_radius_ratio == 2.0
 
 
@@ -186,10 +189,10 @@ def test_samples_after_the_end_of_an_ensemble_are_not_used():
     process, book = inversion()
     process.start()
     for sample in (5, 4, 3, 2, 1, 0):
-        process.accept(0, sample, completed(2.5 if sample < 2 else 9.0))
+        process.accept(0, sample, [completed(2.5 if sample < 2 else 9.0)])
     assert book.results[0].samples_used == 2
     assert book.results[0].objective == 0.25
-    process.accept(0, 6, completed(9.0))
+    process.accept(0, 6, [completed(9.0)])
     assert book.results[0].samples_used == 2
 
 
@@ -248,7 +251,7 @@ def test_a_campaign_in_which_everything_fails_still_ends():
     process.start()
     while not process.finished:
         string, progress = next(iter(process.live.items()))
-        process.accept(string, progress.next_sample, failed())
+        process.accept(string, progress.next_sample, [failed()])
     assert process.stop_reason == GENERATIONS_DONE
     assert all(result.objective == np.inf for result in book.results.values())
     assert book.summaries[-1].objective == np.inf

@@ -1,0 +1,281 @@
+"""A small campaign, and ranks that do with what a scheduler hands out whatever chance wants."""
+
+from collections import Counter, deque
+from functools import cache
+
+import numpy as np
+
+from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Piece
+from agglom_mpi.farm.master import consecutive
+from agglom_mpi.farm.messages import MOST_SAMPLES
+from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.objectives import GrowthTarget
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.stopping import SuccessiveDifference
+from agglom_mpi.simulation.outcome import Measured
+from agglom_mpi.variables import COUNT
+
+MAX_SAMPLES = 9
+GENERATIONS = 6
+PATIENCE = 30.0
+
+
+class Judge(Ensemble):
+    """An ensemble that insists on samples of one string, each once and in order."""
+
+    def __init__(self, max_samples=MAX_SAMPLES):
+        super().__init__(SuccessiveDifference(0.02), GrowthTarget(), 100, 2, max_samples)
+        self._string = None
+
+    def add(self, outcome):
+        string, sample = outcome.particle_steps, outcome.steps
+        assert sample == self.samples_used
+        assert self._string in (None, string)
+        self._string = string
+        super().add(outcome)
+
+
+class Decisions:
+    """An observer that keeps what was decided."""
+
+    def __init__(self):
+        self.results, self.summaries, self.strings = {}, [], []
+        self.generation_of, self.ahead = {}, {}
+
+    def announced(self, batch, ids):
+        for string, parameters in zip(ids.tolist(), batch.parameters, strict=True):
+            assert string not in self.ahead
+            self.ahead[string] = parameters.tobytes()
+            self.generation_of[string] = batch.generation
+
+    def proposed(self, batch, ids):
+        for string, parameters in zip(ids.tolist(), batch.parameters, strict=True):
+            assert self.ahead.get(string, parameters.tobytes()) == parameters.tobytes()
+            self.generation_of[string] = batch.generation
+            self.strings.append((string, parameters.tobytes()))
+
+    def judged(self, string, result):
+        assert string not in self.results
+        self.results[string] = tuple(result)
+
+    def generation_done(self, summary):
+        self.summaries.append((summary.generation, summary.best, summary.population.tolist()))
+
+    def everything(self):
+        return self.strings, sorted(self.results.items()), self.summaries
+
+
+def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
+    decisions = Decisions()
+    space = SearchSpace(np.zeros(COUNT), np.ones(COUNT))
+    search = GeneticSearch(space, seed=5, population=population, parents=2, rescale=rescale)
+    return Inversion(
+        search, lambda: Judge(max_samples), generations, None, None, decisions
+    ), decisions
+
+
+@cache
+def noise(key, sample):
+    return np.random.default_rng([key, sample]).normal(1.0, 0.05)
+
+
+def simulated(string, parameters, sample):
+    """Return the outcome of a sample, a pure function of its string, with its number on it."""
+    ratio = (1.0 + parameters[:2].sum()) * noise(int(1e6 * parameters[0]), sample)
+    return Measured(True, ratio, 50, (0.0, 0.0, 0.0), sample, string)
+
+
+def in_order(rescale=None):
+    """Decisions of a rank that simulates what is needed next, nothing else, without a scheduler."""
+    inversion, decisions = campaign(rescale)
+    inversion.start()
+    while not inversion.finished:
+        string, progress = next(iter(inversion.live.items()))
+        sample = progress.next_sample
+        outcome = simulated(string, inversion.parameters(string), sample)
+        inversion.accept(string, sample, [outcome])
+    return decisions.everything()
+
+
+class World:
+    """Ranks of which some sleep or die, and all that must hold whatever they do.
+
+    Parameters
+    ----------
+    ranks
+        Number of ranks; the last one lives for ever.
+    chance
+        Decides all that is open.
+    typical
+        Time of a sample in s.
+    trouble
+        Probability for a rank to fall asleep or to die, each time it is looked at.
+    known
+        {(string, sample): outcome} of an earlier leg.
+    """
+
+    def __init__(self, ranks, chance, typical=1e-3, trouble=0.0, known=None, **options):
+        self.known = dict(known or {})
+        self.inversion, self.decisions = campaign(**options)
+        for (string, sample), outcome in self.known.items():
+            self.inversion.accept(string, sample, [outcome])
+        self.inversion.start()
+        used = [result.samples_used for result in self.inversion.results.values()]
+        self.scheduler = Scheduler(self.inversion, ranks, list(self.known), used)
+        self.outcomes = {}
+        self.handed, self.lost = Counter(), Counter()
+        self._given_up = set()
+        self._ranks, self._chance = ranks, chance
+        self._typical, self._trouble = typical, trouble
+        self._held = [deque() for _ in range(ranks)]
+        self._dead, self._asleep, self._silent = set(), set(), set()
+        self._now = 0.0
+
+    def run(self, steps=100_000):
+        """Let time pass until all is decided, or for so many steps."""
+        for _ in range(steps):
+            if self.inversion.finished:
+                return self
+            self._live_on()
+            if self._chance.random() < 0.7:
+                self.hand_out()
+            working = [rank for rank in self._awake() if self._held[rank]]
+            if working:
+                self._give_back(self._chance.choice(working))
+            else:
+                self._wait_for_those_who_are_not_heard()
+        assert steps < 100_000, "it does not end"
+        return self
+
+    def _awake(self):
+        return [r for r in range(self._ranks) if r not in self._dead and r not in self._asleep]
+
+    def _live_on(self):
+        """Time passes; ranks fall asleep, wake up or die."""
+        chance = self._chance
+        self._now += PATIENCE * chance.random() ** 3
+        rank = chance.randrange(self._ranks)
+        if rank in self._asleep and chance.random() < 0.3:
+            self._asleep.discard(rank)
+        if rank != self._ranks - 1 and chance.random() < self._trouble:
+            (self._dead if chance.random() < 0.2 else self._asleep).add(rank)
+        for rank in self._awake():
+            if not self._trouble or chance.random() < 0.8:
+                self._say_something(rank)
+        if chance.random() < 0.3:
+            self._look_at_the_clock()
+
+    def _say_something(self, rank):
+        was_silent = self.scheduler.heard(rank, self._now)
+        assert was_silent == (rank in self._silent)
+        self._silent.discard(rank)
+
+    def _look_at_the_clock(self):
+        for rank in self.scheduler.clock(self._now, PATIENCE):
+            assert self._held[rank]
+            assert rank not in self._silent
+            self._silent.add(rank)
+            pairs = [pair for batch in self._held[rank] for pair in batch]
+            self.lost.update(pairs)
+            self._given_up.update(pairs)
+
+    def _wait_for_those_who_are_not_heard(self):
+        """They may be given work again, but not more than once each."""
+        for _ in range(self._ranks):
+            self._now += PATIENCE + 1.0
+            for rank in self._awake():
+                self._say_something(rank)
+            self._look_at_the_clock()
+            self.hand_out()
+            if any(self._held[rank] for rank in self._awake()):
+                return
+        raise AssertionError("nobody has anything to do")
+
+    def hand_out(self):
+        """Let ranks have what the scheduler wants them to."""
+        for rank, tasks in self.scheduler.assignments(self._now):
+            assert rank not in self._silent
+            assert len(self._held[rank]) == min(
+                len(self._held[r]) for r in range(self._ranks) if r not in self._silent
+            )
+            batch = []
+            for task in tasks:
+                batch += self._check(task)
+            assert 1 <= len(batch) <= MOST_SAMPLES
+            self._held[rank].append(deque(batch))
+            assert len(self._held[rank]) <= MESSAGES_IN_FLIGHT
+        assert self.scheduler.lanes.samples == sum(len(b) for held in self._held for b in held)
+        if any(not self._held[rank] for rank in range(self._ranks) if rank not in self._silent):
+            self._check_that_nothing_useful_is_left()
+
+    def _check(self, task):
+        string, first, count = (int(task[name]) for name in ("string", "first", "count"))
+        inversion, progress = self.inversion, self.inversion.progress(int(task["string"]))
+        assert count >= 1
+        assert task["frames"] == 0
+        assert task["parameters"].tobytes() == inversion.parameters(string).tobytes()
+        assert progress.next_sample <= first < first + count <= progress.max_samples
+        assert 0 <= self.decisions.generation_of[string] - inversion.generation <= GENERATIONS_AHEAD
+        waiting = self.waited_for()
+        assert not waiting or (string, first) in waiting
+        batch = [(string, sample) for sample in range(first, first + count)]
+        self.handed.update(batch)
+        self._given_up.difference_update(batch)
+        for pair in batch:
+            assert pair not in self.known
+            assert self.handed[pair] <= 1 + self.lost[pair]
+        return batch
+
+    def _free(self, pair):
+        """Whether nobody simulates a sample that nobody has simulated."""
+        missing = pair not in self.known and pair not in self.outcomes
+        return missing and (not self.handed[pair] or pair in self._given_up)
+
+    def waited_for(self):
+        """Samples that decisions wait for and that are nobody's."""
+        live = self.inversion.live.items()
+        return {pair for i, progress in live if self._free(pair := (i, progress.next_sample))}
+
+    def _check_that_nothing_useful_is_left(self):
+        """Of no string is there a sample that would be worth it."""
+        for string in self.inversion.live.keys() | self.decisions.ahead.keys():
+            progress = self.inversion.progress(string)
+            if progress is None:
+                continue
+            judged = progress.next_sample
+            for sample in range(judged, progress.max_samples):
+                if self._free((string, sample)):
+                    assert self.scheduler._experience.chance(judged, sample) < HOPELESS
+                    break
+
+    def _give_back(self, rank):
+        """A rank returns some of its next batch, and what it was the first to return is judged."""
+        batch = self._held[rank][0]
+        count = len(batch) if self._chance.random() < 0.5 else self._chance.randint(1, len(batch))
+        pairs = [batch.popleft() for _ in range(count)]
+        if not batch:
+            self._held[rank].popleft()
+        seconds = [self._typical * self._chance.random() for _ in pairs]
+        for piece, fresh in self.scheduler.returned(rank, seconds):
+            turn, pairs = pairs[: piece.size], pairs[piece.size :]
+            assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
+            assert fresh == [i for i, pair in enumerate(turn) if pair not in self.outcomes]
+            self._judge(piece, fresh)
+        assert not pairs
+        self._say_something(rank)
+
+    def _judge(self, piece: Piece, fresh):
+        parameters = self.inversion.parameters(piece.string)
+        for place, count in consecutive(fresh):
+            first = piece.first + place
+            new = [
+                simulated(piece.string, parameters, sample)
+                for sample in range(first, first + count)
+            ]
+            for sample, outcome in enumerate(new, first):
+                self.outcomes[piece.string, sample] = outcome
+            self.inversion.accept(piece.string, first, new)
+        self.scheduler.judged(piece.string)

@@ -1,0 +1,105 @@
+"""Tasks that are known beforehand: each is done, whatever ranks do."""
+
+import random
+from collections import Counter, deque
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglom_mpi.farm.errands import Errands
+from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
+from agglom_mpi.farm.messages import TASK
+
+PATIENCE = 30.0
+
+
+def tasks(count):
+    batch = np.zeros(count, TASK)
+    batch["string"], batch["first"] = np.divmod(np.arange(count), 3)
+    batch["count"], batch["frames"], batch["parameters"] = 1, 5, np.arange(count)[:, np.newaxis]
+    return batch
+
+
+def pairs(batch):
+    return batch[["string", "first"]].tolist()
+
+
+def test_tasks_are_handed_out_in_order_to_the_rank_with_the_fewest():
+    errands = Errands(tasks(8), 2)
+    handed = list(errands.assignments(0.0))
+    assert [rank for rank, _ in handed] == [0, 1] * MESSAGES_IN_FLIGHT
+    assert [task.tobytes() for _, task in handed] == [task.tobytes() for task in tasks(8)[:6]]
+    errands.done(1)
+    assert [(rank, pairs(task)) for rank, task in errands.assignments(0.0)] == [(1, [(2, 0)])]
+
+
+def test_without_tasks_nobody_gets_any():
+    assert list(Errands(tasks(0), 3).assignments(0.0)) == []
+
+
+def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
+    errands = Errands(tasks(3), 2)
+    assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0]
+    errands.done(1)
+    errands.heard(1, 50.0)
+    assert errands.clock(50.0, PATIENCE) == [0]
+    errands.done(0)
+    again = [(rank, pairs(task)) for rank, task in errands.assignments(50.0)]
+    assert again == [(1, [(0, 2)])]
+    assert errands.heard(0, 51.0)
+    assert not errands.heard(0, 52.0)
+
+
+class World:
+    """Ranks that do errands, or die; the first one lives for ever."""
+
+    def __init__(self, wanted, ranks, chance):
+        self.errands, self.ranks, self.chance = Errands(wanted, ranks), ranks, chance
+        self.held = [deque() for _ in range(ranks)]
+        self.alive, self.now = set(range(ranks)), 0.0
+        self.handed, self.lost, self.done = Counter(), Counter(), set()
+
+    def working(self):
+        return [rank for rank in sorted(self.alive) if self.held[rank]]
+
+    def pass_time(self, seconds, share_heard):
+        self.now += seconds
+        for rank in sorted(self.alive):
+            if self.chance.random() < share_heard:
+                self.errands.heard(rank, self.now)
+        for rank in self.errands.clock(self.now, PATIENCE):
+            self.lost.update(self.held[rank])
+
+    def hand_out(self):
+        for rank, batch in self.errands.assignments(self.now):
+            [pair] = pairs(batch)
+            self.held[rank].append(pair)
+            self.handed[pair] += 1
+            assert len(self.held[rank]) <= MESSAGES_IN_FLIGHT
+
+    def give_back(self, rank):
+        self.done.add(self.held[rank].popleft())
+        self.errands.done(rank)
+        self.errands.heard(rank, self.now)
+
+
+@given(st.integers(1, 6), st.integers(0, 30), st.integers(0, 2**32), st.floats(0.0, 0.5))
+@settings(derandomize=True, deadline=None, max_examples=150)
+def test_every_task_is_done_while_one_rank_lives(ranks, count, seed, trouble):
+    chance = random.Random(seed)
+    wanted = tasks(count)
+    world, idle = World(wanted, ranks, chance), 0
+    while len(world.done) < count:
+        if chance.random() < trouble:
+            world.alive -= {chance.randrange(ranks)} - {0}
+        waits = not world.working()
+        world.pass_time(PATIENCE + 1.0 if waits else 5.0, 1.0 if waits else 0.7)
+        world.hand_out()
+        idle = 0 if world.working() else idle + 1
+        # Each rank that is dead, and had nothing to do, may be given work once more.
+        assert idle <= ranks, "nobody has anything to do"
+        if not idle:
+            world.give_back(chance.choice(world.working()))
+    assert world.done == set(pairs(wanted))
+    assert all(times <= 1 + world.lost[pair] for pair, times in world.handed.items())

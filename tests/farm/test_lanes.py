@@ -1,0 +1,143 @@
+"""What ranks hold, against a plain list of samples for each rank."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+
+RANKS = 3
+PIECES = st.lists(
+    st.builds(Piece, st.integers(0, 5), st.integers(0, 5), st.integers(1, 4)),
+    min_size=1,
+    max_size=3,
+)
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("give"), PIECES),
+        st.tuples(st.just("return"), st.tuples(st.integers(0, RANKS - 1), st.integers(0, 12))),
+        st.tuples(st.just("hear"), st.integers(0, RANKS - 1)),
+        st.tuples(st.just("listen"), st.floats(0.0, 5.0)),
+    ),
+    max_size=50,
+)
+
+
+def samples_of(pieces):
+    return [
+        (piece.string, sample)
+        for piece in pieces
+        for sample in range(piece.first, piece.first + piece.size)
+    ]
+
+
+class Model:
+    """The same as `Lanes`, slow and simple."""
+
+    def __init__(self):
+        self.lanes = Lanes(RANKS)
+        self.batches = [[] for _ in range(RANKS)]
+        self.heard = [0.0] * RANKS
+        self.silent = set()
+        self.now = 0.0
+
+    def give(self, pieces):
+        holding = {rank: len(self.batches[rank]) for rank in set(range(RANKS)) - self.silent}
+        fewest = min(holding.values(), default=MESSAGES_IN_FLIGHT)
+        if fewest == MESSAGES_IN_FLIGHT:
+            return
+        rank = self.lanes.next_with(fewest)
+        assert holding[rank] == fewest
+        if not self.batches[rank]:
+            self.heard[rank] = self.now
+        self.lanes.give(rank, pieces, self.now)
+        self.batches[rank].append(samples_of(pieces))
+
+    def take_back(self, rank, count):
+        batches = self.batches[rank]
+        expected = [pair for batch in batches for pair in batch][:count]
+        assert samples_of(self.lanes.returned(rank, len(expected))) == expected
+        for _ in expected:
+            batches[0].pop(0)
+            if not batches[0]:
+                batches.pop(0)
+
+    def hear(self, rank):
+        assert self.lanes.heard(rank, self.now) == (rank in self.silent)
+        self.silent.discard(rank)
+        self.heard[rank] = self.now
+
+    def listen(self, patience):
+        before = self.now - patience
+        fallen = [
+            rank
+            for rank in range(RANKS)
+            if self.batches[rank] and self.heard[rank] < before and rank not in self.silent
+        ]
+        assert self.lanes.fall_silent(before) == fallen
+        self.silent.update(fallen)
+
+    def compare(self):
+        lanes = self.lanes
+        assert lanes.silent == self.silent
+        for rank in range(RANKS):
+            wanted = [pair for batch in self.batches[rank] for pair in batch]
+            assert samples_of(lanes.held(rank)) == wanted
+        assert lanes.samples == sum(len(batch) for held in self.batches for batch in held)
+        for count in range(MESSAGES_IN_FLIGHT + 1):
+            ranks = {r for r in range(RANKS) if len(self.batches[r]) == count} - self.silent
+            found = lanes.next_with(count)
+            assert found in ranks if ranks else found is None
+
+
+@given(STEPS)
+@settings(derandomize=True, deadline=None, max_examples=300)
+def test_lanes_hold_what_was_given_and_not_returned(steps):
+    model = Model()
+    for step, what in steps:
+        model.now += 1.0
+        if step == "give":
+            model.give(what)
+        elif step == "return":
+            model.take_back(*what)
+        elif step == "hear":
+            model.hear(what)
+        else:
+            model.listen(what)
+        model.compare()
+
+
+@given(st.integers(0, 9), st.integers(1, 9), st.data())
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_a_piece_falls_into_two_that_are_the_whole(first, count, data):
+    piece = Piece(7, first, count)
+    one, other = piece.split(data.draw(st.integers(0, count)))
+    assert samples_of([one, other]) == samples_of([piece])
+
+
+def test_the_rank_that_has_had_its_batches_for_longest_is_next():
+    lanes = Lanes(3)
+    for rank in (2, 0, 1):
+        lanes.give(rank, [Piece(0, 0, 1)], 0.0)
+    assert lanes.next_with(0) is None
+    assert lanes.next_with(1) == 2
+    lanes.give(2, [Piece(0, 0, 1)], 0.0)
+    assert lanes.next_with(1) == 0
+    lanes.returned(2, 1)
+    assert lanes.next_with(1) == 0, "the batch that is left has only begun"
+
+
+def test_a_rank_returns_no_more_than_it_holds():
+    lanes = Lanes(1)
+    lanes.give(0, [Piece(0, 0, 2)], 0.0)
+    with pytest.raises(IndexError):
+        lanes.returned(0, 3)
+
+
+def test_a_rank_that_had_nothing_to_do_was_not_silent():
+    lanes = Lanes(2)
+    assert lanes.fall_silent(100.0) == []
+    lanes.give(0, [Piece(0, 0, 1)], 100.0)
+    assert lanes.fall_silent(100.0) == []
+    assert lanes.fall_silent(100.5) == [0]
+    assert lanes.fall_silent(100.5) == [], "once is enough"

@@ -1,0 +1,253 @@
+"""Strings of coming generations that depend on no result, announced and judged ahead."""
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from search_fakes import PARTICLES, completed, unit_box
+
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.inversion import Inversion, Progress
+from agglom_mpi.search.objectives import GrowthTarget
+from agglom_mpi.search.proposals import RANDOM
+from agglom_mpi.search.stopping import SuccessiveDifference
+
+GENERATIONS = 5
+POPULATION, PARENTS = 8, 2
+NEW = POPULATION - PARENTS
+RANDOMS = NEW - PARENTS
+"""New and random strings of each generation but the first."""
+
+
+def simulate(parameters, sample):
+    """Return what a rank would: a pure function of string and sample."""
+    rng = np.random.default_rng([int(1e9 * parameters[0]), sample])
+    return completed(1.0 + np.sum(parameters[:3]) * rng.normal(1.0, 0.1), rng.integers(1, 101))
+
+
+class Book:
+    """Write down what is announced, and all that is decided."""
+
+    def __init__(self):
+        self.ahead, self.batches, self.results, self.summaries = [], [], {}, []
+
+    def announced(self, batch, ids):
+        self.ahead.append((batch, ids.tolist()))
+
+    def proposed(self, batch, ids):
+        self.batches.append((batch, ids.tolist()))
+
+    def judged(self, string, result):
+        assert string not in self.results
+        assert string <= self.batches[-1][1][-1], "of a generation that has not come"
+        self.results[string] = result
+
+    def generation_done(self, summary):
+        self.summaries.append(summary)
+
+    def text(self):
+        """Return every decision, with every bit of every number."""
+        with np.printoptions(threshold=10**9, floatmode="unique"):
+            return repr((self.batches, sorted(self.results.items()), self.summaries))
+
+
+def inversion(rescale=None, restore=None, generations=GENERATIONS):
+    search = GeneticSearch(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
+    book = Book()
+
+    def ensemble():
+        return Ensemble(SuccessiveDifference(0.02), GrowthTarget(), PARTICLES, 2, 12)
+
+    return Inversion(search, ensemble, generations, None, restore, book), book
+
+
+def give(process, string, sample):
+    process.accept(string, sample, [simulate(process.parameters(string), sample)])
+
+
+def judge_ahead(process, string):
+    """Give an announced string its samples until it needs no more."""
+    while (progress := process.progress(string)) is not None:
+        give(process, string, progress.next_sample)
+
+
+def serve(process):
+    """Compute what is needed next, nothing else."""
+    while not process.finished:
+        string, progress = next(iter(process.live.items()))
+        give(process, string, progress.next_sample)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """Return what is decided where nothing is announced."""
+    books = {}
+    for rescale in (None, (2, 0.5)):
+        process, books[rescale] = inversion(rescale)
+        process.start()
+        serve(process)
+    return books
+
+
+def test_announced_are_the_random_strings_of_the_next_generation_that_is_not(reference):
+    process, book = inversion()
+    process.start()
+    for generation in range(1, 4):
+        first = POPULATION + (generation - 1) * NEW + PARENTS
+        assert process.announce(3) == list(range(first, first + RANDOMS))
+        batch, ids = book.ahead[-1]
+        assert (batch.generation, ids[0]) == (generation, first)
+        proposed, numbers = reference[None].batches[generation]
+        bred = proposed.origin != RANDOM
+        assert ids == [n for n, child in zip(numbers, bred, strict=True) if not child]
+        for name in ("parameters", "slot", "origin", "parents"):
+            stored, wanted = getattr(batch, name), getattr(proposed, name)[~bred]
+            assert stored.tobytes() == wanted.astype(stored.dtype).tobytes()
+        for string, parameters in zip(ids, batch.parameters, strict=True):
+            assert process.parameters(string).tobytes() == parameters.tobytes()
+            assert process.progress(string) == Progress(0, 12)
+            assert string not in process.live
+    assert process.announce(3) == (), "at most three ahead"
+    assert list(process.announce(4)) == list(range(POPULATION + 3 * NEW + PARENTS, 32))
+    assert process.announce(9) == (), "there are only so many generations"
+
+
+def test_nothing_is_announced_at_the_end():
+    process, _ = inversion(generations=1)
+    process.start()
+    assert process.announce(4) == ()
+    serve(process)
+    assert process.announce(4) == ()
+
+
+def test_strings_of_a_box_that_will_change_are_announced_when_it_has():
+    process, book = inversion((2, 0.5))
+    process.start()
+    assert len(process.announce(4)) == RANDOMS
+    assert process.announce(4) == ()
+    while process.generation < 2:
+        string, progress = next(iter(process.live.items()))
+        give(process, string, progress.next_sample)
+    assert len(process.announce(4)) == RANDOMS
+    assert [batch.generation for batch, _ in book.ahead] == [1, 3]
+
+
+@pytest.mark.parametrize("rescale", [None, (2, 0.5)])
+def test_strings_judged_ahead_get_the_results_that_they_would_have_got(reference, rescale):
+    process, book = inversion(rescale)
+    process.start()
+    ahead = []
+    while not process.finished:
+        while strings := process.announce(4):
+            for string in strings:
+                judge_ahead(process, string)
+                ahead.append(string)
+                assert string not in book.results, "not before its generation"
+                assert process.used(string) == reference[rescale].results[string].samples_used
+        string, progress = next(iter(process.live.items()))
+        assert string not in ahead, "it is not live, having been judged"
+        give(process, string, progress.next_sample)
+    assert len(ahead) == RANDOMS * (4 if rescale is None else 2)
+    assert book.text() == reference[rescale].text()
+    assert process.results == book.results
+
+
+def test_a_string_half_judged_ahead_goes_on_where_it_was():
+    process, _ = inversion()
+    process.start()
+    [string, *_] = process.announce(1)
+    give(process, string, 0)
+    give(process, string, 2)
+    assert process.progress(string) == Progress(1, 12)
+    while process.generation == 0:
+        live, progress = next(iter(process.live.items()))
+        give(process, live, progress.next_sample)
+    assert process.live[string] == Progress(1, 12)
+    give(process, string, 1)
+    assert string not in process.live or process.live[string] == Progress(3, 12)
+
+
+def test_outcomes_that_come_before_their_string_is_announced_count(reference):
+    strings = list(range(POPULATION, POPULATION + NEW))
+    ids = reference[None].batches[1][1]
+    assert ids == strings
+    process, book = inversion()
+    rows = dict(zip(ids, reference[None].batches[1][0].parameters, strict=True))
+    for string in strings[PARENTS:]:
+        used = reference[None].results[string].samples_used
+        outcomes = [simulate(rows[string], sample) for sample in range(used)]
+        process.accept(string, 1, outcomes[1:])
+        process.accept(string, 0, outcomes[:1])
+    process.start()
+    announced = process.announce(1)
+    assert list(announced) == strings[PARENTS:]
+    for string in announced:
+        assert process.progress(string) is None
+        assert process.used(string) == reference[None].results[string].samples_used
+    serve(process)
+    assert book.text() == reference[None].text()
+
+
+def test_samples_after_the_end_of_a_string_judged_ahead_are_not_kept():
+    process, book = inversion()
+    process.start()
+    [string, *_] = process.announce(1)
+    judge_ahead(process, string)
+    used = process.used(string)
+    process.accept(string, used, [completed(99.0)] * 5)
+    assert process.used(string) == used
+    assert string not in process._waiting
+    serve(process)
+    assert book.results[string].samples_used == used
+
+
+def test_a_resume_announces_the_stored_strings_not_the_proposed_ones():
+    moved, calls = 1e-9, []
+
+    def restore(batch, first):
+        calls.append((batch.generation, first))
+        return batch._replace(parameters=np.clip(batch.parameters + moved, 0, 1))
+
+    process, book = inversion(restore=restore)
+    process.start()
+    strings = process.announce(1)
+    assert calls == [(0, 0), (1, POPULATION + PARENTS)]
+    original, _ = inversion()
+    original.start()
+    original.announce(1)
+    stored = {string: process.parameters(string) for string in strings}
+    for string in strings:
+        wanted = np.clip(original.parameters(string) + moved, 0, 1)
+        assert stored[string].tobytes() == wanted.tobytes()
+        judge_ahead(process, string)
+    serve(process)
+    for string in strings:
+        assert process.parameters(string).tobytes() == stored[string].tobytes()
+    batch, ids = book.batches[1]
+    told = batch.parameters[[ids.index(string) for string in strings]]
+    assert told.tobytes() == np.array(list(stored.values())).tobytes()
+
+
+@given(st.integers(0, 2**32), st.sampled_from([None, (2, 0.5)]), st.integers(0, 5))
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_decisions_depend_neither_on_announcements_nor_on_the_order(
+    reference, seed, rescale, ahead
+):
+    chance = random.Random(seed)
+    process, book = inversion(rescale)
+    process.start()
+    announced = []
+    while not process.finished:
+        if chance.random() < 0.1:
+            announced += process.announce(ahead)
+        strings = [s for s in (*process.live, *announced) if process.progress(s) is not None]
+        string = chance.choice(strings)
+        judged = process.progress(string).next_sample
+        first, count = judged + chance.choice([0, 0, 1, 3]), chance.randint(1, 4)
+        parameters = process.parameters(string)
+        outcomes = [simulate(parameters, sample) for sample in range(first, first + count)]
+        process.accept(string, first, outcomes)
+    assert book.text() == reference[rescale].text()
