@@ -224,9 +224,7 @@ class Series(Job):
         if completed.any():
             campaign = self._simulator.work.setup(self._string).campaign
             objective = make_objective(campaign.objective, campaign.scene.particles)
-            rows["objective"][completed] = objective.of_sample(
-                rows["mean_radius_ratio"][completed]
-            )
+            rows["objective"][completed] = objective.of_sample(rows["mean_radius_ratio"][completed])
         if len(rows):
             batch.results.append(rows)
         batch.finals.extend(self._finals)
