@@ -107,7 +107,7 @@ class Rehearsal:
 
 
 def _scrambled(key: int, count: int) -> int:
-    """Return a random 64-bit number of a key and a count (SplitMix64: Steele, Lea and Flood 2014)."""
+    """Return the 64-bit number of a key and a count (SplitMix64, Steele, Lea and Flood 2014)."""
     z = (key + (count + 1) * 0x9E3779B97F4A7C15) & _MASK
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
