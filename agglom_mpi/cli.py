@@ -343,7 +343,7 @@ def simulate(
 )
 @click.option("--generations", type=click.IntRange(1), help="Instead of the campaign's own number.")
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-def plan(**options: Any) -> None:
+def plan(as_json: bool, **options: Any) -> None:
     """Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.
 
     Samples of random strings are simulated here, in one process, to see what they give and how
@@ -353,14 +353,15 @@ def plan(**options: Any) -> None:
 
     def run() -> int:
         from agglom_mpi.farm.plan import Options, plan
+        from agglom_mpi.farm.plan_words import as_text, in_words
         from agglom_mpi.report.display import print_wide
 
-        shown, code = plan(Options(**options))
-        if isinstance(shown, str):
-            click.echo(shown)
+        made = plan(Options(**options))
+        if as_json:
+            click.echo(as_text(made))
         else:
-            print_wide(shown)
-        return code
+            print_wide(in_words(made))
+        return FAILURE if made.refused else 0
 
     sys.exit(_finish(run))
 
