@@ -1,8 +1,9 @@
 """What share of the best possible speed the scheduler reaches, on ranks that are imagined.
 
 Run with `pytest tests/benchmarks/bench_virtual.py -m benchmark -s`, or as a program with the
-seconds to simulate samples of each campaign for. Beside the scheduler's own shares, without and with the
-usual costs, stand those of perfect foresight: the same scheduler, told which samples will be used.
+seconds to simulate samples of each campaign for. Beside the scheduler's own shares, without and
+with the usual costs, stand those of perfect foresight: the same scheduler, told which samples will
+be used.
 """
 
 import re
