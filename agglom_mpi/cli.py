@@ -348,7 +348,8 @@ def plan(as_json: bool, **options: Any) -> None:
 
     Samples of random strings are simulated here, in one process, to see what they give and how
     long they take; then the campaign's own decisions and scheduling run on ranks that are imagined.
-    That is a rough guide, within a factor of two; --from a file of some generations is better. Exit code 1 if a forecast would take too many samples.
+    That is a rough guide; the file of a few generations, with --from, is a better one. Exit code 1
+    if a forecast would take too many samples.
     """
 
     def run() -> int:
