@@ -51,7 +51,8 @@ class Foresight(Scheduler):
 
     def _piece(self, string, room):
         piece = super()._piece(string, room)
-        return piece.split(min(piece.count, self.used[string] - piece.first))[0]
+        _, first, count = piece
+        return piece.split(min(count, self.used[string] - first))[0]
 
 
 def sized(campaign, population, parents, generations):
