@@ -241,11 +241,7 @@ class Scheduler:
 
     def _best(self, room: int, least: float) -> Piece | None:
         """Take samples of the string that is worth most."""
-        best = self._peek()
-        if best < 1.0:
-            self._look_ahead()
-            best = self._peek()
-        if best < least:
+        if self._look_ahead() < least:
             return None
         _, string = heapq.heappop(self._queue)
         self._score.pop(string)
@@ -267,11 +263,15 @@ class Scheduler:
                 return worth
         return 0.0
 
-    def _look_ahead(self) -> None:
-        while self._peek() < 1.0 and (strings := self._needs.announce(GENERATIONS_AHEAD)):
+    def _look_ahead(self) -> float:
+        """Worth of the best string, once nothing that coming generations bring is worth more."""
+        best = self._peek()
+        while best < 1.0 and (strings := self._needs.announce(GENERATIONS_AHEAD)):
             for string in strings:
                 self._next[string] = 0
                 self.judged(string)
+            best = self._peek()
+        return best
 
     def _piece(self, string: int, room: int) -> Piece:
         progress = self._needs.progress(string)

@@ -1,16 +1,30 @@
 """A cluster that is not there: the real scheduler and the real decisions, imaginary ranks."""
 
 import heapq
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from itertools import accumulate
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.farm.forecast import Forecast
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.search import OFFSPRING, Batch, EnsembleResult, GenerationSummary, Inversion
 from agglom_mpi.search.inversion import Observer
 from agglom_mpi.simulation.outcome import Measured
+
+LATENCY: Final = 1e-3
+"""Seconds until a message is read: ranks look at their mail every millisecond."""
+
+MESSAGE_SECONDS: Final = 100e-6
+"""Time that rank 0 needs to send or to take a message, s."""
+
+SAMPLE_SECONDS: Final = 40e-6
+"""Time that rank 0 needs to judge and to store a sample, s."""
+
+MOST_SIMULATED: Final = 2_000_000
+"""Samples after which a forecast is given up, some minutes."""
 
 
 class Workload(Protocol):
@@ -35,40 +49,17 @@ class Costs(NamedTuple):
         Time that rank 0 needs to judge and to store a sample.
     """
 
-    latency: float = 0.0
-    message: float = 0.0
-    sample: float = 0.0
+    latency: float = LATENCY
+    message: float = MESSAGE_SECONDS
+    sample: float = SAMPLE_SECONDS
 
 
-class Forecast(NamedTuple):
-    """How a campaign would go.
+FREE: Final = Costs(0.0, 0.0, 0.0)
+"""Messages and decisions that take no time."""
 
-    Attributes
-    ----------
-    ranks : int
-    seconds
-        From the first sample to the last decision.
-    busy
-        Share of the ranks' time in which they simulate.
-    simulated, used
-        Samples.
-    bound
-        Seconds that no scheduler could beat: all samples that are used, spread evenly; or one
-        generation after the other, each as long as the longest sample of its offspring.
-    chain
-        The second of these two.
-    master
-        Share of the time in which rank 0 serves messages.
-    """
 
-    ranks: int
-    seconds: float
-    busy: float
-    simulated: int
-    used: int
-    bound: float
-    chain: float
-    master: float
+class TooManySamples(Exception):  # noqa: N818  (it says what is the matter, like StopIteration)
+    """A forecast would take more than `MOST_SIMULATED` samples."""
 
 
 class Chain:
@@ -94,8 +85,22 @@ class Chain:
         """Nothing is to be remembered."""
 
 
+class Load(NamedTuple):
+    """A batch on an imaginary rank, by the time when its results arrive at rank 0, in s."""
+
+    arrival: float
+    number: int
+    """In the order of sending, which decides between loads that arrive together."""
+    rank: int
+    begin: float
+    pieces: list[tuple[int, int, int]]
+    """String, first sample and number of samples."""
+
+
 class VirtualCluster:
     """Runs a campaign on ranks that only take time.
+
+    Rank 0 simulates beside its messages, as it does in its thread.
 
     Parameters
     ----------
@@ -114,60 +119,70 @@ class VirtualCluster:
         make_inversion: Callable[[Observer], Inversion],
         workload: Workload,
         ranks: int,
-        costs: Costs = Costs(),
+        costs: Costs = FREE,
     ) -> None:
-        self._chain = Chain()
-        self._inversion = make_inversion(self._chain)
+        self.chain = Chain()
+        self._inversion = make_inversion(self.chain)
         self._workload = workload
         self._ranks = ranks
         self._costs = costs
-        self._arrivals: list[tuple[float, int, int, list[tuple[int, int, int]]]] = []
+        self._loads: list[Load] = []
         self._free = [0.0] * ranks
         self._seconds: dict[int, list[float]] = {}
         self._outcomes: dict[int, list[Measured]] = {}
         self._sent = 0
+        self._simulated = 0
+        self._work = 0.0
         self._served = 0.0
 
     def run(self) -> Forecast:
-        """Let time pass until all is decided."""
+        """Let time pass until all is decided; raises TooManySamples."""
         self._inversion.start()
         scheduler = Scheduler(self._inversion, self._ranks)
         now = self._hand_out(scheduler, 0.0)
         while not self._inversion.finished:
-            arrival, _, rank, pieces = heapq.heappop(self._arrivals)
-            now = self._take(scheduler, max(now, arrival), rank, pieces)
-            waits = bool(self._arrivals) and self._arrivals[0][0] <= now
+            load = heapq.heappop(self._loads)
+            now = self._take(scheduler, max(now, load.arrival), load)
+            waits = bool(self._loads) and self._loads[0].arrival <= now
             if not (waits or self._inversion.finished):
                 now = self._hand_out(scheduler, now)
         return self._forecast(now)
 
     def _hand_out(self, scheduler: Scheduler, now: float) -> float:
+        latency, message, _ = self._costs
         for rank, tasks in scheduler.assignments(now):
-            now += self._costs.message
-            self._served += self._costs.message
-            pieces = tasks[["string", "first", "count"]].tolist()
-            work = sum(sum(self._simulate(*piece)) for piece in pieces)
-            self._free[rank] = max(self._free[rank], now + self._costs.latency) + work
+            now += message
+            self._served += message
+            columns = (tasks[name].tolist() for name in ("string", "first", "count"))
+            pieces = list(zip(*columns, strict=True))
+            begin = max(self._free[rank], now + latency)
+            self._free[rank] = end = begin + sum(sum(self._simulate(*piece)) for piece in pieces)
             self._sent += 1
-            arrival = self._free[rank] + self._costs.latency
-            heapq.heappush(self._arrivals, (arrival, self._sent, rank, pieces))
+            heapq.heappush(self._loads, Load(end + latency, self._sent, rank, begin, pieces))
         return now
 
-    def _take(
-        self, scheduler: Scheduler, now: float, rank: int, pieces: list[tuple[int, int, int]]
-    ) -> float:
-        scheduler.heard(rank, now)
-        seconds = [self._seconds[i][first : first + count] for i, first, count in pieces]
-        scheduler.returned(rank, sum(seconds, []))
-        for string, first, count in pieces:
+    def _take(self, scheduler: Scheduler, now: float, load: Load) -> float:
+        """Let rank 0 judge what a rank has simulated; when it is done."""
+        scheduler.heard(load.rank, now)
+        seconds = list(self._times(load))
+        scheduler.returned(load.rank, seconds)
+        for string, first, count in load.pieces:
             outcomes = self._outcomes[string][first : first + count]
             self._inversion.accept(string, first, outcomes)
             scheduler.judged(string)
-        cost = self._costs.message + self._costs.sample * sum(count for _, _, count in pieces)
+        self._simulated += len(seconds)
+        self._work += sum(seconds)
+        cost = self._costs.message + self._costs.sample * len(seconds)
         self._served += cost
         return now + cost
 
+    def _times(self, load: Load) -> Iterator[float]:
+        """Seconds that the samples of a batch take."""
+        for string, first, count in load.pieces:
+            yield from self._seconds[string][first : first + count]
+
     def _simulate(self, string: int, first: int, count: int) -> list[float]:
+        """Seconds that samples take, the next ones of a string."""
         parameters = self._inversion.parameters(string)
         outcomes = self._outcomes.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
@@ -175,24 +190,31 @@ class VirtualCluster:
             outcome, duration = self._workload.sample(string, parameters, sample)
             outcomes.append(outcome)
             seconds.append(duration)
+        if self._simulated > MOST_SIMULATED:
+            raise TooManySamples
         return seconds[first : first + count]
 
+    def _abandon(self, end: float) -> None:
+        """Count what ranks have done of the batches that they hold at the end."""
+        for load in self._loads:
+            times = list(accumulate(self._times(load), initial=load.begin))
+            self._simulated += sum(time <= end for time in times[1:])
+            self._work += max(0.0, min(end, times[-1]) - load.begin)
+
     def _forecast(self, seconds: float) -> Forecast:
-        used = self._chain.used
+        self._abandon(seconds)
+        used = self.chain.used
         needed = {string: self._seconds[string][: used[string]] for string in used}
-        chain = sum(
-            max((max(needed[string]) for string in strings if string in needed), default=0.0)
-            for strings in self._chain.waiting
-        )
-        work = sum(map(sum, needed.values()))
-        simulated = sum(map(len, self._seconds.values()))
         return Forecast(
-            self._ranks,
-            seconds,
-            sum(map(sum, self._seconds.values())) / (seconds * self._ranks),
-            simulated,
-            sum(used.values()),
-            max(work / self._ranks, chain),
-            chain,
-            self._served / seconds,
+            ranks=self._ranks,
+            seconds=seconds,
+            busy=self._work / (seconds * self._ranks),
+            simulated=self._simulated,
+            used=sum(used.values()),
+            work=sum(map(sum, needed.values())),
+            chain=sum(
+                max((max(needed[string]) for string in strings if string in needed), default=0.0)
+                for strings in self.chain.waiting
+            ),
+            master=self._served / seconds,
         )

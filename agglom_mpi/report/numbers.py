@@ -29,3 +29,17 @@ def duration(seconds: float) -> str:
     if seconds < 7200.0:
         return f"{seconds / 60.0:.1f} min"
     return f"{seconds / 3600.0:.1f} h"
+
+
+def forecast_time(seconds: float) -> str:
+    """Time to three digits in the unit that suits it, µs to days."""
+    for unit, size, most in (
+        ("µs", 1e-6, 1e-3),
+        ("ms", 1e-3, 1.0),
+        ("s", 1.0, 120.0),
+        ("min", 60.0, 7200.0),
+        ("h", 3600.0, 172_800.0),
+    ):
+        if seconds < most:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86400.0:,.1f} days"

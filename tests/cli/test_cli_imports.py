@@ -68,6 +68,16 @@ def test_simulating_a_campaign_loads_the_compiler_but_neither_hdf5_nor_mpi_nor_t
     assert modules.isdisjoint({*HEAVY, "rich"} - {"numba"})
 
 
+def test_a_plan_loads_no_mpi_and_from_a_file_no_compiler(finished):
+    modules = loaded(AGGLOM, "plan", finished / "tiny.yaml", "--seconds", "0.5", "--ranks", "2")
+    assert "numba" in modules
+    assert modules.isdisjoint(["mpi4py", "pandas", "matplotlib"])
+    source = ("--from", finished / "tiny.h5")
+    modules = loaded(AGGLOM, "plan", finished / "tiny.yaml", *source, "--ranks", "2")
+    assert "h5py" in modules
+    assert modules.isdisjoint({*HEAVY} - {"h5py"})
+
+
 def test_simulating_a_recorded_string_loads_hdf5(finished):
     modules = loaded(AGGLOM, "simulate", finished / "tiny.h5", "--string", "1", "--samples", "1")
     assert {"numba", "h5py"} <= modules

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from agglom_mpi.report.numbers import duration, with_error
+from agglom_mpi.report.numbers import duration, forecast_time, with_error
 
 
 @pytest.mark.parametrize(
@@ -33,3 +33,20 @@ def test_a_value_has_two_digits_of_its_error(value, error, text):
 )
 def test_a_duration_has_the_unit_that_suits_it(seconds, text):
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (40e-6, "40 µs"),
+        (1e-3, "1 ms"),
+        (0.8312, "831 ms"),
+        (26.6, "26.6 s"),
+        (120.0, "2 min"),
+        (9000.0, "2.5 h"),
+        (172_800.0, "2.0 days"),
+        (1e9, "11,574.1 days"),
+    ],
+)
+def test_a_forecast_time_has_three_digits_in_any_unit(seconds, text):
+    assert forecast_time(seconds) == text

@@ -1,0 +1,137 @@
+"""How long a campaign would take on so many ranks: what `agglom plan` finds out."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+
+from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.farm.forecast import Forecast
+from agglom_mpi.farm.messages import MOST_SAMPLES
+from agglom_mpi.farm.rehearsal import Recorded, Rehearsal, recorded_in
+from agglom_mpi.farm.scheduler import BATCH_SECONDS
+from agglom_mpi.farm.virtual import Costs, TooManySamples, VirtualCluster
+from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.search import Batch
+from agglom_mpi.simulation.outcome import FAILED
+
+
+class Options(NamedTuple):
+    """What `agglom plan` was asked for; `source` is a campaign file with samples, or None."""
+
+    campaign: str
+    ranks: tuple[int, ...]
+    source: str | None = None
+    seconds: float = 20.0
+    generations: int | None = None
+
+
+class Basis(NamedTuple):
+    """The samples that forecasts rest on: how many, and how long they took, s."""
+
+    source: str | None
+    samples: int
+    strings: int
+    failed: int
+    mean_seconds: float
+    longest_seconds: float
+    differences: tuple[str, ...]
+
+
+class Saturation(NamedTuple):
+    """Ranks that rank 0 can just serve, its samples per s, and the mean time of one, s."""
+
+    ranks: float
+    samples_per_second: float
+    mean_seconds: float
+
+
+class Plan(NamedTuple):
+    """Forecasts of a campaign; `refused` are numbers of ranks that would take too many samples."""
+
+    campaign: Campaign
+    basis: Basis
+    costs: Costs
+    forecasts: list[Forecast]
+    refused: list[int]
+
+    @property
+    def saturation(self) -> Saturation | None:
+        """Where rank 0 has no time left; None without a forecast."""
+        if not self.forecasts:
+            return None
+        last = self.forecasts[-1]
+        return saturation(last.work / last.used, self.costs)
+
+
+def saturation(mean_seconds: float, costs: Costs) -> Saturation:
+    """Return what rank 0 can serve if samples take so long: a message there and one back."""
+    batch = max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / mean_seconds))
+    rate = 1.0 / (costs.sample + 2.0 * costs.message / batch)
+    return Saturation(mean_seconds * rate, rate, mean_seconds)
+
+
+def plan(options: Options) -> Plan:
+    """Measure and forecast, and show on a terminal how that goes.
+
+    Raises
+    ------
+    CampaignError, NotACampaign, OSError
+        If the campaign or the file with samples is not what it should be.
+    """
+    campaign = load_campaign(options.campaign)
+    if options.generations is not None:
+        campaign = campaign.with_generations(options.generations)
+    campaign.check_searchable()
+    with Console(stderr=True).status("") as status:  # only a terminal shows it
+        recorded = measure(campaign, options, status.update)
+        return forecasts(campaign, recorded, options, status.update)
+
+
+def measure(campaign: Campaign, options: Options, tell: Callable[[str], None]) -> Recorded:
+    """Read samples from a file, or simulate some now."""
+    if options.source is not None:
+        tell("reading samples")
+        return recorded_in(options.source, campaign)
+    from agglom_mpi.farm.trial import simulate_some  # the simulator, which takes time to load
+
+    return simulate_some(campaign, options.seconds, tell)
+
+
+def forecasts(
+    campaign: Campaign, recorded: Recorded, options: Options, tell: Callable[[str], None]
+) -> Plan:
+    """Let the campaign run on every number of ranks that was asked for."""
+    work, rehearsal, costs = CampaignWork(campaign), Rehearsal(recorded, campaign), Costs()
+    made = Plan(campaign, basis(recorded, options.source), costs, [], [])
+    for ranks in options.ranks:
+        tell(f"forecasting {ranks} ranks")
+        cluster = VirtualCluster(
+            lambda observer: work.inversion(_as_proposed, observer), rehearsal, ranks, costs
+        )
+        try:
+            made.forecasts.append(cluster.run())
+        except TooManySamples:
+            made.refused.append(ranks)
+    return made
+
+
+def _as_proposed(batch: Batch, first: int) -> Batch:
+    """Take strings as they are: there is no earlier leg."""
+    return batch
+
+
+def basis(recorded: Recorded, source: str | None) -> Basis:
+    """Describe the samples that there are."""
+    rows = recorded.rows
+    seconds = rows["seconds"]
+    return Basis(
+        source,
+        len(rows),
+        len(np.unique(rows["string"])),
+        int((rows["state"] == FAILED).sum()),
+        float(seconds.mean()),
+        float(seconds.max()),
+        recorded.differences,
+    )

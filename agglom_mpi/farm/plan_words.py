@@ -1,0 +1,97 @@
+"""What `agglom plan` says: forecasts as a table or as JSON."""
+
+import json
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from agglom_mpi.farm.plan import Plan
+from agglom_mpi.farm.rehearsal import LEAST_SAMPLES
+from agglom_mpi.farm.virtual import MOST_SIMULATED
+from agglom_mpi.report.numbers import forecast_time
+
+MEANINGS = (
+    "busy: share of the ranks' time in which they simulate; wasted: share of the samples that are\n"
+    "simulated before it is known that they are not needed. best possible: no order of work could\n"
+    "beat it; reached: share of that speed. limit, what takes longest: work, all that is needed,\n"
+    "evenly spread; chain, generations that each wait for their longest sample; rank 0, messages."
+)
+
+
+def as_text(plan: Plan) -> str:
+    """JSON of a plan; all times in s."""
+    properties = ("bound", "reached", "wasted", "limit")
+    made = [
+        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
+        for forecast in plan.forecasts
+    ]
+    said: dict[str, Any] = {
+        "campaign": plan.campaign.name,
+        "generations": plan.campaign.stopping.generations,
+        "most_strings": plan.campaign.most_strings,
+        "samples": plan.basis._asdict(),
+        "costs": plan.costs._asdict(),
+        "forecasts": made,
+        "not_forecast": plan.refused,
+        "saturation": plan.saturation and plan.saturation._asdict(),
+    }
+    return json.dumps(said, indent=2)
+
+
+def in_words(plan: Plan) -> RenderableType:
+    """Table of the forecasts, with what they rest on and what they mean."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for name in ("ranks", "time", "busy", "simulated", "used", "wasted", "best possible"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("reached", justify="right", no_wrap=True)
+    table.add_column("limit", no_wrap=True)
+    for f in plan.forecasts:
+        table.add_row(
+            str(f.ranks),
+            forecast_time(f.seconds),
+            f"{f.busy:.1%}",
+            str(f.simulated),
+            str(f.used),
+            f"{f.wasted:.1%}",
+            forecast_time(f.bound),
+            f"{f.reached:.1%}",
+            f.limit,
+        )
+    tables = [table] if plan.forecasts else []
+    return Group(*_heading(plan), *tables, *_footer(plan))
+
+
+def _heading(plan: Plan) -> list[str]:
+    campaign, basis, costs = plan.campaign, plan.basis, plan.costs
+    where = "simulated here, one after the other" if basis.source is None else f"in {basis.source}"
+    failed = f", {basis.failed} failed" if basis.failed else ""
+    return [
+        f"{campaign.title or campaign.name}: at most {campaign.stopping.generations} generations, "
+        f"{campaign.most_strings} strings",
+        f"{basis.samples} samples of {basis.strings} strings {where}: mean "
+        f"{forecast_time(basis.mean_seconds)}, longest {forecast_time(basis.longest_seconds)}"
+        f"{failed}",
+        *(f"made differently: {difference}" for difference in basis.differences),
+        f"a message arrives after {forecast_time(costs.latency)}; rank 0 takes "
+        f"{forecast_time(costs.message)} for each and {forecast_time(costs.sample)} for a sample",
+    ]
+
+
+def _footer(plan: Plan) -> list[str]:
+    lines = []
+    if plan.basis.samples < LEAST_SAMPLES * plan.basis.strings:
+        lines.append("rough: there are few samples of each string; simulate for more --seconds")
+    if plan.refused:
+        ranks = ", ".join(map(str, plan.refused))
+        lines.append(
+            f"no forecast for {ranks} ranks: more than {MOST_SIMULATED} samples; "
+            "fewer --generations take fewer"
+        )
+    if (full := plan.saturation) is not None:
+        lines.append(
+            f"rank 0 is saturated near {max(1.0, full.ranks):.0f} ranks: it serves "
+            f"{full.samples_per_second:.0f} samples/s, and one takes "
+            f"{forecast_time(full.mean_seconds)} on average"
+        )
+    return [*lines, MEANINGS]

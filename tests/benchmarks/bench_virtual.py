@@ -1,0 +1,121 @@
+"""What share of the best possible speed the scheduler reaches, on ranks that are imagined.
+
+Run with `pytest tests/benchmarks/bench_virtual.py -m benchmark -s`, or as a program with the
+seconds to simulate samples of each campaign for. Beside the scheduler's own shares, without and
+with the usual costs, stand those of perfect foresight: the same scheduler, told which samples will
+be used.
+"""
+
+import re
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.farm import virtual
+from agglom_mpi.farm.rehearsal import Rehearsal
+from agglom_mpi.farm.scheduler import Scheduler
+from agglom_mpi.farm.trial import simulate_some
+from agglom_mpi.farm.virtual import FREE, Costs, VirtualCluster
+from agglom_mpi.farm.work import CampaignWork
+
+JOBS = Path(__file__).parents[2] / "jobs"
+
+SIZES = {
+    "accretion_2003": ((20, 6, 25), (200, 60, 4), (2000, 600, 1)),
+    "agglomeration_2004": ((20, 6, 25), (200, 60, 25), (2000, 600, 6)),
+}
+"""Populations with their parents and so many generations that all takes minutes."""
+
+RANKS = (10, 100, 1000, 10_000)
+MEASURE = 60.0
+"""Seconds to simulate samples of a campaign for."""
+
+ROUNDING = 1e-9
+
+
+class Foresight(Scheduler):
+    """Hands out all samples that will be used, and no others; those of this generation first."""
+
+    used: dict[int, int]
+
+    def _worth(self, string, progress, sample):
+        if sample >= self.used.get(string, 0):
+            return 0.0
+        return 4.0 if string in self._live else 1.0
+
+    def _share(self, judged):
+        return 1
+
+    def _piece(self, string, room):
+        piece = super()._piece(string, room)
+        _, first, count = piece
+        return piece.split(min(count, self.used[string] - first))[0]
+
+
+def sized(campaign, population, parents, generations):
+    """Return the campaign with another population."""
+    text = campaign.text
+    for name, value in (("population", population), ("parents", parents)):
+        text, count = re.subn(rf"\b{name}: \d+", f"{name}: {value}", text)
+        assert count == 1, name
+    return Campaign.from_text(text, campaign.name).with_generations(generations)
+
+
+def forecast(campaign, rehearsal, ranks, costs=FREE, used=None):
+    """Let the campaign run; the forecast and the samples that strings used."""
+    work = CampaignWork(campaign)
+    with pytest.MonkeyPatch.context() as patch:
+        if used is not None:
+            patch.setattr(virtual, "Scheduler", type("Told", (Foresight,), {"used": used}))
+        cluster = VirtualCluster(
+            lambda observer: work.inversion(None, observer), rehearsal, ranks, costs
+        )
+        return cluster.run(), cluster.chain.used
+
+
+def print_shares(job, seconds=MEASURE):
+    """Print the table of one campaign; all shares."""
+    campaign = load_campaign(JOBS / f"{job}.yaml")
+    recorded = simulate_some(campaign, seconds, lambda text: None)
+    rehearsal, costs = Rehearsal(recorded, campaign), Costs()
+    times, shares = recorded.rows["seconds"], []
+    print(
+        f"\n{job}: {len(times)} samples of {len(recorded.parameters)} strings, mean "
+        f"{times.mean() * 1e3:.2f} ms, longest {times.max() * 1e3:.1f} ms; costs: latency "
+        f"{costs.latency * 1e3:g} ms, message {costs.message * 1e6:g} µs, sample "
+        f"{costs.sample * 1e6:g} µs"
+    )
+    print(
+        "population generations  ranks     best/s   share  wasted  foresight   with costs  limit"
+        "      µs/sample"
+    )
+    for population, parents, generations in SIZES[job]:
+        larger = sized(campaign, population, parents, generations)
+        for ranks in RANKS:
+            begin = time.perf_counter()
+            free, used = forecast(larger, rehearsal, ranks)
+            speed = (time.perf_counter() - begin) / free.simulated
+            told, _ = forecast(larger, rehearsal, ranks, used=used)
+            dear, _ = forecast(larger, rehearsal, ranks, costs)
+            print(
+                f"{population:<10} {generations:<12} {ranks:<6} {free.bound:9.4f}   "
+                f"{free.reached:.3f}  {free.wasted:6.1%}      {told.reached:.3f}       "
+                f"{dear.reached:.3f}  {dear.limit:<8} {speed * 1e6:.0f}",
+                flush=True,
+            )
+            shares += [free.reached, told.reached, dear.reached]
+    return shares
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("job", SIZES)
+def test_print_the_share_of_the_best_possible_speed(job):
+    assert max(print_shares(job)) <= 1.0 + ROUNDING
+
+
+if __name__ == "__main__":
+    for job in SIZES:
+        print_shares(job, *map(float, sys.argv[1:]))

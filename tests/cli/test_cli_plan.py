@@ -1,0 +1,57 @@
+import json
+
+import pytest
+from farm_runs import QUICKSTART
+
+SCENE = QUICKSTART.parent / "extremes" / "at_rest.yaml"
+
+
+def test_a_plan_says_how_long_it_would_take_and_what_that_rests_on(agglom):
+    done = agglom("plan", QUICKSTART, "--seconds", "1", "--generations", "2", "--ranks", "1,10,100")
+    assert done.exit_code == 0
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("Quickstart - double the mean grain size: at most 2 generations, 20")
+    assert "simulated here, one after the other: mean" in lines[1]
+    table = [line.split()[0] for line in lines[3:7]]
+    assert table == ["ranks", "1", "10", "100"]
+    assert lines[7].startswith("rank 0 is saturated near ")
+
+
+def test_json_holds_the_forecasts_from_a_campaign_file(agglom):
+    done = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1, 4", "--json")
+    plan = json.loads(done.stdout)
+    assert plan["samples"]["source"] == "tiny.h5"
+    assert plan["not_forecast"] == []
+    one, four = plan["forecasts"]
+    assert (one["ranks"], four["ranks"]) == (1, 4)
+    assert one["used"] == four["used"] > 0
+    assert one["bound"] <= one["seconds"]
+    assert one["reached"] == pytest.approx(one["bound"] / one["seconds"])
+    assert agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4", "--json").stdout == (
+        done.stdout
+    )
+
+
+@pytest.mark.parametrize("ranks", ["", "0", "1,,2", "ten", "1.5", "-1", "1;2", "2000000"])
+def test_what_is_no_list_of_ranks_is_said_in_one_message(agglom, ranks):
+    done = agglom("plan", "tiny.yaml", "--ranks", ranks)
+    assert done.exit_code == 2
+    assert f"{ranks!r} is no list of numbers of ranks; allowed: numbers from 1 to" in done.stderr
+
+
+def test_a_forecast_that_would_take_too_long_is_refused_and_the_others_shown(agglom, monkeypatch):
+    from agglom_mpi.farm import virtual
+
+    monkeypatch.setattr(virtual, "MOST_SIMULATED", 3)
+    done = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,2")
+    assert done.exit_code == 1
+    assert "no forecast for 1, 2 ranks: more than 2000000 samples" in done.stdout
+    assert "saturated" not in done.stdout
+
+
+def test_mistakes_are_said_in_one_line(mistaken):
+    assert "variables: has no range; a search needs" in mistaken("plan", SCENE)
+    assert mistaken("plan", "nothing.yaml") == "nothing.yaml: no such file"
+    assert mistaken("plan", "tiny.yaml", "--from", "no.h5") == "no.h5: No such file or directory"
+    assert "tiny.yaml: not an HDF5 file" in mistaken("plan", "tiny.yaml", "--from", "tiny.yaml")

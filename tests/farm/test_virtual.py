@@ -1,0 +1,158 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglom_mpi.farm import virtual
+from agglom_mpi.farm.forecast import Forecast
+from agglom_mpi.farm.virtual import FREE, Costs, TooManySamples, VirtualCluster
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.objectives import GrowthTarget
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.stopping import SuccessiveDifference
+from agglom_mpi.simulation.outcome import Measured
+from agglom_mpi.variables import COUNT
+
+ROUNDING = 1e-9
+"""Times are sums of at most some thousand numbers of one sign."""
+
+
+class Drawn:
+    """Random outcomes; times that scatter over decades from string to string and by half that
+    from sample to sample, or that are all the same."""
+
+    def __init__(self, decades=0.0, seed=0):
+        self.decades, self.seed = decades, seed
+
+    def sample(self, string, parameters, sample):
+        # Of the parameters, as a simulation: a string may not know its number.
+        key = int(parameters[0] * 2**53)
+        slow = np.random.default_rng([self.seed, key]).random()
+        rng = np.random.default_rng([self.seed, key, sample + 1])
+        ratio = 1.0 + parameters[1] + 0.1 * rng.normal()
+        seconds = 0.01 * 10.0 ** (self.decades * (slow + 0.5 * rng.random()))
+        return Measured(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0), seconds
+
+
+def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
+    def inversion(observer):
+        search = GeneticSearch(
+            SearchSpace(np.zeros(COUNT), np.ones(COUNT)),
+            seed=5,
+            population=population,
+            parents=population // 4 * 2,
+        )
+        return Inversion(
+            search,
+            lambda: Ensemble(SuccessiveDifference(0.003), GrowthTarget(), 100, 2, most),
+            generations,
+            None,
+            None,
+            observer,
+        )
+
+    return VirtualCluster(inversion, workload or Drawn(), ranks, costs)
+
+
+@pytest.mark.parametrize("decades", [0.0, 2.0])
+def test_a_lone_rank_without_costs_simulates_all_the_time(decades):
+    workload = Drawn(decades)
+    times = {}
+
+    class Recording:
+        def sample(self, string, parameters, sample):
+            outcome, seconds = workload.sample(string, parameters, sample)
+            times[string, sample] = seconds
+            return outcome, seconds
+
+    forecast = cluster(1, workload=Recording()).run()
+    # It works its samples off in order, so that those it did not come to are the last ones.
+    assert forecast.seconds == pytest.approx(sum(list(times.values())[: forecast.simulated]))
+    assert forecast.busy == pytest.approx(1.0, rel=ROUNDING)
+    assert forecast.used < forecast.simulated <= len(times)
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(
+    ranks=st.integers(1, 60),
+    population=st.integers(4, 24),
+    decades=st.floats(0.0, 4.0),
+    seed=st.integers(0, 1000),
+    latency=st.sampled_from([0.0, 1e-3, 0.1]),
+)
+def test_no_scheduler_beats_the_bound_and_no_rank_works_all_the_time_and_more(
+    ranks, population, decades, seed, latency
+):
+    forecast = cluster(
+        ranks, Costs(latency, 0.0, 0.0), Drawn(decades, seed), population, most=20
+    ).run()
+    assert forecast.bound <= forecast.seconds * (1.0 + ROUNDING)
+    assert forecast.work <= forecast.busy * forecast.seconds * ranks * (1.0 + ROUNDING)
+    assert forecast.busy <= 1.0 + ROUNDING
+    assert forecast.used <= forecast.simulated
+
+
+def test_two_ranks_are_faster_than_one_but_not_more_than_twice():
+    one, two = (cluster(ranks, workload=Drawn(1.0)).run() for ranks in (1, 2))
+    assert 1.5 < one.work / two.seconds <= 2.0
+    assert one.work == pytest.approx(two.work, rel=ROUNDING)
+
+
+def test_the_number_of_ranks_decides_nothing():
+    runs = [
+        cluster(ranks, costs, Drawn(2.0)) for ranks, costs in ((1, FREE), (7, Costs()), (500, FREE))
+    ]
+    forecasts = [run.run() for run in runs]
+    assert len(runs[0].chain.used) == 20 + 2 * 10
+    assert all(run.chain.used == runs[0].chain.used for run in runs)
+    assert forecasts[2].simulated > forecasts[0].simulated
+
+
+def test_latency_makes_it_slower():
+    seconds = [
+        cluster(4, Costs(latency, 0.0, 0.0)).run().seconds for latency in (0.0, 0.01, 0.1, 1.0)
+    ]
+    assert seconds == sorted(seconds)
+    # A generation cannot begin before the results of the one before have travelled, and its tasks.
+    assert seconds[3] > seconds[0] + 3 * 2 * 1.0
+
+
+def test_a_rank_0_that_is_slow_limits_all_ranks():
+    forecast = cluster(50, Costs(0.0, 0.02, 0.02)).run()
+    assert forecast.limit == "rank 0"
+    # It takes every sample that is used, one after the other.
+    assert 0.02 * forecast.used <= forecast.seconds
+    assert 0.9 < forecast.master <= 1.0 + ROUNDING
+
+
+def test_equal_samples_of_a_large_population_keep_ten_ranks_at_useful_work():
+    forecast = cluster(10, population=300, generations=2).run()
+    assert forecast.limit == "work"
+    assert 0.9 <= forecast.reached <= 1.0
+
+
+def test_a_thousand_ranks_are_limited_by_the_longest_samples():
+    forecast = cluster(1000, workload=Drawn(3.0)).run()
+    assert forecast.limit == "chain"
+    assert forecast.bound == forecast.chain
+
+
+def test_a_forecast_is_given_up_when_it_takes_too_many_samples(monkeypatch):
+    monkeypatch.setattr(virtual, "MOST_SIMULATED", 50)
+    with pytest.raises(TooManySamples):
+        cluster(3).run()
+
+
+def test_a_forecast_says_what_would_take_longest():
+    forecast = Forecast(
+        ranks=4, seconds=10.0, busy=0.5, simulated=200, used=150, work=20.0, chain=3.0, master=0.1
+    )
+    assert (forecast.bound, forecast.reached, forecast.wasted) == (5.0, 0.5, 0.25)
+    assert forecast.limit == "work"
+    assert forecast._replace(chain=6.0).limit == "chain"
+    assert forecast._replace(master=0.7).limit == "rank 0"
+    assert math.isclose(forecast._replace(chain=6.0).bound, 6.0)
