@@ -22,16 +22,16 @@ HANGS = """
 import time
 import agglom_mpi.farm.simulator as simulator
 
-go = simulator.Series._simulate
+go = simulator.Series._do
 
-def hang(self, at):
-    if (self._string, self._first + at) in {pairs}:
+def hang(self, sample):
+    if (self._string, sample) in {pairs}:
         end = time.monotonic() + 20.0
         while not self._watch.abort[0] and time.monotonic() < end:
             time.sleep(0.01)
-    return go(self, at)
+    go(self, sample)
 
-simulator.Series._simulate = hang
+simulator.Series._do = hang
 """
 PAIRS = [(2, 1), (5, 0)]
 
