@@ -61,7 +61,7 @@ class Master:
         self._watcher = watcher
         self._stored = Stored(file)
         self._failing: set[int] = set()
-        self._ticked = time.monotonic()
+        self._ticked, self._news = time.monotonic(), True
         self.silent: set[int] = set()
         self.books = Books(writer, self._stored, watcher, work.top)
         self.inversion = work.inversion(self._stored.restore, self.books)
@@ -102,13 +102,15 @@ class Master:
         return self._take_pictures(stop)
 
     def _serve(self, work: Scheduler | Errands) -> None:
-        """Hand out tasks, and do what is due from time to time."""
+        """Hand out tasks if there is news, and do what is due from time to time."""
         now = time.monotonic()
-        for rank, tasks in work.assignments(now):
-            self._crew.send(rank, tasks)
+        if self._news:
+            self._news = False
+            for rank, tasks in work.assignments(now):
+                self._crew.send(rank, tasks)
         self._writer.flush_due()
         if now - self._ticked > TICK:
-            self._ticked = now
+            self._ticked, self._news = now, True
             self._tick(now)
             work.heard(0, now)
             for rank in work.clock(now, SILENT_AFTER):
@@ -120,6 +122,7 @@ class Master:
                 self.books.take_over(rank)
 
     def _listen(self, work: Scheduler | Errands, rank: int) -> None:
+        self._news = True
         if work.heard(rank, time.monotonic()):
             self._watcher.error(f"{self._named(rank)} is back")
         self.silent.discard(rank)
@@ -134,7 +137,7 @@ class Master:
         if len(tasks):
             samples = f"{len(tasks)} sample{'' if len(tasks) == 1 else 's'}"
             self._watcher.message(f"taking pictures of {samples}, {tasks['frames'][0]} of each")
-        errands = Errands(tasks, self._crew.size)
+        errands, self._news = Errands(tasks, self._crew.size), True
         while not self.gallery.done:
             if stop.reason:
                 return End(STOPPED, "stopped", stop.reason)

@@ -21,15 +21,25 @@ QUEUE_SECONDS: Final = (1.0, 0.05)
 """A rank holds a second batch if batches are shorter than the first of these, and so on."""
 
 STOCK: Final = 0.02
-URGENCY: Final = 1.4
-"""A sample that decisions wait for comes before one of a coming generation that is so many times
-as likely to be needed."""
+"""Share of all samples that known strings need which one batch of each rank may add up to."""
+
+URGENCY: Final = 1.5
+"""A sample that decisions wait for comes before one of a coming generation that is at most so many
+times as likely to be needed, on many ranks."""
+
+URGENCY_PER_RANK: Final = 0.02
+"""What each rank adds to an urgency of 1: few ranks lose little by waiting for the last strings of
+a generation, and more by samples that turn out not to be needed."""
 
 HOPELESS: Final = 0.02
-"""Samples that are less likely to be needed are not simulated."""
+"""Samples worth less than this are not simulated."""
 
 QUEUED: Final = 0.9
+"""Samples worth less than this do not wait in the queue of a rank that has work."""
+
 SURE: Final = 0.95
+"""A batch takes samples of a string that are this much as likely to be needed as the first."""
+
 GENERATIONS_AHEAD: Final = 4
 """Coming generations of which samples may be simulated."""
 
@@ -102,6 +112,7 @@ class Scheduler:
         self.lanes = Lanes(ranks)
         self._needs = needs
         self._ranks = ranks
+        self._urgency = min(URGENCY, 1.0 + URGENCY_PER_RANK * ranks)
         self._experience = Experience()
         self._known: dict[int, set[int]] = {}
         self._generation = -1
@@ -218,7 +229,7 @@ class Scheduler:
 
     def _worth(self, string: int, progress: Progress, sample: int) -> float:
         chance = self._experience.chance(progress.next_sample, sample)
-        return URGENCY * chance if string in self._live else chance
+        return self._urgency * chance if string in self._live else chance
 
     def _skip_known(self, string: int, judged: int) -> int:
         sample, known = max(self._next[string], judged), self._known.get(string, ())

@@ -14,10 +14,10 @@ from agglom_mpi.search import OFFSPRING, Batch, EnsembleResult, GenerationSummar
 from agglom_mpi.search.inversion import Observer
 from agglom_mpi.simulation.outcome import Measured
 
-LATENCY: Final = 1e-3
-"""Seconds until a message is read: ranks look at their mail every millisecond."""
+LATENCY: Final = 2e-3
+"""Seconds until a message is read: a rank looks at its mail every 4 ms, more often if there is."""
 
-MESSAGE_SECONDS: Final = 100e-6
+MESSAGE_SECONDS: Final = 150e-6
 """Time that rank 0 needs to send or to take a message, s."""
 
 SAMPLE_SECONDS: Final = 40e-6

@@ -120,7 +120,7 @@ def test_a_failed_campaign_is_sound(tmp_path):
     failures = len(open_campaign(tmp_path / "small.h5").failures())
     assert failures >= 5
     assert f" and {failures} failures are whole\n" in text
-    assert text.endswith(f"\n  failed: {failures} samples raised errors")
+    assert text.endswith(f"\n  failed: {failures} samples failed with errors")
 
 
 def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
