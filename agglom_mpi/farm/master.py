@@ -110,10 +110,11 @@ class Master:
                 self._crew.send(rank, tasks)
         self._writer.flush_due()
         if now - self._ticked > TICK:
+            away = now - self._ticked > SILENT_AFTER / 2  # this rank itself: mail is unread
             self._ticked, self._news = now, True
             self._tick(now)
             work.heard(0, now)
-            for rank in work.clock(now, SILENT_AFTER):
+            for rank in () if away else work.clock(now, SILENT_AFTER):
                 self._watcher.error(
                     f"{self._named(rank)} has not been heard of for {SILENT_AFTER:g} s; others do "
                     "its work"

@@ -18,9 +18,9 @@ BATCH_SECONDS: Final = 0.01
 """Work in one message, so that a message of some 50 µs costs less than 1 %."""
 
 QUEUE_SECONDS: Final = (1.0, 0.05)
-"""A rank holds a second batch if batches are shorter than the first of these, and so on."""
+"""A rank may hold a second and a third batch if batches are shorter than these."""
 
-STOCK: Final = 0.02
+STOCK: Final = 0.01
 """Share of all samples that known strings need which one batch of each rank may add up to."""
 
 URGENCY: Final = 1.5
@@ -172,6 +172,7 @@ class Scheduler:
             return
         if self._needs.progress(string) is None:
             self._experience.learn(self._needs.used(string))
+            self._live.discard(string)
             for kept in (self._next, self._score, self._known, self._lost):
                 kept.pop(string, None)
         else:
@@ -327,18 +328,24 @@ class Scheduler:
         """Batches for each rank: short ones must last until the next come, long ones tie it down.
 
         Where ranks use all cores their main threads wait some milliseconds for one, and it takes
-        three of them to return results and to fetch more.
+        three of them to return results and to fetch more. A third batch must not take what will
+        hardly be needed.
         """
         seconds = self._batch_size() * self._mean_seconds
-        return 1 + sum(seconds < limit for limit in QUEUE_SECONDS)
+        second, third = (seconds < limit for limit in QUEUE_SECONDS)
+        return 1 + second + (third and self._surely_needed() >= 2.0)
 
     def _batch_size(self) -> int:
         """Size of a message in samples: no less work than pays, no more than is surely needed."""
         if not self._mean_seconds:
             return 1
+        most = min(MOST_SAMPLES, BATCH_SECONDS / self._mean_seconds, self._surely_needed())
+        return int(max(1.0, most))
+
+    def _surely_needed(self) -> float:
+        """Estimate how many samples for each rank known strings will hardly do without."""
         need = max(self._experience.mean, self._most_judged)
-        sure = STOCK * len(self._next) * need / self._ranks
-        return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self._mean_seconds, sure)))
+        return STOCK * len(self._next) * need / self._ranks
 
     def _tasks(self, pieces: list[Piece]) -> NDArray[np.void]:
         tasks = np.zeros(len(pieces), TASK)
