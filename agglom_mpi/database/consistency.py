@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.database.contents import Contents, judged_as_timed_out, named, timed_out
+from agglom_mpi.database.contents import Contents, named, timed_out
 from agglom_mpi.database.digest import generation_digest, used_samples
 from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
@@ -128,10 +128,7 @@ def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
     samples = used_samples(contents.rows["samples"], results)
     failures = samples["string"][samples["state"] == FAILED]
     found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
-    late = judged_as_timed_out(
-        contents.rows["failures"], contents.rows["samples"], contents.rows["results"]
-    )
-    for string, _ in late:
+    for string, _ in contents.timed_out:
         found[string] += 1
     whole = ~np.isin(results["string"], list(contents.lost_strings))
     yield "results", whole & (found[results["string"]] != failed), "number of failed samples"

@@ -84,6 +84,11 @@ class Contents:
         return strings[strings["origin"] == ORIGINS.index("offspring")]
 
     @property
+    def timed_out(self) -> list[tuple[int, int]]:
+        """Samples without a row, because they took too long, that results rest on."""
+        return judged_as_timed_out(*(self.rows[n] for n in ("failures", "samples", "results")))
+
+    @property
     def unused(self) -> set[Key]:
         """Lost samples that no result rests on."""
         used = {int(row["string"]): int(row["samples_used"]) for row in self.rows["results"]}

@@ -1,7 +1,6 @@
 """The loop of rank 0: hand out samples, judge what comes back, store it, stop in time."""
 
 import time
-from collections.abc import Iterator
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.schema import TOOK_TOO_LONG
+from agglom_mpi.database.table import unbroken
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
@@ -180,7 +180,7 @@ class Master:
         for piece, fresh in self._scheduler.returned(rank, results["seconds"].tolist()):
             rows = results[begin : begin + piece.size]
             check_turn(rank, piece, rows[0])
-            for first, count in consecutive(fresh):
+            for first, count in unbroken(fresh):
                 new = rows[first : first + count]
                 self.books.counted(new)
                 at = begin + first
@@ -232,12 +232,3 @@ def check_turn(rank: int, piece: Piece, row: np.void) -> None:
     sent = int(row["string"]), int(row["sample"])
     if sent != piece[:2]:
         raise RuntimeError(f"rank {rank} sent string and sample {sent}; expected were {piece[:2]}")
-
-
-def consecutive(places: list[int]) -> Iterator[tuple[int, int]]:
-    """Begin and length of each run of consecutive numbers."""
-    begin = 0
-    for end in range(1, len(places) + 1):
-        if end == len(places) or places[end] != places[end - 1] + 1:
-            yield places[begin], end - begin
-            begin = end

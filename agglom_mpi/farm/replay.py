@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.database.contents import Contents, judged_as_timed_out, named
+from agglom_mpi.database.contents import Contents, named
 from agglom_mpi.database.table import series
 from agglom_mpi.farm.books import restored
 from agglom_mpi.farm.work import CampaignWork
@@ -105,9 +105,8 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
 
     inversion = CampaignWork(campaign).inversion(restore, recorder)
     inversion.start()
-    rows, ahead = contents.rows, contents.room["generations"]
-    late = judged_as_timed_out(rows["failures"], rows["samples"], rows["results"])
-    for string, first, outcomes in stored_outcomes(rows["samples"], late):
+    stored, ahead = contents.rows["samples"], contents.room["generations"]
+    for string, first, outcomes in stored_outcomes(stored, contents.timed_out):
         while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
             pass
         inversion.accept(string, first, outcomes)

@@ -101,8 +101,7 @@ def carry_out(
         if world is None:
             raise
         print(f"rank {world.rank}:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
-        time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
-        world.Abort(1)
+        end_job(world, FAILURE)
         raise
 
 
@@ -215,6 +214,11 @@ def leave(
     ranks = ", ".join(map(str, sorted(missing)))
     display.error(f"no answer from rank {ranks}: the job is ended without; {order.path} is whole")
     sys.stdout.flush()
+    end_job(world, code)
+    return code
+
+
+def end_job(world: "Intracomm", code: int) -> None:
+    """End all ranks by force, with an exit code."""
     time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
     world.Abort(code)
-    return code

@@ -140,13 +140,15 @@ class Scheduler:
                 self.lanes.give(rank, pieces, now)
                 yield rank, self._tasks(pieces)
 
-    def returned(self, rank: int, seconds: Sequence[float]) -> list[tuple[Piece, list[int]]]:
+    def returned(
+        self, rank: int, seconds: Sequence[float]
+    ) -> list[tuple[Piece, NDArray[np.bool_]]]:
         """Take the next samples that a rank was to simulate, which took it so many seconds each.
 
         Returns
         -------
         list
-            What they are, and of each piece the places of those that nobody had returned before.
+            What they are, and which of each piece nobody had returned before, shape (size,).
         """
         count = len(seconds)
         if count:
@@ -154,16 +156,13 @@ class Scheduler:
             self._mean_seconds += weight * (sum(seconds) / count - self._mean_seconds)
         return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, count)]
 
-    def _fresh(self, piece: Piece) -> list[int]:
-        if not self._doubled:
-            return list(range(piece.size))
-        fresh = []
-        for place in range(piece.size):
+    def _fresh(self, piece: Piece) -> NDArray[np.bool_]:
+        fresh = np.ones(piece.size, np.bool_)
+        for place in range(piece.size) if self._doubled else ():
             pair = piece.string, piece.first + place
-            if not self._doubled.get(pair, False):
-                fresh.append(place)
-                if pair in self._doubled:
-                    self._doubled[pair] = True
+            if pair in self._doubled:
+                fresh[place] = not self._doubled[pair]
+                self._doubled[pair] = True
         return fresh
 
     def judged(self, string: int) -> None:

@@ -78,7 +78,7 @@ def farm(most, seconds):
         for delivery in crew.deliveries():
             rows = delivery.results
             for piece, fresh in plan.returned(delivery.rank, rows["seconds"].tolist()):
-                needs.done[piece.string] += len(fresh)
+                needs.done[piece.string] += int(fresh.sum())
                 plan.judged(piece.string)
             returned[delivery.rank] += len(rows)
     print(sum(returned) / (time.perf_counter() - begin))

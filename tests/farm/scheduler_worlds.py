@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
+from agglom_mpi.database.table import unbroken
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Piece
-from agglom_mpi.farm.master import consecutive
 from agglom_mpi.farm.messages import MOST_SAMPLES
 from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
 from agglom_mpi.search.ensembles import Ensemble
@@ -262,14 +262,14 @@ class World:
         for piece, fresh in self.scheduler.returned(rank, seconds):
             turn, pairs = pairs[: piece.size], pairs[piece.size :]
             assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
-            assert fresh == [i for i, pair in enumerate(turn) if pair not in self.outcomes]
+            assert fresh.tolist() == [pair not in self.outcomes for pair in turn]
             self._judge(piece, fresh)
         assert not pairs
         self._say_something(rank)
 
     def _judge(self, piece: Piece, fresh):
         parameters = self.inversion.parameters(piece.string)
-        for place, count in consecutive(fresh):
+        for place, count in unbroken(fresh):
             first = piece.first + place
             new = [
                 simulated(piece.string, parameters, sample)
