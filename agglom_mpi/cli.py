@@ -19,6 +19,11 @@ _DATABASE = click.option(
     help="Who writes samples: rank 0, or every rank its own. "
     "[default: every rank, where h5py was built with MPI]",
 )
+_ALLOW_CODE = click.option(
+    "--allow-code",
+    is_flag=True,
+    help="Run the Python function that the campaign's objective names.",
+)
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -107,6 +112,7 @@ def _is_mistake(error: Exception) -> bool:
     is_flag=True,
     help="Continue a file that other simulation sources computed.",
 )
+@_ALLOW_CODE
 @click.version_option(__version__)
 def invert_command(**options: Any) -> int:
     """Run the inversion that CAMPAIGN (a YAML file) describes, or continue it.
@@ -191,9 +197,9 @@ def check(file: str) -> None:
             text, code = check_file(file)
             click.echo(text)
             return code
-        from agglom_mpi.campaign import load_campaign
+        from agglom_mpi.campaign import check_campaign
 
-        loaded = load_campaign(file)
+        loaded = check_campaign(file)
         if loaded.plan is None:
             loaded.check_scales(loaded.parameters())
         else:
@@ -215,23 +221,39 @@ def _is_hdf5(path: str) -> bool:
         return False
 
 
-@main.command(epilog="Example:  agglom report accretion_2003.h5")
+@main.command(
+    epilog="Examples:  agglom report accretion_2003.h5   "
+    "agglom report accretion_2003.h5 --sensitivity"
+)
 @click.argument("file")
+@click.option(
+    "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
+)
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-def report(file: str, as_json: bool) -> None:
-    """Print the best strings of a campaign FILE.h5, also while it is being written."""
+def report(file: str, sensitivity: bool, as_json: bool) -> None:
+    """Print the best strings of a campaign FILE.h5, also while it is being written.
+
+    They are ranked by their re-estimates on fresh samples, where there are any.
+    """
 
     def run() -> int:
         from agglom_mpi.database.reader import open_inversion
         from agglom_mpi.report.summary import as_text, collect_summary, summarise
 
-        opened = open_inversion(file)
+        opened, more = open_inversion(file), None
+        if sensitivity:
+            from agglom_mpi.report import sensitivity as matters
+
+            more = matters.of_campaign(opened)
         if as_json:
-            click.echo(as_text(collect_summary(opened)))
+            extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+            click.echo(as_text(collect_summary(opened), extra))
         else:
             from agglom_mpi.report.display import print_wide
 
             print_wide(summarise(opened))
+            if more is not None:
+                print_wide(matters.in_words(*more))
         return 0
 
     sys.exit(_finish(run))
@@ -289,6 +311,7 @@ def export(file: str, compact: Path | None, csv: Path | None) -> None:
 )
 @click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
 @click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
+@_ALLOW_CODE
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 def simulate(
     source: str,
@@ -297,6 +320,7 @@ def simulate(
     engine: str | None,
     string: int | None,
     sample: int | None,
+    allow_code: bool,
     as_json: bool,
 ) -> None:
     """Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in FILE.h5.
@@ -307,7 +331,8 @@ def simulate(
     def run() -> int:
         from agglom_mpi.report.forward import Request, forward
 
-        request = Request(Path(source), _assignments(settings), samples, engine, string, sample)
+        values = _assignments(settings)
+        request = Request(Path(source), values, samples, engine, string, sample, allow_code)
         text, code = forward(request, as_json)
         click.echo(text)
         return code
@@ -342,6 +367,7 @@ def simulate(
     help="Time to simulate samples for.",
 )
 @click.option("--generations", type=click.IntRange(1), help="Instead of the campaign's own number.")
+@_ALLOW_CODE
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 def plan(as_json: bool, **options: Any) -> None:
     """Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.
@@ -400,6 +426,7 @@ def plan(as_json: bool, **options: Any) -> None:
     is_flag=True,
     help="Continue a study that other simulation sources computed.",
 )
+@_ALLOW_CODE
 def accuracy(settings: tuple[str, ...], **options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 

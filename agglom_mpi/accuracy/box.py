@@ -145,7 +145,7 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
     growth = estimate(ratios)
-    value, error = make_objective(campaign.objective, particles).of_ensemble(ratios)
+    value, error = make_objective(campaign.objective, particles).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,

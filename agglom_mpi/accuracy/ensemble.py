@@ -17,7 +17,7 @@ from agglom_mpi.accuracy.stopping_study import (
     truth_of,
 )
 from agglom_mpi.accuracy.words import percent
-from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective, make_objective
 from agglom_mpi.search.streams import stream
 from agglom_mpi.simulation.outcome import COMPLETED
 
@@ -52,7 +52,8 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
     Parameters
     ----------
     campaign
-        Its objective and, unless it is a scene alone, its own rule.
+        Its objective and, unless it is a scene alone, its own rule; the greatest growth and no own
+        rule, if the objective looks at more than mean radii.
     rows
         Samples as `OUTCOME` rows, shape (rows,); those that failed are left out.
     quick
@@ -63,7 +64,9 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         few = f"Of {len(rows)} samples {len(pool)} completed; a pool takes at least {FEWEST_ROWS}."
         return _nothing("no pool to draw from", failures=(few,))
     plan, particles = campaign.plan, campaign.scene.particles
-    objective = make_objective(campaign.objective, particles)
+    objective, other = make_objective(campaign.objective, particles), False
+    if not isinstance(objective, RadiusObjective):
+        plan, objective, other = None, MaximumGrowth(particles), True
     truth = truth_of(pool, objective)
     most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
     if truth.spread <= ROUNDING * truth.mean:
@@ -72,7 +75,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
     draws = stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
-    if plan:
+    if plan and plan.ensemble.rule != "fixed":
         rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
@@ -80,7 +83,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         title=words.TITLE,
         problem=words.PROBLEM,
         reference=words.reference(len(pool), truth),
-        setups=words.setups(orders, most, len(rows) - len(pool), plan and plan.ensemble),
+        setups=words.setups(orders, most, len(rows) - len(pool), plan and plan.ensemble, other),
         figures=_figures(frame, truth, most),
         tables=_tables(frame, goal),
         failures=words.failures(frame),

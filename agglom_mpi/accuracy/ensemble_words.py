@@ -43,6 +43,11 @@ COVERAGE_CAPTION: Final = (
     "its binomial 95 % band."
 )
 
+OTHER_OBJECTIVE: Final = (
+    "the campaign's objective looks at more than mean radii, so here it is the greatest growth, "
+    "and its own rule is left out"
+)
+
 
 def share(row: Any, name: str) -> str:
     """Share and its standard error in percent, from the columns of a row."""
@@ -62,9 +67,11 @@ def reference(samples: int, truth: Truth) -> str:
     )
 
 
-def setups(orders: int, most: int, failed: int, model: "AnyEnsemble | None") -> str:
+def setups(
+    orders: int, most: int, failed: int, model: "AnyEnsemble | None", other: bool = False
+) -> str:
     """Say what was run."""
-    own = "the scene has no rule of its own"
+    own = OTHER_OBJECTIVE if other else "the scene has no rule of its own"
     if model is not None:
         limits = f"{model.min_samples} to {min(most, model.max_samples)}"
         own = f"the campaign's own rule is kept within its own limits, {limits}"

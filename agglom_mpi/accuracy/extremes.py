@@ -22,9 +22,9 @@ CLOSED: Final = 1e-9
 """Energy error up to which a sample's ledger counts as closed."""
 
 
-def read_scenes(directory: Path) -> dict[str, Campaign]:
+def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign]:
     """Scenes of a directory by file stem; a CampaignError if one is wrong."""
-    return {path.stem: load_campaign(path) for path in sorted(directory.glob("*.yaml"))}
+    return {path.stem: load_campaign(path, allow_code) for path in sorted(directory.glob("*.yaml"))}
 
 
 def published_name(scene: str) -> str:

@@ -1,6 +1,7 @@
 """The history of a campaign: what the search believed, and what its best strings are worth."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,7 +12,9 @@ from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed
 from agglom_mpi.accuracy.trials import Trial
 from agglom_mpi.accuracy.words import digits, measured
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.campaign.code import Code, recorded_code
+from agglom_mpi.campaign.source import Problem
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.search.objectives import make_objective
@@ -36,9 +39,26 @@ def best_strings(history: CampaignFile) -> list[int]:
     return list(dict.fromkeys(best))
 
 
-def trials(history: CampaignFile, samples: int) -> dict[str, Trial]:
-    """Every string that was ever the best, on configurations that no decision has seen."""
-    campaign = Campaign.from_text(history.campaign_text, str(history.path))
+def campaign_of(history: CampaignFile) -> Campaign:
+    """Campaign of a file; if its objective is a function, without the code."""
+    code = recorded_code(history.identity)
+    return Campaign.from_text(history.campaign_text, str(history.path), code)
+
+
+def trials(history: CampaignFile, samples: int, allowed: Code | None = None) -> dict[str, Trial]:
+    """Every string that was ever the best, on configurations that no decision has seen.
+
+    Raises
+    ------
+    CampaignError
+        If the objective is a function, and another one than is `allowed`.
+    """
+    campaign = campaign_of(history)
+    if campaign.code is not None:
+        if allowed is None or allowed.unread != campaign.code:
+            message = "is a function that is not run from a file: give its unchanged campaign, too"
+            raise CampaignError(Problem(campaign.name, None, "objective.call", message))
+        campaign = replace(campaign, code=allowed)
     parameters = {int(row["string"]): row for row in history.string_rows()}
     return {
         name_of(string): Trial(
@@ -93,14 +113,14 @@ def measure(history: CampaignFile, samples: Mapping[str, Rows]) -> "pd.DataFrame
     """One row for each generation: its best string as it was judged and as it is."""
     import pandas as pd
 
-    campaign = Campaign.from_text(history.campaign_text, str(history.path))
+    campaign = campaign_of(history)
     objective = make_objective(campaign.objective, campaign.scene.particles)
     used = {int(row["string"]): int(row["samples_used"]) for row in history.result_rows()}
     rows = []
     for row in history.generation_rows():
         string = int(row["best_string"])
-        ratios = completed(samples[name_of(string)])["mean_radius_ratio"]
-        value, error = objective.of_ensemble(ratios)
+        good = completed(samples[name_of(string)])
+        value, error = objective.of_rows(good)
         rows.append(
             {
                 "generation": int(row["generation"]),
@@ -112,7 +132,7 @@ def measure(history: CampaignFile, samples: Mapping[str, Rows]) -> "pd.DataFrame
                 "standard error": float(row["best_standard_error"]),
                 "estimated again": value,
                 "standard error of that": error,
-                "samples of that": len(ratios),
+                "samples of that": len(good),
             }
         )
     return pd.DataFrame(rows)

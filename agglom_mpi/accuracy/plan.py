@@ -56,6 +56,7 @@ class Options(NamedTuple):
     quiet: bool = False
     accept_code_change: bool = False
     database: str | None = None
+    allow_code: bool = False
 
 
 class Plan(NamedTuple):
@@ -76,7 +77,7 @@ def make_plan(options: Options) -> Plan:
         extent = extent._replace(
             samples=options.samples, pool=max(extent.pool, options.samples), again=options.samples
         )
-    campaign, scenes = _read(options.sources)
+    campaign, scenes = _read(options.sources, options.allow_code)
     parameters = campaign.parameters(options.settings) if campaign else np.zeros(0)
     history = open_inversion(options.history) if options.history else None
     trials: dict[str, Trial] = {}
@@ -91,14 +92,16 @@ def make_plan(options: Options) -> Plan:
         if not options.quick:
             trials |= whole_method.trials(campaign, parameters, extent.samples)
     if history is not None:
-        trials |= inversion.trials(history, extent.again)
+        trials |= inversion.trials(history, extent.again, campaign.code if campaign else None)
     trials |= extremes.trials(scenes, extent.extreme)
     first = campaign or next(iter(scenes.values()))
     study = Study(first, trials, extent.budget)
     return Plan(campaign, parameters, history, scenes, study, options.quick)
 
 
-def _read(sources: tuple[str, ...]) -> tuple[Campaign | None, dict[str, Campaign]]:
+def _read(
+    sources: tuple[str, ...], allow_code: bool
+) -> tuple[Campaign | None, dict[str, Campaign]]:
     """Campaign or scene of the one file among the sources, and the scenes of the directories."""
     files = [source for source in sources if not Path(source).is_dir()]
     if len(files) > 1:
@@ -107,9 +110,9 @@ def _read(sources: tuple[str, ...]) -> tuple[Campaign | None, dict[str, Campaign
     scenes: dict[str, Campaign] = {}
     for source in sources:
         if source not in files:
-            found = extremes.read_scenes(Path(source))
+            found = extremes.read_scenes(Path(source), allow_code)
             if not found:
                 message = "is a directory without any scene; allowed: one with *.yaml files"
                 raise CampaignError(Problem(source, None, "SOURCE", message))
             scenes |= found
-    return load_campaign(files[0]) if files else None, scenes
+    return load_campaign(files[0], allow_code) if files else None, scenes

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives import RadiusObjective
 from agglom_mpi.search.stopping import Moments, Rule, StandardError, SuccessiveDifference
 from agglom_mpi.search.student import t_95
 
@@ -48,7 +48,7 @@ class Stops(NamedTuple):
     satisfied: NDArray[np.bool_]
 
 
-def run_paths(pool: np.ndarray, objective: Objective, draws: NDArray[np.int64]) -> Paths:
+def run_paths(pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.int64]) -> Paths:
     """Return the running statistics of samples taken from a pool.
 
     Sums are taken about a member of the pool, so that equal samples give exact zeros.

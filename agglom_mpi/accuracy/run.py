@@ -83,6 +83,8 @@ def command(options: Options) -> str:
         words += ["--samples", str(options.samples)]
     if options.history is not None:
         words += ["--history", options.history]
+    if options.allow_code:
+        words.append("--allow-code")
     return shlex.join([*words, "--quick"] if options.quick else words)
 
 

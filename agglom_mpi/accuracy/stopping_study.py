@@ -16,7 +16,7 @@ from agglom_mpi.accuracy.resampling import (
     run_paths,
     stop,
 )
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives import RadiusObjective
 from agglom_mpi.search.stopping import (
     Moments,
     Rule,
@@ -29,7 +29,7 @@ from agglom_mpi.search.student import t_95
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.campaign.plan import AnyEnsemble
+    from agglom_mpi.campaign.plan import AdaptiveEnsemble
 
 FIRST_MOMENT: Final = "successive difference, mean radius"
 """Which the moments rule of order 1 is too."""
@@ -77,7 +77,7 @@ class Family(NamedTuple):
     order: int = 1
 
 
-def truth_of(pool: np.ndarray, objective: Objective) -> Truth:
+def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
     """Return the exact statistics of a pool from which samples are drawn with replacement."""
     ratio = pool["mean_radius_ratio"]
     ends = objective.deviation(np.array([0.0, 1.0]))  # linear in b^f/b⁰ up to one single sphere
@@ -104,7 +104,7 @@ def families(truth: Truth, most: int) -> list[Family]:
     return [*published, Family(WITH_ERROR, StandardError, most, widths, FEWEST_WITH_ERROR)]
 
 
-def campaigns_own(model: "AnyEnsemble", most: int) -> Family:
+def campaigns_own(model: "AdaptiveEnsemble", most: int) -> Family:
     """Return the rule that a campaign's `ensemble` asks for, with its one tolerance."""
     rule = make_rule(model)
     order = rule.order if isinstance(rule, Moments) else 1
@@ -128,7 +128,7 @@ def half_widths(truth: Truth, most: int) -> Iterator[float]:
 
 def study(
     pool: np.ndarray,
-    objective: Objective,
+    objective: RadiusObjective,
     rules: list[Family],
     draws: NDArray[np.int64],
 ) -> "pd.DataFrame":

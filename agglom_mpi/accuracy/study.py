@@ -14,54 +14,28 @@ from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.schema import STUDY
 from agglom_mpi.farm.work import Restore, Room, Setup, Work
 from agglom_mpi.search import Batch, Inversion, Observer
-from agglom_mpi.search.proposals import NO_PARENT, RANDOM
+from agglom_mpi.search.archive import Archive
+from agglom_mpi.search.proposals import RANDOM, as_batch
 
 FEWEST: Final = 4
 """Samples of a trial, however long they take."""
 
 
-class Listed:
+class Listed(Archive):
     """A search that proposes given strings at once and learns nothing."""
 
     parents = 1
 
     def __init__(self, parameters: NDArray[np.float64]) -> None:
-        self._parameters = parameters
-        self.population_ids = np.zeros(0, np.int64)
-        self._objectives = np.zeros(0)
+        super().__init__(len(parameters))
+        self._given = parameters
 
     def ask(self) -> Batch:
         """Propose all strings."""
-        count = len(self._parameters)
-        return Batch(
-            generation=0,
-            slot=np.arange(count),
-            origin=np.full(count, RANDOM, np.int8),
-            parents=np.full((count, 2), NO_PARENT),
-            parameters=self._parameters,
-        )
+        return as_batch(0, self._given, RANDOM)
 
-    def random_proposals(self, generation: int) -> None:
+    def known_proposals(self, generation: int) -> None:
         """There is one generation only."""
-
-    def tell(
-        self,
-        ids: NDArray[np.int64],
-        parameters: NDArray[np.float64],
-        objectives: NDArray[np.float64],
-    ) -> None:
-        """Take note of the objectives."""
-        self.population_ids = ids
-        self._objectives = objectives
-
-    def best(self, k: int) -> list[tuple[int, float]]:
-        """Return the strings with the lowest objectives."""
-        order = np.argsort(self._objectives, kind="stable")[:k]
-        return [(int(self.population_ids[i]), float(self._objectives[i])) for i in order]
-
-    def mean_of_top(self, k: int) -> float:
-        """Return the mean of the lowest objectives."""
-        return float(np.mean([objective for _, objective in self.best(k)]))
 
 
 class Study(Work):
@@ -120,7 +94,9 @@ class Study(Work):
         for string, trial in enumerate(self._listed):
             yield self.setup(string), trial.parameters
 
-    def inversion(self, restore: Restore, observer: Observer) -> Inversion:
+    def inversion(
+        self, restore: Restore, observer: Observer, background: bool = False
+    ) -> Inversion:
         """Set up the trials as strings of one generation."""
         quotas = (Quota(trial, min(FEWEST, trial.samples), self._budget) for trial in self._listed)
         parameters = np.array([trial.parameters for trial in self._listed])

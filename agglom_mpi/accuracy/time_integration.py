@@ -14,6 +14,7 @@ from agglom_mpi.accuracy.words import digits, measured, percent, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.simulation.outcome import measured as outcomes
 from agglom_mpi.simulation.scene import build_scene
 
 if TYPE_CHECKING:
@@ -177,13 +178,13 @@ def measure(
 
 
 def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> Estimate:
-    """Bias of the signed deviation that the objective is the magnitude of."""
+    """Bias of the objective, signed where it is a magnitude."""
     objective = make_objective(campaign.objective, campaign.scene.particles)
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.deviation(rows["mean_radius_ratio"])
+        deviations["value"] = objective.linear(outcomes(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 

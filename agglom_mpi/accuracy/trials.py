@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import Engine
+from agglom_mpi.campaign.identity import objective as objective_identity
 from agglom_mpi.campaign.scene import SceneModel
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.objectives import make_objective
@@ -48,7 +49,7 @@ class Trial(NamedTuple):
         scene = {f"scene.{key}": value for key, value in self.campaign.scene.model_dump().items()}
         yield from scene.items()
         yield "seed", self.campaign.seed
-        yield "objective", self.campaign.objective.model_dump()
+        yield "objective", objective_identity(self.campaign)
         yield "engine", self.engine.model_dump() if self.engine else None
         yield "samples", self.samples
         yield "first_sample", self.first_sample

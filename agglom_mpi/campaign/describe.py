@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from agglom_mpi.campaign.needs import needs
+from agglom_mpi.campaign.search import EarlierCampaign
 from agglom_mpi.campaign.submodels import missing_arrays, submodels
 from agglom_mpi.campaign.variables import volume_fraction
 from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.words import counted
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign.load import Campaign
+    from agglom_mpi.campaign.search import Search
 
 Section = tuple[str, list[str]]
 
@@ -73,28 +76,25 @@ def _stored(campaign: "Campaign") -> list[str]:
         size = FRAME_BYTES * grains * count * strings * samples
         best = "the best string" if strings == 1 else f"each of the best {strings} strings"
         lines.append(
-            f"stored of {_count(samples, 'sample')} of {best}: {_count(count, 'frame')}, "
+            f"stored of {counted(samples, 'sample')} of {best}: {counted(count, 'frame')}, "
             f"{size / 1e6:.3g} MB in all"
         )
     return lines
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.most_strings
-    fewest = strings if stopping.target is None else search.population
-    lines = [
-        f"search: genetic, population {search.population}, parents {search.parents}, "
-        f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
-    ]
-    if search.rescale is not None:
-        every, factor = search.rescale.every, search.rescale.factor
-        lines.append(f"search box: every {every} generations shrunk by {factor:g} around the best")
+    fewest = strings if stopping.target is None else search.first_generation
+    lines = _method(search)
     lines.append(f"ensemble: {_rule(campaign)}")
+    if ensemble.common_configurations:
+        lines.append("configurations: sample k of all strings starts from the same random numbers")
+    if ensemble.racing is not None:
+        lines.append(
+            f"racing: from {ensemble.racing.first} samples on, strings that are not among the best "
+            f"{search.kept} get no more, at a confidence of {ensemble.racing.confidence:g}"
+        )
     if stopping.target is not None:
         top, objective = stopping.target.top, stopping.target.objective
         lines.append(f"target: mean objective of the best {top} at most {objective:g}")
@@ -102,11 +102,55 @@ def _search(campaign: "Campaign") -> list[str]:
         f"generations: {_between(1 if stopping.target else None, stopping.generations)}",
         f"strings: {_between(fewest, strings)}",
         f"samples: {_between(fewest * ensemble.min_samples, strings * ensemble.max_samples)}, "
-        f"{ensemble.min_samples} to {ensemble.max_samples} per string",
+        f"{_between(ensemble.min_samples, ensemble.max_samples)} per string",
+        f"final answer: {_final(campaign)}",
     ]
-    if ensemble.rule != "standard_error":
+    if ensemble.rule in ("successive_difference", "moments"):
         lines.append("samples per string in the papers: 125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)")
     return lines
+
+
+def _method(search: "Search") -> list[str]:
+    match search.method:
+        case "genetic":
+            lines = [
+                f"search: genetic, population {search.population}, parents {search.parents}, "
+                f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
+            ]
+            if search.more_samples is not None:
+                more = counted(search.more_samples, "more sample")
+                lines.append(f"parents: each gets {more} in every generation")
+            if search.rescale is not None:
+                shrunk = f"every {search.rescale.every} generations shrunk"
+                around = f"by {search.rescale.factor:g} around the best"
+                lines.append(f"search box: {shrunk} {around}")
+        case "surrogate":
+            lines = [
+                f"search: Gaussian process through all samples, {search.initial} Sobol points "
+                f"first, then batches of {search.batch} by Thompson sampling"
+            ]
+        case "cmaes":
+            lines = [
+                f"search: CMA-ES, population {search.population}, first standard deviation "
+                f"{search.sigma:g} of the box"
+            ]
+        case _:
+            kind = "independent random points" if search.method == "random" else "a Sobol sequence"
+            lines = [f"search: {kind}, {search.population} in a generation; nothing is learnt"]
+    if isinstance(search.start, EarlierCampaign):
+        lines.append(f"begins with: the best {search.given} of {search.start.file}")
+    elif search.start is not None:
+        lines.append(f"begins with: {counted(search.given, 'given string')}")
+    return lines
+
+
+def _final(campaign: "Campaign") -> str:
+    final = campaign.final
+    if final is None:
+        return "none; objectives are the search's own, biased low"
+    strings = min(final.strings, campaign.most_strings)
+    best = "the best string" if strings == 1 else f"the best {strings} strings"
+    return f"{best} estimated again, each on {final.samples} fresh samples"
 
 
 def _between(fewest: int | None, most: int) -> str:
@@ -117,7 +161,17 @@ def _objective(campaign: "Campaign") -> str:
     objective = campaign.objective
     if objective.law == "growth_target":
         return f"mean radius ratio {objective.ratio:g}, |mean/{objective.ratio:g} - 1| [A 26]"
-    return "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
+    if objective.law == "maximum_growth":
+        return "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
+    if objective.law == "moments":
+        weights = objective.weighting
+        wanted = [
+            f"{name} {target:g}" + (f" (weight {weights[name]:g})" if weights[name] != 1.0 else "")
+            for name, target in objective.wanted.items()
+        ]
+        return f"moments of the final radii, relative misses added up: {', '.join(wanted)} [A 29]"
+    digest = "" if campaign.code is None else f" (SHA-256 {campaign.code.sha256[:16]})"
+    return f"mean over samples of {objective.call}{digest}, run with --allow-code only"
 
 
 def _rule(campaign: "Campaign") -> str:
@@ -131,9 +185,11 @@ def _rule(campaign: "Campaign") -> str:
         case "moments":
             what = f"until one more sample changes no moment up to {ensemble.order} by more than"
             return f"{what} {ensemble.tolerance:g} of itself [A 25, 27]"
-        case _:
+        case "standard_error":
             what = "until half the 95 % interval of the objective is at most"
             return f"{what} {ensemble.tolerance:g}"
+        case _:
+            return f"{counted(ensemble.samples, 'sample')} of every string"
 
 
 def _scene(campaign: "Campaign") -> list[str]:
@@ -166,10 +222,13 @@ def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
 
 def _variables(campaign: "Campaign") -> list[str]:
     reasons = needs(campaign.scene)
+    logarithmic = {NAMES[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
     lines = []
     for variable, lower, upper in zip(VARIABLES, *_ends(campaign), strict=True):
         if variable.name in campaign.variables.searched:
             value = f"{lower:g} .. {upper:g}"
+            if variable.name in logarithmic:
+                value += ", by its logarithm"
         elif variable.name in reasons:
             value = f"{lower:g} (fixed)"
         elif variable.name in campaign.variables.ignored:

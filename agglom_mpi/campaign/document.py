@@ -1,25 +1,34 @@
 """The campaign file as one typed model, checks between its sections included."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from agglom_mpi.campaign.explain import explain
 from agglom_mpi.campaign.needs import mismatches
-from agglom_mpi.campaign.parts import Line, Part, RefusalError, WholeNumber, refuse
-from agglom_mpi.campaign.plan import (
-    AnyEnsemble,
+from agglom_mpi.campaign.objective import (
+    LAWS,
     AnyObjective,
+    Function,
     GrowthTarget,
     MaximumGrowth,
+    Moments,
+)
+from agglom_mpi.campaign.parts import Line, Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.plan import (
+    NONE,
+    AnyEnsemble,
+    Ensemble,
+    FinalAnswer,
     Output,
     Plan,
-    Search,
     Stopping,
 )
 from agglom_mpi.campaign.scene import SceneModel
-from agglom_mpi.campaign.source import CampaignError, parse
-from agglom_mpi.campaign.variables import VariableEntries
+from agglom_mpi.campaign.search import AnySearch, Genetic, Search
+from agglom_mpi.campaign.source import CampaignError, Path, parse
+from agglom_mpi.campaign.variables import Range, VariableEntries
 
 
 class SceneDocument(Part):
@@ -34,6 +43,7 @@ class SceneDocument(Part):
     variables: VariableEntries = Field(description="the section of values and ranges")
     objective: AnyObjective = MaximumGrowth(law="maximum_growth")
     output: Output = Output()
+    final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
 
     @property
     def plan(self) -> Plan | None:
@@ -57,20 +67,31 @@ class SceneDocument(Part):
     @field_validator("objective")
     @classmethod
     def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
-        if "scene" in info.data and isinstance(objective, GrowthTarget):
+        field, ratio = _mean_wanted(objective)
+        if "scene" in info.data and ratio is not None:
             particles = info.data["scene"].particles
             largest = particles ** (1.0 / 3.0)
-            if objective.ratio > largest:
-                message = f"is {objective.ratio:g}; {particles} grains in one give {largest:.4g}"
-                raise RefusalError((("ratio",), f"{message}, which is the most"))
+            if ratio > largest:
+                message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
+                raise RefusalError((field, f"{message}, which is the most"))
         return objective
+
+
+def _mean_wanted(objective: Any) -> tuple[Path, float | None]:
+    """Where an objective says which mean b/b0 it wants, and which; None if it does not."""
+    match objective:
+        case GrowthTarget():
+            return ("ratio",), objective.ratio
+        case Moments():
+            return ("targets", "mean"), objective.targets.mean
+    return (), None
 
 
 class Document(SceneDocument):
     """All sections of a campaign, each valid and fitting the others."""
 
-    objective: AnyObjective = Field(description="allowed: growth_target, maximum_growth")
-    search: Search = Search()
+    objective: AnyObjective = Field(description=f"allowed: {LAWS}")
+    search: AnySearch = Genetic()
     ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
     stopping: Stopping = Field(description="the section on what ends the campaign")
 
@@ -78,6 +99,23 @@ class Document(SceneDocument):
     def plan(self) -> Plan:
         """What is searched and how."""
         return Plan(self.search, self.ensemble, self.stopping)
+
+    @field_validator("search")
+    @classmethod
+    def _given_strings_are_in_the_box(cls, search: Search, info: ValidationInfo) -> Search:
+        if "variables" in info.data and isinstance(search.start, list):
+            refuse(misgiven(search.start, dict(info.data["variables"])))
+        return search
+
+    @field_validator("ensemble")
+    @classmethod
+    def _races_are_for_parents(cls, ensemble: Ensemble, info: ValidationInfo) -> Ensemble:
+        if "search" in info.data and ensemble.racing is not None:
+            method = info.data["search"].method
+            if method != "genetic":
+                message = f"is for the parents of a genetic search; {method} has none"
+                raise RefusalError((("racing",), message))
+        return ensemble
 
     @field_validator("stopping")
     @classmethod
@@ -87,6 +125,17 @@ class Document(SceneDocument):
             if stopping.target.top > population:
                 message = f"is {stopping.target.top}; must be at most the population, {population}"
                 raise RefusalError((("target", "top"), message))
+        return stopping
+
+    @field_validator("stopping")
+    @classmethod
+    def _target_has_a_sign(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
+        """Only a user's own function may be less than 0."""
+        objective, target = info.data.get("objective"), stopping.target
+        own = objective is None or isinstance(objective, Function)
+        if target is not None and target.objective < 0.0 and not own:
+            message = f"is {target.objective:g}; must be at least 0"
+            raise RefusalError((("target", "objective"), message))
         return stopping
 
 
@@ -107,3 +156,21 @@ def _is_to_be_searched(data: dict[str, Any]) -> bool:
     return any(isinstance(entry, list) for entry in entries) or any(
         data.get(section) is not None for section in Plan._fields
     )
+
+
+def misgiven(
+    strings: list[dict[str, float]], entries: Mapping[str, Range | None]
+) -> list[tuple[Path, str]]:
+    """Values of given strings that are not searched, or not in the box; strings given twice."""
+    problems: list[tuple[Path, str]] = []
+    for i, string in enumerate(strings):
+        if string in strings[:i]:  # equal strings have equal samples, from which nothing is learnt
+            problems.append((("start", i), "is the same string as one before it"))
+        for name, value in string.items():
+            entry, path = entries[name], ("start", i, name)
+            if entry is None or entry.lower == entry.upper:
+                problems.append((path, "is not searched; give values of variables with a range"))
+            elif not entry.lower <= value <= entry.upper:
+                ends = f"{entry.lower:g} to {entry.upper:g}"
+                problems.append((path, f"is {value:g}; must be within its range, {ends}"))
+    return problems

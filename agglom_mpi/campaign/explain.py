@@ -19,6 +19,7 @@ SENTENCES = {
     "string_type": "must be a text; put it in quotes",
     "string_unicode": "must be a text",
     "string_too_short": "must not be empty",
+    "too_short": "must not be empty",
     "bool_type": "must be true or false",
     "model_type": "must be a mapping",
     "tuple_type": "must be a list",
@@ -128,5 +129,5 @@ def _inside(annotation: Any) -> Models:
 
 
 def _tags(model: type[BaseModel]) -> tuple[str, ...]:
-    fields = (model.model_fields.get(key) for key in ("law", "rule"))
+    fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
     return tuple(tag for field in fields if field for tag in get_args(field.annotation))

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from agglom_mpi.campaign.plan import Plan
 from agglom_mpi.variables import NAMES
@@ -12,33 +12,60 @@ if TYPE_CHECKING:
     from agglom_mpi.campaign.load import Campaign
 
 
+ADDED: Final = {
+    "start": None,
+    "more_samples": None,
+    "racing": None,
+    "common_configurations": False,
+}
+"""Entries that an identity has only where they are something else."""
+
+
 def identity(campaign: "Campaign") -> dict[str, object]:
     """Flat mapping such as `scene.particles` -> 100, with all values in SI units.
 
-    Title, output, the number of generations and the failures allowed are left out: a campaign
-    that differs in these goes on with the same rows.
+    Title, output, the final answer, the number of generations and the failures allowed are left
+    out: a campaign that differs in these goes on with the same rows.
     """
     variables = campaign.variables
     ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
-    boxes = dict(zip(NAMES, ends, strict=True))
+    boxes = {
+        name: (*pair, "log") if logarithmic else pair
+        for name, pair, logarithmic in zip(NAMES, ends, variables.logarithmic, strict=True)
+    }
     sections = {
         "seed": campaign.seed,
         "scene": campaign.scene.model_dump(),
         "variables": {name: boxes[name] for name in variables.used},
-        "objective": campaign.objective.model_dump(),
+        "objective": objective(campaign),
     }
     if campaign.plan is not None:
         sections |= _planned(campaign.plan)
     return dict(_flat(sections))
 
 
+def objective(campaign: "Campaign") -> dict[str, object]:
+    """Everything that decides what a sample is worth."""
+    entries: dict[str, object] = campaign.objective.model_dump()
+    if campaign.objective.law == "function":
+        if campaign.code is None:
+            raise campaign.refused_code("is a function whose source was not read")
+        entries["source_sha256"] = campaign.code.sha256
+    return entries
+
+
 def _planned(plan: Plan) -> dict[str, object]:
     target = plan.stopping.target
     return {
-        "search": plan.search.model_dump(),
-        "ensemble": plan.ensemble.model_dump(),
+        "search": _without_absent(plan.search.model_dump()),
+        "ensemble": _without_absent(plan.ensemble.model_dump()),
         "stopping": {"target": target.model_dump() if target else None},
     }
+
+
+def _without_absent(section: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what is not asked for and that the first campaigns could not ask for."""
+    return {key: value for key, value in section.items() if key not in ADDED or ADDED[key] != value}
 
 
 def digest(entries: Mapping[str, object]) -> str:
@@ -50,6 +77,8 @@ def digest(entries: Mapping[str, object]) -> str:
 
 def _flat(value: Any, path: str = "") -> Iterator[tuple[str, object]]:
     match value:
+        case {} if not value and path:  # a given string that is the middle of the box
+            yield path, "nothing"
         case dict():
             for key, inner in value.items():
                 yield from _flat(inner, f"{path}.{key}" if path else str(key))

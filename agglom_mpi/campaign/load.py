@@ -1,19 +1,23 @@
 """The campaign: everything a file says, typed and in SI units."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.campaign import describe, identity
+from agglom_mpi.campaign.code import Code, load_function, read_code
 from agglom_mpi.campaign.document import read_document
 from agglom_mpi.campaign.engines import Engine, parse_engine
 from agglom_mpi.campaign.needs import needs
-from agglom_mpi.campaign.plan import Ensemble, Objective, Output, Plan, Search, Stopping
+from agglom_mpi.campaign.objective import Function, Objective
+from agglom_mpi.campaign.plan import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.campaign.scene import SceneModel
+from agglom_mpi.campaign.search import Search
 from agglom_mpi.campaign.source import CampaignError, Problem, parse, read_text
 from agglom_mpi.campaign.variables import Variables, collect, read_named
 from agglom_mpi.physics import scales
@@ -23,17 +27,58 @@ if TYPE_CHECKING:
     from agglom_mpi.simulation.sample import Outcome
 
 
-def load_campaign(path: str | os.PathLike[str]) -> "Campaign":
-    """Read a campaign file; a CampaignError lists everything that is wrong with it."""
+AGAIN_BITS: Final = 32
+"""Samples of a string in one generation are fewer than 2 to this power."""
+
+
+def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> "Campaign":
+    """Read a campaign file; a CampaignError lists everything that is wrong with it.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    allow_code
+        Whether the Python function may be run that its objective names, if that is one.
+    """
     name = os.fspath(path)
-    return Campaign.from_text(read_text(name), name)
+    campaign = Campaign.from_text(read_text(name), name)
+    if isinstance(campaign.objective, Function) and not allow_code:
+        message = (
+            f"is {campaign.objective.call!r}, Python code that is run only if you say so: "
+            "--allow-code, or load_campaign(..., allow_code=True)"
+        )
+        raise campaign.refused_code(message)
+    return _with_code(campaign, load_function)
+
+
+def check_campaign(path: str | os.PathLike[str]) -> "Campaign":
+    """Read a campaign file to look at it: what `load_campaign` gives, but no code can be run."""
+    name = os.fspath(path)
+    campaign = _with_code(Campaign.from_text(read_text(name), name))
+    return campaign if campaign.code is None else replace(campaign, code=campaign.code.unread)
+
+
+def _with_code(
+    campaign: "Campaign", run: Callable[[Code], object] = lambda code: None
+) -> "Campaign":
+    """Read the source of the function that the objective names, if it does, and `run` that."""
+    if not isinstance(campaign.objective, Function):
+        return campaign
+    try:
+        code = read_code(Path(campaign.name).parent, campaign.objective.call)
+        run(code)
+    except ValueError as error:
+        raise campaign.refused_code(str(error)) from None
+    return replace(campaign, code=code)
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
     """A campaign file that has been read; two are the same if their `identity` is.
 
-    Without a `plan` it is a scene alone: all variables are fixed, and nothing is searched.
+    Without a `plan` it is a scene alone: all variables are fixed, and nothing is searched. It has
+    `code` if its objective is a function.
     """
 
     title: str
@@ -43,12 +88,16 @@ class Campaign:
     objective: Objective
     plan: Plan | None
     output: Output
+    final: FinalAnswer | None
     text: str
     name: str
+    code: Code | None = None
 
     @classmethod
-    def from_text(cls, text: str, name: str = "campaign.yaml") -> "Campaign":
-        """Read the YAML text of a campaign that errors call `name`."""
+    def from_text(
+        cls, text: str, name: str = "campaign.yaml", code: Code | None = None
+    ) -> "Campaign":
+        """Read the YAML text of a campaign that errors call `name`, with the code that it names."""
         document = read_document(text, name)
         return cls(
             title=document.title,
@@ -58,8 +107,10 @@ class Campaign:
             objective=document.objective,
             plan=document.plan,
             output=document.output,
+            final=document.final,
             text=text,
             name=name,
+            code=code,
         )
 
     @property
@@ -91,10 +142,37 @@ class Campaign:
         return CampaignError(Problem(self.name, line, "variables", message))
 
     @property
+    def common_configurations(self) -> bool:
+        """Whether sample k of all strings starts from the same random numbers."""
+        return self.plan is not None and self.plan.ensemble.common_configurations
+
+    @property
+    def more_samples(self) -> int | None:
+        """Samples that a kept parent gets in every generation; None: as published, no more."""
+        return self.search.more_samples if self.search.method == "genetic" else None
+
+    def first_sample(self, string: int) -> int:
+        """Return the number that `simulate` knows sample 0 of a string of the search by.
+
+        It is 0 but for a parent that gets more samples: they follow on those it had before, which
+        never come to so many.
+        """
+        search = self.search
+        if search.method != "genetic" or self.more_samples is None:
+            return 0
+        generation, slot = divmod(string, search.population)
+        return generation << AGAIN_BITS if slot < search.parents else 0
+
+    @property
     def most_strings(self) -> int:
-        """Strings evaluated when all generations run: q + (g - 1)(q - p) [A 22]."""
-        new = self.search.population - self.search.parents
-        return self.search.population + (self.stopping.generations - 1) * new
+        """Strings evaluated when all generations run."""
+        return self.search.strings(self.stopping.generations)
+
+    def given_strings(self) -> npt.NDArray[np.float64]:
+        """Return the strings that the file gives to begin with, shape (n, 10)."""
+        start = self.search.start
+        given = start if isinstance(start, list) else []
+        return np.array([self.parameters(values) for values in given]).reshape(-1, COUNT)
 
     @property
     def most_framed(self) -> tuple[int, int]:
@@ -104,6 +182,11 @@ class Campaign:
             return 0, 0
         samples = min(frames.samples, self.ensemble.max_samples)
         return min(frames.strings, self.most_strings), samples
+
+    def refused_code(self, message: str) -> CampaignError:
+        """Return the error that says what is wrong with the function that the objective names."""
+        line = parse(self.text, self.name).line(("objective", "call"))
+        return CampaignError(Problem(self.name, line, "objective.call", message))
 
     def check_searchable(self) -> None:
         """Raise a CampaignError unless there is a plan, and a variable to search."""

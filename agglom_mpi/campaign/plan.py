@@ -1,12 +1,12 @@
-"""Everything but the scene and the variables: objective, search, ensemble, stopping, output."""
+"""How much to simulate and what to keep: ensemble, stopping, output."""
 
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.campaign.parts import NAMED, Flag, Line, Part, RefusalError, WholeNumber, refuse
+from agglom_mpi.campaign.parts import Flag, Line, Part, RefusalError, WholeNumber
 from agglom_mpi.campaign.quantities import Number, Time
-from agglom_mpi.campaign.source import Path
+from agglom_mpi.campaign.search import Search
 
 
 def _none(value: Any) -> Any:
@@ -17,64 +17,28 @@ NONE = BeforeValidator(_none)
 """Reads the word `none` as an absent part."""
 
 
-class GrowthTarget(Part):
-    """Distance of the mean growth from a wanted one: |mean b/b0 / ratio - 1| [A 26]."""
+class Racing(Part):
+    """Stop sampling a string that will not be among the kept parents."""
 
-    law: Literal["growth_target"]
-    ratio: Annotated[Number, Field(ge=1)] = 2.0
-
-
-class MaximumGrowth(Part):
-    """Distance of the mean growth from one single aggregate: |1 - (b/b0) / N^(1/3)| [B 7.1]."""
-
-    law: Literal["maximum_growth"]
+    confidence: Annotated[Number, Field(gt=0.5, lt=1, description="like 0.95")] = 0.95
+    first: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 5
 
 
-Objective = GrowthTarget | MaximumGrowth
-AnyObjective = Annotated[Objective, Field(discriminator="law"), NAMED]
+class _Ensemble(Part):
+    """What every rule has: whether all strings start from the same random configurations."""
+
+    common_configurations: Flag = False
 
 
-class Rescale(Part):
-    """Every so many generations, shrink the search box around the best string by a factor."""
-
-    every: Annotated[WholeNumber, Field(ge=1, description="a number of generations")]
-    factor: Annotated[Number, Field(gt=0, lt=1, description="between 0 and 1")]
-
-
-class Search(Part):
-    """The genetic algorithm [A 22] [B section 7]."""
-
-    method: Literal["genetic"] = "genetic"
-    population: Annotated[WholeNumber, Field(ge=4, le=10**5)] = 20
-    parents: Annotated[WholeNumber, Field(ge=2, multiple_of=2)] = 6
-    blend: tuple[Number, Number] = (0.0, 1.0)
-    rescale: Annotated[Rescale | None, NONE] = None
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        problems: list[tuple[Path, str]] = []
-        if 2 * self.parents > self.population:
-            message = (
-                f"is {self.parents}; parents and as many offspring must fit into the population "
-                f"of {self.population}, so at most {self.population // 4 * 2}"
-            )
-            problems.append((("parents",), message))
-        lower, upper = self.blend
-        if lower >= upper:
-            message = f"is [{lower:g}, {upper:g}]; the lower end must be less than the upper"
-            problems.append((("blend",), message))
-        refuse(problems)
-        return self
-
-
-class _Samples(Part):
-    """What every rule needs: a tolerance and the limits of a string's samples."""
+class _Samples(_Ensemble):
+    """What rules need that stop: a tolerance and the limits of a string's samples."""
 
     tolerance: Annotated[Number, Field(gt=0, description="a small number like 1e-3")]
     max_samples: Annotated[
         WholeNumber, Field(ge=2, le=10**6, description="the most samples of a string")
     ]
     min_samples: Annotated[WholeNumber, Field(ge=2)] = 2
+    racing: Annotated[Racing | None, NONE] = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -105,7 +69,29 @@ class StandardError(_Samples):
     min_samples: Annotated[WholeNumber, Field(ge=3)] = 5
 
 
-Ensemble = SuccessiveDifference | Moments | StandardError
+class FixedNumber(_Ensemble):
+    """The same number of samples for every string."""
+
+    rule: Literal["fixed"]
+    samples: Annotated[WholeNumber, Field(ge=1, le=10**6, description="a number of samples")]
+
+    @property
+    def racing(self) -> None:
+        """There is nothing to stop."""
+
+    @property
+    def min_samples(self) -> int:
+        """Fewest completed samples: some may fail."""
+        return 1
+
+    @property
+    def max_samples(self) -> int:
+        """Most samples."""
+        return self.samples
+
+
+AdaptiveEnsemble = SuccessiveDifference | Moments | StandardError
+Ensemble = AdaptiveEnsemble | FixedNumber
 AnyEnsemble = Annotated[Ensemble, Field(discriminator="rule")]
 
 
@@ -113,7 +99,7 @@ class Target(Part):
     """Stop when the mean objective of the best `top` strings is `objective` or less."""
 
     top: Annotated[WholeNumber, Field(ge=1, description="a number of strings")]
-    objective: Annotated[Number, Field(ge=0, description="like 5e-4")]
+    objective: Annotated[Number, Field(description="like 5e-4")]
 
 
 class Stopping(Part):
@@ -131,6 +117,15 @@ class Plan(NamedTuple):
     search: Search
     ensemble: Ensemble
     stopping: Stopping
+
+
+class FinalAnswer(Part):
+    """When the search is over, the best strings are estimated again on fresh configurations."""
+
+    strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="so many of the best")] = 6
+    samples: Annotated[
+        WholeNumber, Field(ge=2, le=10**6, description="fresh samples of each string")
+    ] = 100
 
 
 class FramesOfBest(Part):

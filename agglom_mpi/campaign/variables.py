@@ -24,10 +24,11 @@ MAY_BE_ZERO: Final = frozenset({"relative_speed", "friction", "activation_energy
 
 
 class Range(NamedTuple):
-    """Lower and upper end in SI units; equal for a fixed variable."""
+    """Lower and upper end in SI units, equal for a fixed variable; `logarithmic`: how to search."""
 
     lower: float
     upper: float
+    logarithmic: bool = False
 
 
 def volume_fraction(size_ratio: float) -> float:
@@ -63,16 +64,20 @@ def read_named(name: str, value: Any) -> float:
 
 
 def read_range(value: Any, variable: Variable) -> Range:
-    """Read a variable's entry: one value, or a list of a lower and a higher one."""
+    """Read a variable's entry: one value, or a list of a lower and a higher one, and maybe log."""
     if not isinstance(value, list):
         number = read_value(variable, value)
         return Range(number, number)
-    if len(value) != 2:
-        raise ValueError(f"is {shown(value)}; must be one value or a range [lower, upper]")
-    lower, upper = (read_value(variable, end) for end in value)
+    logarithmic = len(value) == 3 and value[2] == "log"
+    if len(value) != 2 + logarithmic:
+        allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
+        raise ValueError(f"is {shown(value)}; must be {allowed}")
+    lower, upper = (read_value(variable, end) for end in value[:2])
     if lower >= upper:
         raise ValueError(f"is {shown(value)}; the lower end must be less than the upper")
-    return Range(lower, upper)
+    if logarithmic and lower <= 0.0:
+        raise ValueError(f"is {shown(value)}; without 0, to be searched by its logarithm")
+    return Range(lower, upper, logarithmic)
 
 
 def _field(variable: Variable) -> Any:
@@ -97,6 +102,8 @@ class Variables:
     lower, upper
         Ends in SI units in the order of `agglom_mpi.variables.VARIABLES`: equal where a variable
         is fixed, nan where the scene does not use it.
+    logarithmic
+        Which are searched by their logarithms, shape (10,).
     used
         Names that the scene depends on.
     ignored
@@ -105,6 +112,7 @@ class Variables:
 
     lower: np.ndarray
     upper: np.ndarray
+    logarithmic: np.ndarray
     used: tuple[str, ...]
     ignored: tuple[str, ...]
 
@@ -122,12 +130,14 @@ class Variables:
 def collect(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Variables:
     """Arrays of the entries that the scene uses."""
     lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
+    logarithmic = np.zeros(COUNT, np.bool_)
     ignored = []
     for i, name in enumerate(NAMES):
         entry = entries[name]
         if entry is not None and name in used:
-            lower[i], upper[i] = entry
+            lower[i], upper[i], logarithmic[i] = entry
         elif entry is not None:
             ignored.append(name)
-    lower.flags.writeable = upper.flags.writeable = False
-    return Variables(lower, upper, used, tuple(ignored))
+    for array in (lower, upper, logarithmic):
+        array.flags.writeable = False
+    return Variables(lower, upper, logarithmic, used, tuple(ignored))

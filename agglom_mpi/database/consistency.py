@@ -5,11 +5,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.database.contents import Contents, named, timed_out
+from agglom_mpi.database.contents import Contents, Key, named, strings_of
 from agglom_mpi.database.digest import generation_digest, used_samples
 from agglom_mpi.database.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
+from agglom_mpi.database.timeouts import timed_out
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, REASONS
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import VARIABLES
 
 EXIT_CODES: Final = (-1, 0, 1, 75)
 """What a leg can have ended with; -1 if it did not."""
@@ -47,7 +48,7 @@ def check_digests(contents: Contents) -> int:
         if not len(ids) or not lost.isdisjoint(range(ids[0], ids[-1] + 1)):
             continue
         digest = generation_digest(
-            np.column_stack([mine[name] for name in NAMES]),
+            strings_of(mine),
             results[np.isin(results["string"], ids)],
             samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
         )
@@ -93,13 +94,19 @@ def _find_absent_samples(contents: Contents) -> None:
     missing = {divmod(place, most) for place in gaps.tolist()} - late
     contents.miss("samples", missing, "though the results of their strings rest on them")
     counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
-    final = len(samples) + sum(1 for key in contents.lost["samples"] if key not in missing)
-    final += len(missing) + len(late)
+    torn = [key for key in contents.lost["samples"] - missing if _is_searched(key, contents)]
+    final = len(contents.searched) + len(torn) + len(missing)
+    final += sum(_is_searched(key, contents) for key in late)
     if final < counted:
         contents.faults.append(
             f"samples: {counted - final} unused ones are absent; {counted} had been "
             "simulated when the last generation was stored"
         )
+
+
+def _is_searched(key: Key, contents: Contents) -> bool:
+    """Whether decisions may see a sample."""
+    return isinstance(key, tuple) and key[1] < contents.fresh_from
 
 
 def _find_absent_of_generations(contents: Contents) -> None:
@@ -112,6 +119,11 @@ def _find_absent_of_generations(contents: Contents) -> None:
     # Where ranks write their samples themselves, judgements are stored somewhat later.
     begun = contents.bred["generation"] - 1 if contents.settled else ()
     last = max([*contents.recorded, *begun], default=-1)
+    if contents.settled:
+        fresh = contents.rows["samples"]["sample"] >= contents.fresh_from
+        again = set(contents.rows["samples"]["string"][fresh].tolist())
+        without = again - contents.numbers("results")
+        contents.miss("results", without, "though their strings were estimated again")
     missing = set(range(int(last) + 1)) - contents.recorded
     contents.miss("generations", missing, "though later ones have begun")
 
@@ -119,7 +131,7 @@ def _find_absent_of_generations(contents: Contents) -> None:
 def _impossible(contents: Contents) -> Iterator[tuple[str, Any, str]]:
     """Look for numbers that no run writes; yields table, mask of its rows, and what is wrong."""
     strings, results = contents.rows["strings"], contents.rows["results"]
-    parents, most = strings["parents"], int(contents.attributes["max_samples"])
+    parents, most = strings["parents"], contents.fresh_from
     yield "strings", strings["origin"] >= len(ORIGINS), "unknown origin"
     unborn = (parents < -1) | (parents >= strings["string"][:, None])
     yield "strings", unborn.any(axis=1), "parents that were not there yet"
@@ -157,6 +169,8 @@ def _disagreements(contents: Contents) -> Iterator[tuple[str, int]]:
         population = row["population"].tolist()
         if not set(population) <= set(ids):
             yield "strings of the population", number
+            continue
+        if contents.ranked_by_model:
             continue
         worth = [(float(results[string]["objective"]), string) for string in population]
         if worth != sorted(set(worth)):

@@ -9,7 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.database.reader import Status
-from agglom_mpi.database.schema import ORIGINS, TOOK_TOO_LONG
+from agglom_mpi.database.schema import ORIGINS, fresh_from
+from agglom_mpi.database.timeouts import judged_as_timed_out
+from agglom_mpi.variables import NAMES
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
@@ -58,6 +60,17 @@ class Contents:
         """What makes the campaign what it is; raises ValueError if it cannot be read."""
         return dict(json.loads(self.attributes["identity"]))
 
+    @property
+    def fresh_from(self) -> int:
+        """Number of the first sample of each string that no decision sees."""
+        return fresh_from(self.attributes)
+
+    @property
+    def searched(self) -> np.ndarray:
+        """Rows of samples that decisions may see."""
+        samples = self.rows["samples"]
+        return samples[samples["sample"] < self.fresh_from]
+
     def numbers(self, table: str) -> set[int]:
         """Strings or generations that a table has rows of."""
         return set(self.rows[table]["generation" if table == "generations" else "string"].tolist())
@@ -75,13 +88,30 @@ class Contents:
         said.append(f"{table}: {named(keys)} {why}")
 
     @property
+    def ranked_by_model(self) -> bool:
+        """Whether a regression proposes and ranks strings.
+
+        It need not give the same bits on another machine; what it gave is believed.
+        """
+        try:
+            return self.identity.get("search.method") == "surrogate"
+        except ValueError:  # it cannot be read, which others find
+            return False
+
+    @property
     def bred(self) -> np.ndarray:
-        """Rows of strings that are offspring: their generations have begun.
+        """Rows of strings that are offspring, or parents again: their generations have begun.
 
         Random strings of coming generations may be stored, too, whose samples are simulated ahead.
         """
         strings = self.rows["strings"]
-        return strings[strings["origin"] == ORIGINS.index("offspring")]
+        bred = [ORIGINS.index(origin) for origin in ("offspring", "again")]
+        return strings[np.isin(strings["origin"], bred)]
+
+    @property
+    def given(self) -> np.ndarray:
+        """Rows of strings that the search was given to begin with."""
+        return given_rows(self.rows["strings"])
 
     @property
     def timed_out(self) -> list[tuple[int, int]]:
@@ -90,7 +120,7 @@ class Contents:
 
     @property
     def unused(self) -> set[Key]:
-        """Lost samples that no result rests on."""
+        """Lost samples that no result rests on, fresh ones too."""
         used = {int(row["string"]): int(row["samples_used"]) for row in self.rows["results"]}
         pairs = (key for key in self.lost["samples"] if isinstance(key, tuple))
         return {pair for pair in pairs if pair[1] >= used.get(pair[0], pair[1] + 1)}
@@ -103,22 +133,14 @@ class Contents:
         return {key[0] if isinstance(key, tuple) else key for key in lost}
 
 
-def timed_out(failures: np.ndarray, samples: np.ndarray) -> set[tuple[int, int]]:
-    """Return (string, sample) that have no row because they took too long."""
-    late = np.array([text.startswith(TOOK_TOO_LONG.encode()) for text in failures["text"]], bool)
-    if not late.any():
-        return set()
-    pairs = set(failures[["string", "sample"]][late].tolist())
-    return pairs - set(samples[["string", "sample"]].tolist())
+def given_rows(strings: np.ndarray) -> np.ndarray:
+    """Return those rows of `/strings` that a search was given to begin with."""
+    return strings[strings["origin"] == ORIGINS.index("given")]
 
 
-def judged_as_timed_out(
-    failures: np.ndarray, samples: np.ndarray, results: np.ndarray
-) -> list[tuple[int, int]]:
-    """Return those samples without a row, because they took too long, that results rest on."""
-    late = timed_out(failures, samples)
-    used = dict(results[["string", "samples_used"]].tolist()) if late else {}
-    return sorted((string, sample) for string, sample in late if sample < used.get(string, 0))
+def strings_of(rows: np.ndarray) -> np.ndarray:
+    """Return the strings of rows of `/strings`, shape (n, 10)."""
+    return np.column_stack([rows[name] for name in NAMES])
 
 
 def named(keys: Iterable[Key]) -> str:

@@ -48,6 +48,7 @@ def create_campaign_file(
     max_samples: int,
     generations: int,
     population: int,
+    fresh: int = 0,
     grains: int = 0,
     final_particles: bool = False,
     frames: int = 0,
@@ -65,6 +66,9 @@ def create_campaign_file(
         Search box in SI units; equal where a variable is fixed, nan where it is unused.
     strings, max_samples, generations, population : int
         Room for so many strings, samples of each, generations, strings in a population.
+    fresh : int
+        Room for so many further samples of each string, numbered from `max_samples`, that no
+        decision sees; the attribute `max_samples` is then the room for both.
     grains : int
         Grains of a sample, if particles are to be stored.
     final_particles : bool
@@ -101,7 +105,8 @@ def create_campaign_file(
         "identity": json.dumps(identity, sort_keys=True),
         "seed": seed,
         "strings": strings,
-        "max_samples": max_samples,
+        "max_samples": max_samples + fresh,
+        "fresh_from": max_samples,
         "population": population,
         "grains": grains,
         "final_particles": int(final_particles),

@@ -1,10 +1,12 @@
 """The tables of a campaign file as pandas DataFrames."""
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agglom_mpi.database.estimates import Estimate
 from agglom_mpi.database.schema import (
     ORIGINS,
     RESULTS,
@@ -50,15 +52,30 @@ def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
     return np.bincount(samples["string"], samples["seconds"], minlength=strings)
 
 
-def samples(rows: np.ndarray, results: np.ndarray) -> "pd.DataFrame":
-    """Tabulate samples, with `used` derived from how many samples of their string were judged."""
+def samples(rows: np.ndarray, results: np.ndarray, fresh_from: int) -> "pd.DataFrame":
+    """Tabulate samples, with `used` derived from how many samples of their string were judged.
+
+    Those from number `fresh_from` on are `fresh`: they estimate their string again.
+    """
     frame = _columns(_pandas(), rows, without={"state", "reason"})
     judged = dict(zip(results["string"].tolist(), results["samples_used"].tolist(), strict=True))
     limits = np.array([judged.get(string, 0) for string in rows["string"].tolist()], dtype=int)
     frame.insert(2, "state", _texts(rows["state"], STATES))
     frame.insert(3, "used", rows["sample"] < limits)
     frame.insert(4, "reason", _texts(rows["reason"], REASONS))
+    frame.insert(5, "fresh", rows["sample"] >= fresh_from)
     return _with_units(frame, SAMPLES.fields)
+
+
+def estimates(rows: Sequence[Estimate]) -> "pd.DataFrame":
+    """Tabulate estimates on fresh samples."""
+    frame = _pandas().DataFrame(rows, columns=list(Estimate._fields))
+    counts = {"string", "samples", "failed"}
+    for name in frame.columns:
+        frame[name] = frame[name].astype(np.int64 if name in counts else np.float64)
+    units = {name: "" if name == "string" else "1" for name in frame.columns}
+    frame.attrs["units"] = units
+    return frame
 
 
 def generations(rows: np.ndarray) -> "pd.DataFrame":

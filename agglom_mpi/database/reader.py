@@ -11,7 +11,8 @@ import numpy as np
 from agglom_mpi.database import dataframes
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.bulk import final_of, frames_of
-from agglom_mpi.database.schema import INVERSION
+from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.schema import INVERSION, fresh_from
 from agglom_mpi.database.table import Believed, Rows, Table, joined
 from agglom_mpi.simulation.outcome import FinalParticles
 from agglom_mpi.simulation.snapshots import Frames
@@ -62,8 +63,13 @@ class CampaignFile:
 
     @property
     def max_samples(self) -> int:
-        """Samples that one string may have at most."""
+        """Samples that there is room for of each string, fresh ones included."""
         return int(self.attributes["max_samples"])
+
+    @property
+    def fresh_from(self) -> int:
+        """Number of the first fresh sample of each string: decisions see those before it alone."""
+        return fresh_from(self.attributes)
 
     def variable_rows(self) -> np.ndarray:
         """Read the ten search variables and their box; nan bounds where one is unused."""
@@ -152,8 +158,17 @@ class CampaignFile:
 
     @property
     def samples(self) -> "pd.DataFrame":
-        """One row for each sample; `used` says whether it was judged."""
-        return dataframes.samples(self.all_sample_rows(), self.result_rows())
+        """One row for each sample; `used` says whether it was judged, `fresh` if none ever is."""
+        return dataframes.samples(self.all_sample_rows(), self.result_rows(), self.fresh_from)
+
+    @property
+    def estimates(self) -> "pd.DataFrame":
+        """One row for each string that was estimated again on fresh samples, in order of rank.
+
+        `objective`, `standard_error` and the 95 % interval `lower` to `upper` are of the fresh
+        samples; the search's own, biased, are `searched_objective` and `searched_standard_error`.
+        """
+        return dataframes.estimates(estimates_in(self, self.all_sample_rows()))
 
     @property
     def generations(self) -> "pd.DataFrame":
@@ -166,10 +181,25 @@ class CampaignFile:
         return dataframes.variables(self.variable_rows())
 
     def best(self, k: int = 1) -> "pd.DataFrame":
-        """Judged strings with the k lowest objectives, ascending; ties by number."""
-        table = self.strings
-        judged = table[table["samples_used"] > 0]
-        return judged.sort_values(["objective", "string"]).head(k).reset_index(drop=True)
+        """Best k judged strings, as they are known best.
+
+        Those that were estimated again come in the order of that, and all others after them in
+        the order of the search's own `objective`, which is biased; ties by number. If the search
+        has gone on, and its best was not estimated yet, the order is its own.
+        """
+        samples = self.all_sample_rows()
+        table = dataframes.strings(
+            self.string_rows(), self.result_rows(), self.variable_rows(), samples
+        )
+        again = estimates_in(self, samples)
+        judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
+        own = own_order(self, self.result_rows())
+        order = [string for string in ranking(own, again) if string in judged]
+        frame = table.set_index("string", drop=False).loc[order[:k]].reset_index(drop=True)
+        values = {estimate.string: estimate.objective for estimate in again}
+        frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]
+        frame.attrs["units"] = table.attrs["units"] | {"estimate": "1"}
+        return frame
 
     def _frame_keys(self, file: h5py.File) -> dict[int, tuple[int, int]]:
         """Read string and sample of the pictures there are, by row, and not the pictures."""

@@ -17,7 +17,7 @@ INVERSION: Final = "inversion"
 STUDY: Final = "accuracy study"
 """What they are for, if they are set-ups to be compared."""
 
-ORIGINS: Final = ("random", "offspring")
+ORIGINS: Final = ("random", "offspring", "model", "given", "again")
 """Where a string comes from, by its `origin`."""
 STATES: Final = ("", "completed", "failed")
 """How a sample ended, by its `state`."""
@@ -50,7 +50,12 @@ STRINGS: Final = Layout(
         Field("string", "i8", "", "number of the string, its row"),
         Field("generation", "i4", "", "generation that it was proposed for, from 0"),
         Field("slot", "i4", "", "its place among the strings of that generation"),
-        Field("origin", "u1", "", "0 random, 1 offspring"),
+        Field(
+            "origin",
+            "u1",
+            "",
+            "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
+        ),
         Field("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
         *(Field(v.name, "f8", v.unit, v.meaning) for v in VARIABLES),
         CRC,
@@ -158,6 +163,14 @@ DIGEST_MEANING: Final = (
     "then of their used /samples, by string and sample, all columns but seconds, finished, rank "
     "and crc; row after row, the columns in their order here, little-endian and without padding"
 )
+
+
+def fresh_from(attributes: Mapping[str, Any]) -> int:
+    """Return the number of the first fresh sample of each string; older files have no room for any.
+
+    The rows of `/samples` of one string are `max_samples` wide; no decision sees the last of them.
+    """
+    return int(attributes.get("fresh_from", attributes["max_samples"]))
 
 
 def generations_layout(population: int) -> Layout:

@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.database.contents import judged_as_timed_out
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.table import unbroken
+from agglom_mpi.database.timeouts import judged_as_timed_out, timed_out
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.backlog import Backlog
 from agglom_mpi.farm.evidence import Evidence, result_row
@@ -37,7 +37,16 @@ class Watcher(Protocol):
 
 
 class Stored:
-    """What earlier legs left in a campaign file, read once at the start."""
+    """What earlier legs left in a campaign file, read once at the start.
+
+    Attributes
+    ----------
+    samples, fresh
+        Samples that decisions may see, and those that none does.
+    timed_out, late
+        Samples, as (string, sample), that have no row because they took too long: those that were
+        judged, and fresh ones.
+    """
 
     def __init__(self, file: CampaignFile) -> None:
         strings = file.string_rows()
@@ -47,14 +56,26 @@ class Stored:
         results = file.result_rows()
         self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
         self.generations = {int(row["generation"]) for row in file.generation_rows()}
-        self.samples = file.all_sample_rows()
-        self.timed_out = judged_as_timed_out(file.failures(), self.samples, results)
+        rows, failures = file.all_sample_rows(), file.failures()
+        fresh = rows["sample"] >= file.fresh_from
+        self.samples, self.fresh = rows[~fresh], rows[fresh]
+        self.timed_out = judged_as_timed_out(failures, rows, results)
+        late = timed_out(failures, rows)
+        self.late = {pair for pair in late if pair[1] >= file.fresh_from}
         self.seconds = _seconds_of_legs(file)
 
     @property
     def failures(self) -> int:
         """Samples that raised or took too long."""
-        return int((self.samples["reason"] == EXCEPTION).sum()) + len(self.timed_out)
+        raised = sum(
+            int((rows["reason"] == EXCEPTION).sum()) for rows in (self.samples, self.fresh)
+        )
+        return raised + len(self.timed_out) + len(self.late)
+
+    @property
+    def estimated(self) -> set[tuple[int, int]]:
+        """Fresh samples, as (string, sample), that need no simulation."""
+        return {*self.fresh[["string", "sample"]].tolist(), *self.late}
 
     def restore(self, batch: Batch, first: int) -> Batch:
         """Replace proposals by what is stored of them, bit for bit."""
@@ -135,6 +156,10 @@ class Books:
     def counted(self, results: NDArray[np.void]) -> None:
         """Take samples that decisions are made from, each once."""
         self._evidence.simulated(final_results(results))
+        self.estimated(results)
+
+    def estimated(self, results: NDArray[np.void]) -> None:
+        """Take samples that no decision is made from, each once."""
         self.samples += len(results)
         self.busy_seconds += float(results["seconds"].sum())
 

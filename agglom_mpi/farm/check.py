@@ -10,6 +10,7 @@ from agglom_mpi.database.integrity import read_contents
 from agglom_mpi.database.schema import STUDY
 from agglom_mpi.exit_codes import FAILURE, FINISHED
 from agglom_mpi.farm.replay import Replayed, replay
+from agglom_mpi.words import counted
 
 AGAIN: Final = {
     "strings": "propose again strings",
@@ -49,25 +50,27 @@ def check_file(path: str) -> tuple[str, int]:
 def _verified(contents: Contents, digests: int, replayed: Replayed | None) -> Iterator[str]:
     rows = {name: len(rows) for name, rows in contents.rows.items()}
     used = int(contents.rows["results"]["samples_used"].sum())
+    fresh = rows["samples"] - len(contents.searched)
+    kinds = f"{used} used, {fresh} fresh" if fresh else f"{used} used"
     yield (
-        f"checksums: {_count(rows['strings'], 'string')}, {_count(rows['results'], 'result')}, "
-        f"{_count(rows['generations'], 'generation')}, {_count(rows['samples'], 'sample')} "
-        f"({used} used), {_count(rows['legs'], 'leg')} and {_count(rows['failures'], 'failure')} "
+        f"checksums: {counted(rows['strings'], 'string')}, {counted(rows['results'], 'result')}, "
+        f"{counted(rows['generations'], 'generation')}, {counted(rows['samples'], 'sample')} "
+        f"({kinds}), {counted(rows['legs'], 'leg')} and {counted(rows['failures'], 'failure')} "
         "are whole"
     )
     names = {"final_particles": "final state", "frames": "frame"}
-    counts = [_count(contents.counts[name], names[name]) for name in contents.counts]
+    counts = [counted(contents.counts[name], names[name]) for name in contents.counts]
     if counts:
         yield f"particles: {' and '.join(counts)} are whole"
-    yield f"digests: {digests} of {_count(rows['generations'], 'generation')} verified"
+    yield f"digests: {digests} of {counted(rows['generations'], 'generation')} verified"
     if replayed is None:
         yield f"replay: left out; the strings of an {STUDY} are not searched"
     else:
         yield (
             f"replay: the samples lead again to {replayed.strings} of "
-            f"{_count(rows['strings'], 'string')}, {replayed.results} of "
-            f"{_count(rows['results'], 'result')} and {replayed.generations} of "
-            f"{_count(rows['generations'], 'population')}"
+            f"{counted(rows['strings'], 'string')}, {replayed.results} of "
+            f"{counted(rows['results'], 'result')} and {replayed.generations} of "
+            f"{counted(rows['generations'], 'population')}"
         )
     state, _, reason = contents.status
     yield f"{state}: {reason}" if reason else state
@@ -87,7 +90,3 @@ def _remedies(contents: Contents) -> Iterator[str]:
             "a resume believes all rows with right checksums, and would not mend the rest: restore "
             "a copy, or start afresh with --output"
         )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,45 +1,103 @@
-"""Tasks that are known beforehand, one for each message: who does which."""
+"""Tasks that are known beforehand: who does which."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+from agglom_mpi.farm.messages import TASK
+from agglom_mpi.farm.pace import Pace
+
+Key = tuple[int, int]
+"""String and number of a sample."""
+
+SHARE: Final = 2 * MESSAGES_IN_FLIGHT
+"""One batch is at most this part of what waits for each rank, so that all end together."""
 
 
 class Errands:
-    """Hand out given tasks to ranks; those of a rank that fell silent to others, too.
+    """Hand out given samples to ranks; those of a rank that fell silent to others, too.
+
+    They are handed out in order, one by one until it is known what they take, and then as many
+    together as are worth a message.
 
     Parameters
     ----------
     tasks
-        (n,) of `TASK`, each of one sample.
+        (n,) of `TASK`; of one string all have the same frames and parameters.
     ranks
         Number of ranks.
     """
 
     def __init__(self, tasks: NDArray[np.void], ranks: int) -> None:
         self._lanes = Lanes(ranks)
-        self._tasks = {
-            (int(task["string"]), int(task["first"])): tasks[i : i + 1]
-            for i, task in enumerate(tasks)
-        }
-        self._waiting = list(reversed(self._tasks))
+        self._ranks = ranks
+        self._pace = Pace()
+        self._of_string = {int(task["string"]): task for task in tasks}
+        self._waiting = deque(
+            (int(task["string"]), sample)
+            for task in tasks
+            for sample in range(task["first"], task["first"] + task["count"])
+        )
+        self._open = set(self._waiting)
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Ranks and what to send them, arrays of one `TASK`, at the time `now` in s."""
-        for batches in range(MESSAGES_IN_FLIGHT):
+        """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
+        size = self._pace.batch(len(self._waiting) / (SHARE * self._ranks))
+        for batches in range(self._pace.in_flight(size)):
             while self._waiting and (rank := self._lanes.next_with(batches)) is not None:
-                key = self._waiting.pop()
-                if key in self._tasks:
-                    self._lanes.give(rank, [Piece(*key, 1)], now)
-                    yield rank, self._tasks[key]
+                if not (pieces := self._choose(size)):
+                    return
+                self._lanes.give(rank, pieces, now)
+                yield rank, self._tasks(pieces)
+
+    def _choose(self, size: int) -> list[Piece]:
+        """Pieces of so many samples that wait and that nobody has done meanwhile."""
+        pieces: list[Piece] = []
+        while self._waiting and size:
+            string, sample = key = self._waiting.popleft()
+            if key not in self._open:
+                continue
+            size -= 1
+            if pieces and key == (pieces[-1].string, pieces[-1].first + pieces[-1].size):
+                pieces[-1] = pieces[-1]._replace(size=pieces[-1].size + 1)
+            else:
+                pieces.append(Piece(string, sample, 1))
+        return pieces
+
+    def _tasks(self, pieces: list[Piece]) -> NDArray[np.void]:
+        tasks = np.zeros(len(pieces), TASK)
+        for i, piece in enumerate(pieces):
+            tasks[i] = self._of_string[piece.string]
+            tasks[i]["first"], tasks[i]["count"] = piece.first, piece.size
+        return tasks
+
+    def returned(
+        self, rank: int, seconds: Sequence[float]
+    ) -> list[tuple[Piece, NDArray[np.bool_]]]:
+        """Take the next samples that a rank was to do, which took it so many seconds each.
+
+        Returns
+        -------
+        list
+            What they are, and which of each piece nobody had returned before, shape (size,).
+        """
+        self._pace.learn(seconds)
+        return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, len(seconds))]
+
+    def _first(self, piece: Piece) -> NDArray[np.bool_]:
+        keys = [(piece.string, piece.first + place) for place in range(piece.size)]
+        first = np.array([key in self._open for key in keys])
+        self._open.difference_update(keys)
+        return first
 
     def done(self, rank: int) -> None:
-        """Take note that a rank is done with the first task that it holds."""
-        [piece] = self._lanes.returned(rank, 1)
-        self._tasks.pop((piece.string, piece.first), None)
+        """Take note that a rank is done with the first sample that it holds."""
+        for piece in self._lanes.returned(rank, 1):
+            self._first(piece)
 
     def heard(self, rank: int, now: float) -> bool:
         """Take a sign of life of a rank; whether it had fallen silent."""
@@ -48,6 +106,11 @@ class Errands:
     def clock(self, now: float, patience: float) -> list[int]:
         """Ranks that have work and were not heard for so many seconds; others do it, too."""
         fallen = self._lanes.fall_silent(now - patience)
-        for rank in fallen:
-            self._waiting += [(piece.string, piece.first) for piece in self._lanes.held(rank)]
+        lost = [
+            (piece.string, piece.first + place)
+            for rank in fallen
+            for piece in self._lanes.held(rank)
+            for place in range(piece.size)
+        ]
+        self._waiting.extendleft(reversed(lost))
         return fallen

@@ -23,9 +23,11 @@ class Forecast(NamedTuple):
         Sum of the time of the samples that are used, s.
     chain
         Generations one after the other, each as long as the longest sample that is used of its
-        offspring, which nobody can begin before the generation before is judged; s.
+        strings that learn from results, which nobody can begin before those are there; s.
     master
         Share of the time in which rank 0 serves messages.
+    again
+        Time after that for the fresh samples of the best strings, spread evenly, s.
     """
 
     ranks: int
@@ -36,6 +38,7 @@ class Forecast(NamedTuple):
     work: float
     chain: float
     master: float
+    again: float = 0.0
 
     @property
     def bound(self) -> float:

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.chores import Chore
 from agglom_mpi.farm.messages import TASK
 from agglom_mpi.farm.work import Pictures
+from agglom_mpi.words import counted
 
 
-class Gallery:
+class Gallery(Chore):
     """What is to be stored in `/frames`, sample by sample in the order of `pictures`.
 
     Parameters
@@ -63,6 +65,10 @@ class Gallery:
             task["parameters"] = self._parameters(int(task["string"]))
         return tasks
 
+    def announcement(self, tasks: NDArray[np.void]) -> str:
+        """Say what is to be done."""
+        return f"taking pictures of {counted(len(tasks), 'sample')}, {tasks['frames'][0]} of each"
+
     def hang(self, rows: NDArray[np.void]) -> bool:
         """Store rows of `/frames` of one sample, consecutive ones; whether all of it are there."""
         first = rows[0]
@@ -73,14 +79,10 @@ class Gallery:
         self._missing -= set(range(at, at + len(rows)))
         return self._missing.isdisjoint(range(place * count, (place + 1) * count))
 
-    def give_up(self, string: int, sample: int) -> bool:
-        """Expect no more of a sample that raised; whether it was expected at all."""
-        place = self._places.get((string, sample))
-        if place is None:  # a sample that ran ahead of the decisions
-            return False
-        at = place * self._pictures.frames
+    def give_up(self, string: int, sample: int) -> None:
+        """Expect no more of a sample that raised when it was looked at."""
+        at = self._places[string, sample] * self._pictures.frames
         self._missing -= set(range(at, at + self._pictures.frames))
-        return True
 
     def _keys(self) -> dict[int, tuple[int, int, int]]:
         count = self._pictures.frames

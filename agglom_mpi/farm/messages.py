@@ -37,9 +37,16 @@ RESULT: Final = sample_dtype
 """One simulated sample, as it stands in the campaign file."""
 
 FAILED_SAMPLE: Final = np.dtype(
-    [("string", "i8"), ("sample", "i8"), ("rank", "i4"), ("host", "S64"), ("text", "S1000")]
+    [
+        ("string", "i8"),
+        ("sample", "i8"),
+        ("frames", "i8"),
+        ("rank", "i4"),
+        ("host", "S64"),
+        ("text", "S1000"),
+    ]
 )
-"""The traceback of a sample that raised."""
+"""The traceback of a sample that raised, `frames` as in its task."""
 
 HOST: Final = np.dtype([("host", "S64")])
 """A sign of life: the machine of a rank."""
@@ -57,10 +64,11 @@ MOST_SAMPLES: Final = 1024
 """Samples asked for in one message at most."""
 
 
-def failed_sample(string: int, sample: int, rank: int, text: str) -> np.ndarray:
+def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 0) -> np.ndarray:
     """Make the record, shape (1,), that tells of an exception; of a long text the end is kept."""
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
+    record["frames"] = frames
     record["host"] = socket.gethostname().encode()[:64]
     record["text"] = (
         text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()

@@ -7,13 +7,15 @@ import numpy as np
 from rich.console import Console
 
 from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.farm.begin import strings_to_begin_with
 from agglom_mpi.farm.forecast import Forecast
+from agglom_mpi.farm.libraries import check_libraries
 from agglom_mpi.farm.messages import MOST_SAMPLES
+from agglom_mpi.farm.pace import BATCH_SECONDS
 from agglom_mpi.farm.rehearsal import Recorded, Rehearsal, recorded_in
-from agglom_mpi.farm.scheduler import BATCH_SECONDS
-from agglom_mpi.farm.virtual import Costs, TooManySamples, VirtualCluster
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.search import Batch
+from agglom_mpi.farm.virtual import Costs, TooManySamples, VirtualCluster, Workload
+from agglom_mpi.farm.work import CampaignWork, Work
+from agglom_mpi.search import Batch, Inversion
 from agglom_mpi.simulation.outcome import FAILED
 
 
@@ -25,6 +27,7 @@ class Options(NamedTuple):
     source: str | None = None
     seconds: float = 20.0
     generations: int | None = None
+    allow_code: bool = False
 
 
 class Basis(NamedTuple):
@@ -80,10 +83,11 @@ def plan(options: Options) -> Plan:
     CampaignError, NotACampaign, OSError
         If the campaign or the file with samples is not what it should be.
     """
-    campaign = load_campaign(options.campaign)
+    campaign = load_campaign(options.campaign, options.allow_code)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
+    check_libraries(campaign)
     with Console(stderr=True).status("") as status:  # only a terminal shows it
         recorded = measure(campaign, options, status.update)
         return forecasts(campaign, recorded, options, status.update)
@@ -103,18 +107,40 @@ def forecasts(
     campaign: Campaign, recorded: Recorded, options: Options, tell: Callable[[str], None]
 ) -> Plan:
     """Let the campaign run on every number of ranks that was asked for."""
-    work, rehearsal, costs = CampaignWork(campaign), Rehearsal(recorded, campaign), Costs()
+    work = CampaignWork(campaign, strings_to_begin_with(campaign))
+    rehearsal, costs = Rehearsal(recorded, campaign), Costs()
     made = Plan(campaign, basis(recorded, options.source), costs, [], [])
     for ranks in options.ranks:
         tell(f"forecasting {ranks} ranks")
         cluster = VirtualCluster(
-            lambda observer: work.inversion(_as_proposed, observer), rehearsal, ranks, costs
+            lambda observer: work.inversion(_as_proposed, observer),
+            rehearsal,
+            ranks,
+            costs,
+            campaign.search.lag,
         )
         try:
-            made.forecasts.append(cluster.run())
+            forecast = cluster.run()
+            again = fresh_seconds(work, cluster.inversion, rehearsal, ranks)
+            made.forecasts.append(forecast._replace(again=again))
         except TooManySamples:
             made.refused.append(ranks)
     return made
+
+
+def fresh_seconds(work: Work, inversion: Inversion, workload: Workload, ranks: int) -> float:
+    """Time that the fresh samples of the best strings take when the search is over, s.
+
+    They are all known then: nothing but their number and the longest of them limits it.
+    """
+    strings, samples = work.finalists(inversion)
+    first = work.room.max_samples
+    seconds = [
+        workload.sample(string, inversion.parameters(string), sample)[1]
+        for string in strings
+        for sample in range(first, first + samples)
+    ]
+    return max(sum(seconds) / ranks, max(seconds, default=0.0))
 
 
 def _as_proposed(batch: Batch, first: int) -> Batch:

@@ -18,6 +18,8 @@ MEANINGS = (
     "evenly spread; chain, generations that each wait for their longest sample; rank 0, messages."
 )
 
+AGAIN = "again: when the search is over, to estimate the best strings again on fresh samples."
+
 
 def as_text(plan: Plan) -> str:
     """JSON of a plan; all times in s."""
@@ -46,6 +48,9 @@ def in_words(plan: Plan) -> RenderableType:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("reached", justify="right", no_wrap=True)
     table.add_column("limit", no_wrap=True)
+    again = any(f.again for f in plan.forecasts)
+    if again:
+        table.add_column("+ again", justify="right", no_wrap=True)
     for f in plan.forecasts:
         table.add_row(
             str(f.ranks),
@@ -57,6 +62,7 @@ def in_words(plan: Plan) -> RenderableType:
             forecast_time(f.bound),
             f"{f.reached:.1%}",
             f.limit,
+            *([forecast_time(f.again)] if again else []),
         )
     tables = [table] if plan.forecasts else []
     return Group(*_heading(plan), *tables, *_footer(plan))
@@ -94,4 +100,5 @@ def _footer(plan: Plan) -> list[str]:
             f"{full.samples_per_second:.0f} samples/s, and one takes "
             f"{forecast_time(full.mean_seconds)} on average"
         )
-    return [*lines, MEANINGS]
+    again = any(f.again for f in plan.forecasts)
+    return [*lines, MEANINGS, *([AGAIN] if again else [])]

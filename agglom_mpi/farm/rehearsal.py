@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.campaign.code import recorded_code
 from agglom_mpi.campaign.source import Problem
 from agglom_mpi.simulation.outcome import Measured, measured
-from agglom_mpi.variables import NAMES
 
 LEAST_SAMPLES: Final = 5
 """Samples that a string must have for others to draw from, if any has so many: two that happen to
@@ -124,9 +124,14 @@ def recorded_in(path: str, campaign: Campaign) -> Recorded:
     NotACampaign, OSError
         If it is none, or cannot be read.
     """
-    from agglom_mpi.database.reader import open_inversion  # HDF5, which most forecasts do without
+    # HDF5, which most forecasts do without.
+    from agglom_mpi.database.contents import strings_of
+    from agglom_mpi.database.reader import open_inversion
 
     file = open_inversion(path)
+    if campaign.code is not None and recorded_code(file.identity) != campaign.code.unread:
+        message = f"has samples that another objective has judged than that of {campaign.name}"
+        raise CampaignError(Problem(path, None, "objective.call", message))
     boxes = file.variable_rows()
     searched = [str(name.decode()) for name in boxes["name"][boxes["searched"] == 1]]
     if tuple(searched) != campaign.variables.searched:
@@ -139,7 +144,7 @@ def recorded_in(path: str, campaign: Campaign) -> Recorded:
     if not len(rows):
         raise CampaignError(Problem(path, None, "", "has no samples yet"))
     rows["string"] = np.searchsorted(strings["string"], rows["string"])
-    parameters = np.column_stack([strings[name] for name in NAMES])
+    parameters = strings_of(strings)
     return Recorded(rows, parameters, tuple(_differences(file.identity, campaign.identity())))
 
 

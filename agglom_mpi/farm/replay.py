@@ -7,11 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.database.contents import Contents, named
+from agglom_mpi.campaign.code import recorded_code
+from agglom_mpi.campaign.search import EarlierCampaign
+from agglom_mpi.database.contents import Contents, named, strings_of
 from agglom_mpi.database.table import series
 from agglom_mpi.farm.books import restored
+from agglom_mpi.farm.libraries import MissingLibraryError, check_libraries
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
+from agglom_mpi.search.proposals import MODEL
 from agglom_mpi.simulation.outcome import UNFINISHED, Measured, measured
 from agglom_mpi.variables import NAMES
 
@@ -50,13 +54,19 @@ class Recorder:
 def replay(contents: Contents) -> Replayed:
     """Decide everything again as a resume does, and compare; nothing is simulated.
 
+    Raises a MissingLibraryError if that is not possible here.
+
     Faults, and rows that the decisions need but are absent, are added to the contents.
     """
     try:
-        campaign = Campaign.from_text(str(contents.attributes["campaign"]), str(contents.path))
+        text, code = str(contents.attributes["campaign"]), recorded_code(contents.identity)
+        campaign = Campaign.from_text(text, str(contents.path), code)
         _check_campaign(campaign, contents)
         campaign = campaign.with_generations(_generations(contents))
+        check_libraries(campaign)
         recorder, inversion = _decide(campaign, contents)
+    except MissingLibraryError:
+        raise
     except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         contents.faults.append(f"replay: not possible: {error}")
         return Replayed(0, 0, 0)
@@ -103,9 +113,9 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
         recorder.batches.append((np.arange(first, first + len(batch.parameters)), batch))
         return restored(batch, first, known)
 
-    inversion = CampaignWork(campaign).inversion(restore, recorder)
+    inversion = CampaignWork(campaign, _given(campaign, contents)).inversion(restore, recorder)
     inversion.start()
-    stored, ahead = contents.rows["samples"], contents.room["generations"]
+    stored, ahead = contents.searched, contents.room["generations"]
     for string, first, outcomes in stored_outcomes(stored, contents.timed_out):
         while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
             pass
@@ -113,6 +123,20 @@ def _decide(campaign: Campaign, contents: Contents) -> tuple[Recorder, Inversion
     while inversion.announce(ahead):
         pass
     return recorder, inversion
+
+
+def _given(campaign: Campaign, contents: Contents) -> NDArray[np.float64]:
+    """Strings that the search began with, whatever became of an earlier file, shape (n, 10).
+
+    Where a row of them is lost, the middle of the box takes its place, so that all keep theirs.
+    """
+    start = campaign.search.start
+    if not isinstance(start, EarlierCampaign):
+        return campaign.given_strings()
+    given = np.tile(campaign.parameters(), (start.strings, 1))
+    slots = contents.given["slot"]
+    given[slots[slots < start.strings]] = strings_of(contents.given)[slots < start.strings]
+    return given
 
 
 def stored_outcomes(
@@ -133,6 +157,7 @@ def _compare_strings(recorder: Recorder, contents: Contents) -> int:
     same: set[int] = set()
     other: set[int] = set()  # some strings are announced before they are proposed
     for ids, batch in recorder.batches:
+        believed = contents.ranked_by_model and MODEL in batch.origin
         for i, string in enumerate(ids.tolist()):
             row = stored.get(string)
             if row is None:
@@ -142,7 +167,7 @@ def _compare_strings(recorder: Recorder, contents: Contents) -> int:
                 and row["slot"] == batch.slot[i]
                 and row["origin"] == batch.origin[i]
                 and np.array_equal(row["parents"], batch.parents[i])
-                and _close([row[name] for name in NAMES], batch.parameters[i])
+                and (believed or _close([row[name] for name in NAMES], batch.parameters[i]))
             )
             (same if agrees else other).add(string)
     if other:
@@ -172,13 +197,8 @@ def _compare_generations(recorder: Recorder, contents: Contents) -> int:
     other = [
         i
         for i, done, row in pairs
-        if (row["best_string"], row["evaluations"], row["samples_used"])
-        != (done.best, done.evaluations, done.samples_used)
-        or not np.array_equal(row["population"], done.population)
-        or not _close(
-            [row[name] for name in ("best_objective", "best_standard_error", "mean_of_top")],
-            [done.objective, done.standard_error, done.mean_of_top],
-        )
+        if (row["evaluations"], row["samples_used"]) != (done.evaluations, done.samples_used)
+        or not (contents.ranked_by_model or _ranks_agree(row, done))
     ]
     if other:
         contents.faults.append(f"replay: the search ends otherwise in generations {named(other)}")
@@ -186,6 +206,15 @@ def _compare_generations(recorder: Recorder, contents: Contents) -> int:
         absent = recorder.summaries.keys() - contents.recorded
         contents.miss("generations", absent, "though all their strings are judged")
     return len(pairs) - len(other)
+
+
+def _ranks_agree(row: np.void, done: GenerationSummary) -> bool:
+    stored = [row[name] for name in ("best_objective", "best_standard_error", "mean_of_top")]
+    return (
+        row["best_string"] == done.best
+        and np.array_equal(row["population"], done.population)
+        and _close(stored, [done.objective, done.standard_error, done.mean_of_top])
+    )
 
 
 def _check_end(inversion: Inversion, recorder: Recorder, contents: Contents) -> None:

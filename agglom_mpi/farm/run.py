@@ -16,13 +16,15 @@ from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.samples import RankFile
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
+from agglom_mpi.farm.begin import strings_to_begin_with
 from agglom_mpi.farm.clock import StopRequest, ignore_signals
 from agglom_mpi.farm.leg import run_leg, warm_up
+from agglom_mpi.farm.libraries import check_libraries
 from agglom_mpi.farm.master import End, Master
 from agglom_mpi.farm.order import Order
 from agglom_mpi.farm.sharing import PARALLEL, Nodes, choose_database, find_nodes
 from agglom_mpi.farm.simulator import Simulator
-from agglom_mpi.farm.store import StoreError, in_words, output_path, prepare
+from agglom_mpi.farm.store import StoreError, in_words, lacking_room, output_path, prepare
 from agglom_mpi.farm.work import CampaignWork, Work
 from agglom_mpi.farm.worker import work as serve
 from agglom_mpi.report.display import Display
@@ -45,6 +47,7 @@ class Options(NamedTuple):
     quiet: bool = False
     accept_code_change: bool = False
     database: str | None = None
+    allow_code: bool = False
 
 
 def invert(options: Options, world: "Intracomm | None") -> int:
@@ -62,12 +65,14 @@ def invert(options: Options, world: "Intracomm | None") -> int:
 
 def read_order(options: Options) -> Order:
     """Campaign and output file that the options name; raises the user's mistakes."""
-    campaign = load_campaign(options.campaign)
+    campaign = load_campaign(options.campaign, options.allow_code)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
+    check_libraries(campaign)
     path = output_path(campaign, options.output)
-    return Order(CampaignWork(campaign), path, options.accept_code_change, options.database)
+    work = CampaignWork(campaign, strings_to_begin_with(campaign, path))
+    return Order(work, path, options.accept_code_change, options.database)
 
 
 def carry_out(
@@ -164,6 +169,8 @@ def lead(
             tell(world, code)
             return code
         try:
+            if lacking := lacking_room(order.path, file, work):
+                display.message(lacking)
             master = Master(work, file, writer, display)
             if master.replay():
                 tell(world, FINISHED)

@@ -12,13 +12,8 @@ from numpy.typing import NDArray
 
 from agglom_mpi.farm.experience import Experience
 from agglom_mpi.farm.lanes import Lanes, Piece
-from agglom_mpi.farm.messages import MOST_SAMPLES, TASK
-
-BATCH_SECONDS: Final = 0.01
-"""Work in one message, so that a message of some 50 µs costs less than 1 %."""
-
-QUEUE_SECONDS: Final = (1.0, 0.05)
-"""A rank may hold a second and a third batch if batches are shorter than these."""
+from agglom_mpi.farm.messages import TASK
+from agglom_mpi.farm.pace import Pace
 
 STOCK: Final = 0.01
 """Share of all samples that known strings need which one batch of each rank may add up to."""
@@ -122,7 +117,7 @@ class Scheduler:
         self._score: dict[int, float] = {}
         self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
         self._doubled: dict[tuple[int, int], bool] = {}
-        self._mean_seconds = 0.0
+        self._pace = Pace()
         self._most_judged = 0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
@@ -150,11 +145,8 @@ class Scheduler:
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        count = len(seconds)
-        if count:
-            weight = 1.0 - 0.95**count if self._mean_seconds else 1.0
-            self._mean_seconds += weight * (sum(seconds) / count - self._mean_seconds)
-        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, count)]
+        self._pace.learn(seconds)
+        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, len(seconds))]
 
     def _fresh(self, piece: Piece) -> NDArray[np.bool_]:
         fresh = np.ones(piece.size, np.bool_)
@@ -169,13 +161,14 @@ class Scheduler:
         """Take note that samples of a string have been judged."""
         if string not in self._next:
             return
-        if self._needs.progress(string) is None:
-            self._experience.learn(self._needs.used(string))
-            self._live.discard(string)
-            for kept in (self._next, self._score, self._known, self._lost):
-                kept.pop(string, None)
-        else:
-            self._rank_anew(string)
+        self._rank_anew(string)
+
+    def _forget(self, string: int) -> None:
+        """Learn from a string that needs no more samples, and forget it."""
+        self._experience.learn(self._needs.used(string))
+        self._live.discard(string)
+        for kept in (self._next, self._score, self._known, self._lost):
+            kept.pop(string, None)
 
     def heard(self, rank: int, now: float) -> bool:
         """Take a sign of life of a rank; whether it had fallen silent."""
@@ -205,6 +198,8 @@ class Scheduler:
             return
         self._generation = self._needs.generation
         self._live = set(self._needs.live)
+        for string in [string for string in self._next if self._needs.progress(string) is None]:
+            self._forget(string)
         for string in sorted(self._live):
             self._next.setdefault(string, 0)
             self._rank_anew(string)
@@ -213,9 +208,14 @@ class Scheduler:
         heapq.heapify(self._queue)
 
     def _rank_anew(self, string: int) -> None:
-        """Give a string its place among those that wait for a rank."""
+        """Give a string its place among those that wait for a rank, if it needs samples yet.
+
+        Others may have decided that it does not.
+        """
         progress = self._needs.progress(string)
-        assert progress is not None
+        if progress is None:
+            self._forget(string)
+            return
         lost = self._first_lost(string)
         sample = self._skip_known(string, progress.next_sample) if lost is None else lost
         if sample >= progress.max_samples:
@@ -324,22 +324,17 @@ class Scheduler:
         return Piece(string, first, count)
 
     def _in_flight(self) -> int:
-        """Batches for each rank: short ones must last until the next come, long ones tie it down.
+        """Batches for each rank; a third one must not take what will hardly be needed.
 
         Where ranks use all cores their main threads wait some milliseconds for one, and it takes
-        three of them to return results and to fetch more. A third batch must not take what will
-        hardly be needed.
+        three of them to return results and to fetch more.
         """
-        seconds = self._batch_size() * self._mean_seconds
-        second, third = (seconds < limit for limit in QUEUE_SECONDS)
-        return 1 + second + (third and self._surely_needed() >= 2.0)
+        batches = self._pace.in_flight(self._batch_size())
+        return batches if self._surely_needed() >= 2.0 else min(2, batches)
 
     def _batch_size(self) -> int:
         """Size of a message in samples: no less work than pays, no more than is surely needed."""
-        if not self._mean_seconds:
-            return 1
-        most = min(MOST_SAMPLES, BATCH_SECONDS / self._mean_seconds, self._surely_needed())
-        return int(max(1.0, most))
+        return self._pace.batch(self._surely_needed())
 
     def _surely_needed(self) -> float:
         """Estimate how many samples for each rank known strings will hardly do without."""

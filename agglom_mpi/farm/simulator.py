@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.campaign.code import worth_of
 from agglom_mpi.database.bulk import final_row, frame_rows
 from agglom_mpi.database.schema import TOOK_TOO_LONG
 from agglom_mpi.farm.messages import RESULT, failed_sample
 from agglom_mpi.farm.work import Setup, Work
 from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.outcome import (
     COMPLETED,
     EXCEPTION,
@@ -184,7 +186,7 @@ class Job(ABC):
             return True
         if reason:
             sample, rank = self._first + self._done, self._simulator.rank
-            self._failures.append(failed_sample(self._string, sample, rank, text))
+            self._failures.append(failed_sample(self._string, sample, rank, text, self._frames))
         self._keep(reason, time.perf_counter() - begin)
         self._done += 1
         return self._done < self._count
@@ -204,8 +206,9 @@ class Job(ABC):
     def _start(self, sample: int) -> tuple[Setup, Scene, np.random.Generator]:
         setup = self._simulator.work.setup(self._string)
         scene = self._simulator.scene_of(self._string, setup, self._parameters)
-        seed, number = setup.campaign.seed, setup.first_sample + sample
-        return setup, scene, random_stream(seed, self._parameters, number)
+        of, number = setup.campaign, setup.first_sample + sample
+        random = random_stream(of.seed, self._parameters, number, of.common_configurations)
+        return setup, scene, random
 
     def _give_failures(self, batch: Batch) -> None:
         batch.failures.extend(self._failures)
@@ -236,7 +239,7 @@ class Series(Job):
         if completed.any():
             campaign = self._simulator.work.setup(self._string).campaign
             objective = make_objective(campaign.objective, campaign.scene.particles)
-            rows["objective"][completed] = objective.of_sample(rows["mean_radius_ratio"][completed])
+            rows["objective"][completed] = objective.of_samples(rows)[completed]
         if len(rows):
             batch.results.append(rows)
         batch.finals.extend(self._finals)
@@ -245,18 +248,25 @@ class Series(Job):
 
     def _do(self, sample: int) -> None:
         self._final = None
-        _, scene, random = self._start(sample)
-        record = self._records[self._done]
+        setup, scene, random = self._start(sample)
+        record, code = self._records[self._done], setup.campaign.code
         self._records[self._done], particles = simulate_scene(scene, random, self._watch.abort)
-        if self._simulator.finals and record["state"] == COMPLETED:
-            final = final_particles(scene, particles)
+        keeps = self._simulator.finals
+        if record["state"] != COMPLETED or not (keeps or code):
+            return
+        final = final_particles(scene, particles)
+        if keeps:
             self._final = final_row(self._string, sample, final, scene.particles)
+        if code and not self._watch.abort[0]:  # one that was cut short is not finished
+            seen = finished_sample(scene, self._parameters, record, final)
+            self._rows["objective"][self._done] = worth_of(code, seen)
 
     def _keep(self, reason: int, seconds: float) -> None:
         at = self._done
         if reason:
             self._records[at] = np.zeros((), OUTCOME)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
+            self._rows["objective"][at] = 0.0
         elif self._final is not None:
             self._finals.append(self._final)
         self._seconds[at], self._finished[at] = seconds, time.time()

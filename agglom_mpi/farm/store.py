@@ -94,6 +94,17 @@ def prepare(path: Path, work: Work, accept_code_change: bool) -> CampaignFile:
     return stored
 
 
+def lacking_room(path: Path, file: CampaignFile, work: Work) -> str:
+    """Say that there is less room for fresh samples than asked for; nothing if there is enough."""
+    room, wanted = file.max_samples - file.fresh_from, work.room.fresh
+    if room >= wanted:
+        return ""
+    return (
+        f"{path}: has room for {room} of the {wanted} fresh samples of a string that final asks "
+        "for; it was made for no more"
+    )
+
+
 def deciding_sources() -> str:
     """Hash of the sources that decide a campaign: those of samples, search and variables."""
     return sources_digest("search/*.py", "variables.py")

@@ -15,7 +15,7 @@ from agglom_mpi.farm.messages import RESULT, TASK
 from agglom_mpi.farm.rehearsal import Recorded
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.search import SearchSpace
+from agglom_mpi.search.space import search_space
 from agglom_mpi.search.streams import RANDOM_STRING, stream
 
 STRINGS_PER_SAMPLE: Final = 4
@@ -89,7 +89,7 @@ def _tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int
 def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
     """Draw a string of the whole search box, shape (10,); first those of the first generation."""
     generation, slot = divmod(number, campaign.search.population)
-    space = SearchSpace(campaign.variables.lower, campaign.variables.upper)
+    space = search_space(campaign.variables)
     return space.sample(stream(campaign.seed, RANDOM_STRING, generation, slot))
 
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.farm.forecast import Forecast
 from agglom_mpi.farm.scheduler import Scheduler
-from agglom_mpi.search import OFFSPRING, Batch, EnsembleResult, GenerationSummary, Inversion
+from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
 from agglom_mpi.search.inversion import Observer
+from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
 from agglom_mpi.simulation.outcome import Measured
 
 LATENCY: Final = 2e-3
@@ -63,19 +64,34 @@ class TooManySamples(Exception):  # noqa: N818  (it says what is the matter, lik
 
 
 class Chain:
-    """Observer that remembers which strings had to wait for the generation before theirs."""
+    """Observer that remembers which strings had to wait for results of generations before theirs.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    lag
+        They had to wait for all generations but the last `lag` - 1 before their own.
+    """
+
+    def __init__(self, lag: int) -> None:
         self.waiting: list[list[int]] = []
         self.used: dict[int, int] = {}
+        self._lag = lag
+
+    def seconds(self, longest: list[float]) -> float:
+        """Time until all is decided, if the waiting strings of each generation take so long, s."""
+        decided: list[float] = []
+        for generation, seconds in enumerate(longest):
+            begin = decided[generation - self._lag] if generation >= self._lag else 0.0
+            decided.append(max([begin + seconds, *decided[-1:]]))
+        return decided[-1]
 
     def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """They wait for nothing."""
 
     def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Take a generation."""
-        bred = (batch.origin == OFFSPRING) | (batch.generation == 0)
-        self.waiting.append(ids[bred].tolist())
+        learnt = np.isin(batch.origin, (OFFSPRING, MODEL, AGAIN)) | (batch.generation == 0)
+        self.waiting.append(ids[learnt].tolist())
 
     def judged(self, string: int, result: EnsembleResult) -> None:
         """Take the number of samples of a string."""
@@ -112,6 +128,13 @@ class VirtualCluster:
         Number of ranks; all of them simulate.
     costs
         Of messages and decisions.
+    lag
+        Generations from one to the next that learns from it, as of a campaign's `search`.
+
+    Attributes
+    ----------
+    inversion
+        The decisions.
     """
 
     def __init__(
@@ -120,9 +143,10 @@ class VirtualCluster:
         workload: Workload,
         ranks: int,
         costs: Costs = FREE,
+        lag: int = 1,
     ) -> None:
-        self.chain = Chain()
-        self._inversion = make_inversion(self.chain)
+        self.chain = Chain(lag)
+        self.inversion = make_inversion(self.chain)
         self._workload = workload
         self._ranks = ranks
         self._costs = costs
@@ -137,14 +161,14 @@ class VirtualCluster:
 
     def run(self) -> Forecast:
         """Let time pass until all is decided; raises TooManySamples."""
-        self._inversion.start()
-        scheduler = Scheduler(self._inversion, self._ranks)
+        self.inversion.start()
+        scheduler = Scheduler(self.inversion, self._ranks)
         now = self._hand_out(scheduler, 0.0)
-        while not self._inversion.finished:
+        while not self.inversion.finished:
             load = heapq.heappop(self._loads)
             now = self._take(scheduler, max(now, load.arrival), load)
             waits = bool(self._loads) and self._loads[0].arrival <= now
-            if not (waits or self._inversion.finished):
+            if not (waits or self.inversion.finished):
                 now = self._hand_out(scheduler, now)
         return self._forecast(now)
 
@@ -168,7 +192,7 @@ class VirtualCluster:
         scheduler.returned(load.rank, seconds)
         for string, first, count in load.pieces:
             outcomes = self._outcomes[string][first : first + count]
-            self._inversion.accept(string, first, outcomes)
+            self.inversion.accept(string, first, outcomes)
             scheduler.judged(string)
         self._simulated += len(seconds)
         self._work += sum(seconds)
@@ -183,7 +207,7 @@ class VirtualCluster:
 
     def _simulate(self, string: int, first: int, count: int) -> list[float]:
         """Seconds that samples take, the next ones of a string."""
-        parameters = self._inversion.parameters(string)
+        parameters = self.inversion.parameters(string)
         outcomes = self._outcomes.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
         for sample in range(first, first + count):
@@ -212,9 +236,11 @@ class VirtualCluster:
             simulated=self._simulated,
             used=sum(used.values()),
             work=sum(map(sum, needed.values())),
-            chain=sum(
-                max((max(needed[string]) for string in strings if string in needed), default=0.0)
-                for strings in self.chain.waiting
+            chain=self.chain.seconds(
+                [
+                    max((max(needed[string]) for string in strings if string in needed), default=0)
+                    for strings in self.chain.waiting
+                ]
             ),
             master=self._served / seconds,
         )

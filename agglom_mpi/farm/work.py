@@ -9,19 +9,22 @@ from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import Engine
+from agglom_mpi.database.estimates import ranks_itself
 from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.search import (
     Batch,
     Ensemble,
-    GeneticSearch,
+    EnsembleResult,
     Inversion,
     Observer,
-    SearchSpace,
     Target,
     make_objective,
     make_rule,
+    make_search,
 )
 from agglom_mpi.search.inversion import TARGET_REACHED
+from agglom_mpi.search.racing import Racing
+from agglom_mpi.search.space import search_space
 
 Restore = Callable[[Batch, int], Batch]
 """Replaces proposals by what an earlier leg has stored of them; see `Inversion`."""
@@ -39,12 +42,17 @@ class Setup(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Sizes of the tables of a campaign file; `frames` is a number of pictures in all."""
+    """Sizes of the tables of a campaign file.
+
+    `fresh` samples of a string come after its `max_samples`; `frames` is a number of pictures in
+    all.
+    """
 
     strings: int
     max_samples: int
     generations: int
     population: int
+    fresh: int = 0
     grains: int = 0
     final_particles: bool = False
     frames: int = 0
@@ -55,6 +63,13 @@ class Pictures(NamedTuple):
 
     samples: tuple[tuple[int, int], ...] = ()
     frames: int = 0
+
+
+class Finalists(NamedTuple):
+    """Strings to estimate again, the best first, on so many fresh samples each."""
+
+    strings: tuple[int, ...] = ()
+    samples: int = 0
 
 
 class Work(ABC):
@@ -102,12 +117,18 @@ class Work(ABC):
         """Set-ups and parameter strings that between them need every kernel of the work."""
 
     @abstractmethod
-    def inversion(self, restore: Restore, observer: Observer) -> Inversion:
-        """Set up the decisions, at their very beginning."""
+    def inversion(
+        self, restore: Restore, observer: Observer, background: bool = False
+    ) -> Inversion:
+        """Set up the decisions, at their very beginning; they may think in the background."""
 
     @abstractmethod
     def finished_because(self, inversion: Inversion) -> str:
         """Why there is nothing left to do, in words."""
+
+    def finalists(self, inversion: Inversion) -> Finalists:
+        """Choose what to estimate again when all is decided."""
+        return Finalists()
 
     def pictures(self, inversion: Inversion) -> Pictures:
         """Choose what to take pictures of when all is decided."""
@@ -120,16 +141,25 @@ class Work(ABC):
 
 
 class CampaignWork(Work):
-    """The inversion that a campaign file describes."""
+    """The inversion that a campaign file describes.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    given
+        Strings to begin with, shape (n, 10), where they are the best of an earlier campaign.
+    """
 
     purpose = INVERSION
 
-    def __init__(self, campaign: Campaign) -> None:
+    def __init__(self, campaign: Campaign, given: NDArray[np.float64] | None = None) -> None:
         target = campaign.stopping.target
         self.campaign = campaign
+        self.given = campaign.given_strings() if given is None else given
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
-        self.top = target.top if target else campaign.search.parents
+        self.top = target.top if target else campaign.search.kept
 
     @property
     def room(self) -> Room:
@@ -141,6 +171,7 @@ class CampaignWork(Work):
             campaign.ensemble.max_samples,
             campaign.stopping.generations,
             campaign.search.population,
+            campaign.final.samples if campaign.final else 0,
             campaign.scene.particles if output.final_particles or frames else 0,
             output.final_particles,
             strings * samples * frames.count if frames else 0,
@@ -156,27 +187,33 @@ class CampaignWork(Work):
 
     def setup(self, string: int) -> Setup:
         """Return the campaign's scene, the same for every string."""
-        return Setup(self.campaign)
+        return Setup(self.campaign, first_sample=self.campaign.first_sample(string))
 
     def kinds(self) -> Iterator[tuple[Setup, NDArray[np.float64]]]:
         """One scene is all there is."""
         yield Setup(self.campaign), self.campaign.parameters()
 
-    def inversion(self, restore: Restore, observer: Observer) -> Inversion:
+    def inversion(
+        self, restore: Restore, observer: Observer, background: bool = False
+    ) -> Inversion:
         """Set up the search with its ensembles."""
         campaign = self.campaign
-        search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
+        ensemble, stopping = campaign.ensemble, campaign.stopping
         particles = campaign.scene.particles
         objective = make_objective(campaign.objective, particles)
-        rule, rescale, target = make_rule(ensemble), search.rescale, stopping.target
+        rule, target = make_rule(ensemble), stopping.target
+        space, race = search_space(campaign.variables), ensemble.racing
+        racing = None
+        if race is not None:
+            racing = Racing(campaign.search.kept, race.confidence, race.first)
         return Inversion(
-            GeneticSearch(
-                SearchSpace(campaign.variables.lower, campaign.variables.upper),
+            make_search(
+                campaign.search,
+                space,
                 campaign.seed,
-                population=search.population,
-                parents=search.parents,
-                blend=search.blend,
-                rescale=None if rescale is None else (rescale.every, rescale.factor),
+                self.given,
+                magnitude=campaign.objective.law == "growth_target",
+                background=background,
             ),
             lambda: Ensemble(
                 rule, objective, particles, ensemble.min_samples, ensemble.max_samples
@@ -185,19 +222,38 @@ class CampaignWork(Work):
             None if target is None else Target(target.top, target.objective),
             restore,
             observer,
+            self._signed,
+            racing,
+            campaign.more_samples or 1,
         )
+
+    def _signed(self, result: EnsembleResult) -> float:
+        """Signed mean whose magnitude is the objective of a string."""
+        objective = self.campaign.objective
+        if objective.law == "growth_target":
+            return result.mean_radius_ratio / objective.ratio - 1.0
+        return result.objective
+
+    def finalists(self, inversion: Inversion) -> Finalists:
+        """Choose the best strings; of those with the same parameters, hence samples, the first."""
+        final = self.campaign.final
+        if final is None:
+            return Finalists()
+        best: dict[bytes, int] = {}
+        for string in self._best(inversion):
+            if len(best) == final.strings:
+                break
+            best.setdefault(inversion.parameters(string).tobytes(), string)
+        return Finalists(tuple(best.values()), final.samples)
 
     def pictures(self, inversion: Inversion) -> Pictures:
         """Choose the first samples of the best strings."""
         frames = self.campaign.output.frames
         if frames is None:
             return Pictures()
-        results = inversion.results.items()
-        judged = [(r.objective, string) for string, r in results if np.isfinite(r.objective)]
         strings, samples = self.campaign.most_framed
-        best = sorted(judged)[:strings]
-        pairs = tuple((string, sample) for _, string in best for sample in range(samples))
-        return Pictures(pairs, frames.count)
+        best = self._best(inversion)[:strings]
+        return Pictures(tuple((i, sample) for i in best for sample in range(samples)), frames.count)
 
     def finished_because(self, inversion: Inversion) -> str:
         """Say whether the target was reached."""
@@ -206,3 +262,13 @@ class CampaignWork(Work):
             top, objective = stopping.target.top, stopping.target.objective
             return f"the mean objective of the best {top} is at most {objective:g}"
         return f"all {stopping.generations} generations are done"
+
+    def _best(self, inversion: Inversion) -> list[int]:
+        """Judged strings with a finite objective, the best first as the search has them."""
+        results = inversion.results.items()
+        finite = sorted((r.objective, i) for i, r in results if np.isfinite(r.objective))
+        order = [string for _, string in finite]
+        if not ranks_itself(self.campaign.identity()):
+            return order
+        judged = set(order)
+        return [string for string in inversion.ranked() if string in judged]

@@ -3,12 +3,13 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
+from agglom_mpi.campaign.code import recorded_code
 from agglom_mpi.campaign.source import Problem
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.search.objectives import make_objective
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from agglom_mpi.database.reader import CampaignFile
 
 
+LEFT_OUT: Final = "objective left out: a function is never run from a campaign file"
+
+
 class Request(NamedTuple):
     """What to simulate: a campaign with `settings`, or a recorded string or sample of a file."""
 
@@ -29,6 +33,7 @@ class Request(NamedTuple):
     engine: str | None
     string: int | None
     sample: int | None
+    allow_code: bool = False
 
 
 def forward(request: Request, as_json: bool) -> tuple[str, int]:
@@ -36,19 +41,21 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
     if request.source.suffix in (".yaml", ".yml"):
         if request.string is not None:
             raise _mistake(request, "--string", "needs a campaign file FILE.h5, not a YAML file")
-        campaign = load_campaign(request.source)
+        campaign = load_campaign(request.source, request.allow_code)
         parameters = campaign.parameters(request.settings)
-        stored = None
+        stored, first = None, 0
     else:
         from agglom_mpi.database.reader import open_inversion
 
         file = open_inversion(request.source)
-        campaign = Campaign.from_text(file.campaign_text, str(request.source))
+        own = recorded_code(file.identity)  # which cannot be run
+        campaign = Campaign.from_text(file.campaign_text, str(request.source), own)
         if request.settings:
             raise _mistake(request, "--set", "is for YAML files; a recorded string is as it is")
         parameters = _recorded(request, file)
-        stored = _stored_sample(request, file)
+        stored, first = _stored_sample(request, file), campaign.first_sample(request.string or 0)
     numbers = range(request.samples) if request.sample is None else [request.sample]
+    numbers = [first + number for number in numbers]
     engine = campaign.engine(request.engine)
     try:
         campaign.simulate(parameters, numbers[0], engine)  # compiles, so that seconds are true
@@ -56,6 +63,8 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report = _report(campaign, parameters, outcomes)
+    if campaign.code is not None and campaign.code.source is None:
+        report["note"] = LEFT_OUT
     code = 0
     if stored is not None and request.engine is None:
         same = _same(stored, outcomes[0].record)
@@ -105,14 +114,18 @@ def _mean(values: list[float]) -> dict[str, float | None]:
     return {"mean": float(np.mean(values)), "standard_error": error}
 
 
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def _report(
     campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: list[Outcome]
 ) -> dict[str, Any]:
     objective = make_objective(campaign.objective, campaign.scene.particles)
-    ratios = np.array([outcome.mean_radius_ratio for outcome in outcomes])
-    value, error = objective.of_ensemble(ratios)
+    ratios = [outcome.mean_radius_ratio for outcome in outcomes]
+    value, error = objective.of_ensemble([outcome.measured for outcome in outcomes])
     measured = {
-        "mean_radius_ratio": _mean(ratios.tolist()),
+        "mean_radius_ratio": _mean(ratios),
         "radius_spread": _mean([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
         "particles_left": _mean([float(outcome.particles) for outcome in outcomes]),
         "temperature_K": _mean([float(outcome.record["mean_temperature"]) for outcome in outcomes]),
@@ -126,7 +139,7 @@ def _report(
     return {
         "parameters": {n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
         "samples": len(outcomes),
-        "objective": {"mean": value, "standard_error": error if math.isfinite(error) else None},
+        "objective": {"mean": _number(value), "standard_error": _number(error)},
         "measured": measured,
         "ledger": {
             name: max((outcome.ledger[name] for outcome in outcomes), key=abs) for name in LEDGER
@@ -142,12 +155,9 @@ def _in_words(report: dict[str, Any]) -> str:
         lines.append(f"  {name:<22}{value:.6g}{unit}")
     lines.append(f"mean ± standard error over {report['samples']} samples")
     for name, entry in {"objective": report["objective"], **report["measured"]}.items():
-        error = entry["standard_error"]
-        lines.append(
-            f"  {name:<22}{with_error(entry['mean'], math.nan if error is None else error)}"
-        )
+        mean, error = (math.nan if v is None else v for v in entry.values())
+        lines.append(f"  {name:<22}{with_error(mean, error)}")
     lines.append("ledger, worst sample")
     lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
-    if "replay" in report:
-        lines.append(report["replay"])
+    lines.extend(report[name] for name in ("note", "replay") if name in report)
     return "\n".join(lines)

@@ -2,16 +2,22 @@
 
 import json
 import math
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 
 from agglom_mpi.database.dataframes import processor_seconds
+from agglom_mpi.database.estimates import Estimate, estimates_in, own_order, ranking
 from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.report.finalists import Verdict, in_words, verdict
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.variables import NAMES, VARIABLES
+
+REESTIMATED: Final = ("objective", "standard_error", "lower", "upper", "samples", "failed")
+"""What is told of an `Estimate`."""
 
 
 class Summary(NamedTuple):
@@ -25,21 +31,31 @@ class Summary(NamedTuple):
     strings: int
     samples_used: int
     samples_simulated: int
+    samples_fresh: int
     failed: int
     hit_maximum: int
     seconds: float
     samples_per_second: float
     best: list[dict[str, Any]]
+    verdict: Verdict | None
 
 
 def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
-    """Gather the figures of a campaign file, finished or not, believing only what is final."""
+    """Gather the figures of a campaign file, finished or not, believing only what is final.
+
+    In each of the best `reestimate` is None, or what its fresh samples say; the `verdict` is what
+    these say together.
+    """
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
     parameters = {int(row["string"]): row for row in file.string_rows()}
     known = np.isin(results["string"], list(parameters))  # a damaged row is absent
     finite = results[known & np.isfinite(results["objective"])]
-    ranked = finite[np.lexsort((finite["string"], finite["objective"]))][:best]
+    rows = {int(row["string"]): row for row in finite}
+    estimates = [estimate for estimate in estimates_in(file, samples) if estimate.string in rows]
+    again = {estimate.string: estimate for estimate in estimates}
+    order = ranking(own_order(file, finite), estimates)
+    fresh = int((samples["sample"] >= file.fresh_from).sum())
     cost = processor_seconds(samples, max(parameters, default=-1) + 1)
     generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
@@ -54,19 +70,23 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
         generations=len(generations),
         strings=len(results),
         samples_used=int(results["samples_used"].sum()),
-        samples_simulated=len(samples),
+        samples_simulated=len(samples) - fresh,
+        samples_fresh=fresh,
         failed=int((samples["state"] == 2).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         best=[
-            _entry(row, parameters[int(row["string"])], float(cost[row["string"]]))
-            for row in ranked
+            _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
+            for string in order[:best]
         ],
+        verdict=verdict(estimates),
     )
 
 
-def _entry(result: np.void, string: np.void, seconds: float) -> dict[str, Any]:
+def _entry(
+    result: np.void, string: np.void, seconds: float, again: Estimate | None
+) -> dict[str, Any]:
     entry: dict[str, Any] = {"string": int(result["string"])}
     for name in NAMES:
         if not np.isnan(string[name]):
@@ -76,6 +96,7 @@ def _entry(result: np.void, string: np.void, seconds: float) -> dict[str, Any]:
     entry["mean_grains"] = float(result["mean_grains"])
     entry["samples"] = int(result["samples_used"])
     entry["processor_seconds"] = seconds
+    entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
     return entry
 
 
@@ -92,9 +113,15 @@ def summarise(file: CampaignFile) -> RenderableType:
             unit = "" if variable.unit == "1" else f" {variable.unit}"
             _add_row(table, variable.name + unit, summary.best, variable.name, ".4g")
     table.add_section()
+    again = [entry for entry in summary.best if entry["reestimate"]]
     for name, label, style in (
-        ("objective", "objective", ".4f"),
+        ("objective", f"objective{', as searched' if again else ''}", ".4f"),
         ("standard_error", "± standard error", ".4f"),
+    ):
+        _add_row(table, label, summary.best, name, style)
+    if again:
+        _add_estimates(table, summary.best)
+    for name, label, style in (
         ("mean_radius_ratio", "mean b/b0", ".4g"),
         ("growth_number", "(mean b/b0)^3", ".4g"),
         ("mean_grains", "grains per particle", ".4g"),
@@ -109,13 +136,27 @@ def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, st
     table.add_row(label, *(format(entry[name], style) for entry in best))
 
 
+def _add_estimates(table: Table, best: list[dict[str, Any]]) -> None:
+    for name, label, style in (
+        ("objective", "re-estimate", ".4f"),
+        ("lower", "95 % from", ".4f"),
+        ("upper", "95 % to", ".4f"),
+        ("samples", "fresh samples", "d"),
+    ):
+        values = [entry["reestimate"] and entry["reestimate"][name] for entry in best]
+        table.add_row(label, *("" if value is None else format(value, style) for value in values))
+
+
 def _footer(summary: Summary) -> list[str]:
+    shown = [entry["string"] for entry in summary.best]
+    estimated = sum(entry["reestimate"] is not None for entry in summary.best)
+    fresh = f" and {summary.samples_fresh} fresh ones" if summary.samples_fresh else ""
     lines = [
         f"{summary.state}: {summary.reason}" if summary.reason else summary.state,
         f"{summary.generations} generations, {summary.strings} strings, {summary.samples_used} "
-        f"samples used of {summary.samples_simulated} simulated, {duration(summary.seconds)}, "
-        f"{summary.samples_per_second:.0f} samples/s",
-        "objectives are the search's own; the lucky survive, so they are biased low",
+        f"samples used of {summary.samples_simulated} simulated{fresh}, "
+        f"{duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
+        *in_words(summary.verdict, shown, estimated),
     ]
     if summary.hit_maximum:
         lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")
@@ -124,9 +165,11 @@ def _footer(summary: Summary) -> list[str]:
     return [*lines, summary.file]
 
 
-def as_text(summary: Summary) -> str:
-    """JSON of a summary; numbers that are none are null."""
-    return json.dumps(_without_nan(summary._asdict()), indent=2)
+def as_text(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
+    """JSON of a summary, and of more by name; numbers that are none are null."""
+    said = summary.verdict and summary.verdict._asdict()
+    everything = summary._asdict() | {"verdict": said} | dict(more or {})
+    return json.dumps(_without_nan(everything), indent=2)
 
 
 def _without_nan(value: Any) -> Any:

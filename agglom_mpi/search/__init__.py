@@ -1,10 +1,10 @@
 """Parameter space, search methods, objectives and ensembles; no MPI, no files."""
 
 from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import GenerationSummary, Inversion, Observer, Progress, Target
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth, Objective, make_objective
-from agglom_mpi.search.proposals import OFFSPRING, ORIGINS, RANDOM, Batch, Search
+from agglom_mpi.search.methods import make_search
+from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth, make_objective
+from agglom_mpi.search.proposals import OFFSPRING, ORIGINS, RANDOM, Batch, Judged, Ranked, Search
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import (
     Moments,
@@ -13,6 +13,7 @@ from agglom_mpi.search.stopping import (
     SuccessiveDifference,
     make_rule,
 )
+from agglom_mpi.search.worth import Objective
 
 __all__ = [
     "OFFSPRING",
@@ -22,14 +23,15 @@ __all__ = [
     "Ensemble",
     "EnsembleResult",
     "GenerationSummary",
-    "GeneticSearch",
     "GrowthTarget",
     "Inversion",
+    "Judged",
     "MaximumGrowth",
     "Moments",
     "Objective",
     "Observer",
     "Progress",
+    "Ranked",
     "Rule",
     "Search",
     "SearchSpace",
@@ -38,4 +40,5 @@ __all__ = [
     "Target",
     "make_objective",
     "make_rule",
+    "make_search",
 ]

@@ -1,11 +1,12 @@
 """The samples of one string, taken in order until they suffice."""
 
+import copy
 import math
 from typing import Final, NamedTuple
 
-from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.running import PooledMoments, RunningMean
-from agglom_mpi.search.stopping import Rule, Snapshot
+from agglom_mpi.search.stopping import FixedNumber, Rule, Snapshot
+from agglom_mpi.search.worth import Objective
 from agglom_mpi.simulation.outcome import Measured
 
 FAILURES_JUDGED_FROM: Final = 10
@@ -60,14 +61,14 @@ class Ensemble:
         self.max_samples = max_samples
         self.samples_used = 0
         self.failed = 0
+        self._before = 0, 0
         self.finished = False
         self._rule = rule
-        self._objective = objective
         self._particles = particles
         self._min_samples = min_samples
         self._converged = False
         self._ratio = RunningMean()
-        self._deviation = RunningMean()
+        self._worth = objective.tally()
         self._grains = RunningMean()
         self._radii = PooledMoments()
         self._last: Snapshot | None = None
@@ -81,31 +82,56 @@ class Ensemble:
             self._measure(outcome)
         else:
             self.failed += 1
-        given_up = self.samples_used >= FAILURES_JUDGED_FROM and self._unreliable
+        failing = self.failed > 0 and self._unreliable
+        given_up = failing and self.samples_used >= FAILURES_JUDGED_FROM
         self.finished = self._converged or given_up or self.samples_used >= self.max_samples
+
+    def again(self, samples: int) -> "Ensemble":
+        """Return an ensemble that goes on from here with so many more samples, numbered from 0.
+
+        Objective, error and means are those of all samples, numbers of samples those of its own.
+        """
+        more = copy.deepcopy(self)
+        more._before = self._before[0] + self.samples_used, self._before[1] + self.failed
+        more.samples_used = more.failed = 0
+        more.max_samples = samples
+        more.finished = more._converged = False
+        more._rule = FixedNumber()
+        return more
+
+    @property
+    def completed(self) -> int:
+        """Samples that the objective rests on."""
+        return self._ratio.count
 
     def result(self) -> EnsembleResult:
         """Return what the samples so far amount to."""
         unusable = self._unreliable or self._ratio.count == 0
         return EnsembleResult(
-            objective=math.inf if unusable else abs(self._deviation.mean),
-            standard_error=self._deviation.standard_error,
+            objective=math.inf if unusable else self._worth.value,
+            standard_error=self._worth.standard_error,
             mean_radius_ratio=self._ratio.mean,
             samples_used=self.samples_used,
             failed=self.failed,
-            hit_maximum=self.samples_used >= self.max_samples and not self._converged,
+            hit_maximum=self._hit_maximum,
             growth_number=self._ratio.mean**3,
             mean_grains=self._grains.mean,
         )
 
     @property
+    def _hit_maximum(self) -> bool:
+        at_maximum = self.samples_used >= self.max_samples
+        return at_maximum and not self._converged and not isinstance(self._rule, FixedNumber)
+
+    @property
     def _unreliable(self) -> bool:
-        return 10 * self.failed > self.samples_used
+        samples, failed = self._before
+        return 10 * (failed + self.failed) > samples + self.samples_used
 
     def _measure(self, outcome: Measured) -> None:
         ratio, left = outcome.mean_radius_ratio, outcome.particles
         self._ratio.add(ratio)
-        self._deviation.add(self._objective.deviation(ratio))
+        self._worth.add(outcome)
         self._grains.add(self._particles / left)
         if self._rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
@@ -114,10 +140,6 @@ class Ensemble:
             self._converged = self._rule.satisfied(before, self._last)
 
     def _snapshot(self) -> Snapshot:
-        return Snapshot(
-            samples=self._ratio.count,
-            mean_radius_ratio=self._ratio.mean,
-            objective=abs(self._deviation.mean),
-            standard_error=self._deviation.standard_error,
-            central_moments=self._radii.central if self._rule.needs_moments else None,
-        )
+        ratio, worth = self._ratio, self._worth
+        central = self._radii.central if self._rule.needs_moments else None
+        return Snapshot(ratio.count, ratio.mean, worth.value, worth.standard_error, central)

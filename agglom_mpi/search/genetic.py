@@ -3,7 +3,18 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.proposals import NO_PARENT, OFFSPRING, RANDOM, Batch
+from agglom_mpi.search.proposals import (
+    AGAIN,
+    GIVEN,
+    OFFSPRING,
+    RANDOM,
+    Batch,
+    Judged,
+    Ranked,
+    as_batch,
+    joined,
+)
+from agglom_mpi.search.sampled import NO_STRINGS
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.streams import OFFSPRING_BLEND, RANDOM_STRING, stream
 from agglom_mpi.variables import COUNT
@@ -34,6 +45,11 @@ class GeneticSearch:
         (every, factor): each `every` generations the box of new random strings is restricted
         around the best string, `SearchSpace.around`, starting from its last restriction.
         Offspring remain free in the whole space. None never restricts.
+    given
+        Strings that the first generation begins with, shape (n, 10), n at most S.
+    again
+        Whether kept parents are proposed again, under new numbers, to get more samples; as
+        published they keep their value.
     """
 
     def __init__(
@@ -44,6 +60,8 @@ class GeneticSearch:
         parents: int = 6,
         blend: tuple[float, float] = (0.0, 1.0),
         rescale: tuple[int, float] | None = None,
+        given: NDArray[np.float64] = NO_STRINGS,
+        again: bool = False,
     ) -> None:
         if parents < 2 or parents % 2 or 2 * parents > population:
             raise ValueError("parents must be an even number, at most half of the population")
@@ -58,6 +76,8 @@ class GeneticSearch:
         self.parents = parents
         self.blend = blend
         self.rescale = rescale
+        self.given = given
+        self.again = again
         self.generation = 0
         self.population_ids = np.empty(0, np.int64)
         self._parameters = np.empty((0, COUNT))
@@ -68,57 +88,39 @@ class GeneticSearch:
         """Propose the strings of the next generation."""
         random = self._random_strings(self.generation)
         if self.generation == 0:
-            return random
-        offspring = self._offspring()
-        return Batch(
-            self.generation,
-            slot=np.concatenate((offspring.slot, random.slot)),
-            origin=np.concatenate((offspring.origin, random.origin)),
-            parents=np.concatenate((offspring.parents, random.parents)),
-            parameters=np.concatenate((offspring.parameters, random.parameters)),
-        )
+            return joined(as_batch(0, self.given, GIVEN), random)
+        if self.again:
+            return joined(self._parents_again(), self._offspring(), random)
+        return joined(self._offspring(), random)
 
-    def tell(
-        self,
-        ids: NDArray[np.int64],
-        parameters: NDArray[np.float64],
-        objectives: NDArray[np.float64],
-    ) -> None:
+    def tell(self, judged: Judged) -> None:
         """Take the worth of all strings of the generation last asked for, in any order.
 
-        Parameters
-        ----------
-        ids
-            Their numbers, growing in the order of the proposals, shape (n,).
-        parameters
-            The strings as they were evaluated, shape (n, 10); a resumed campaign reads them
-            from its file.
-        objectives
-            Their objectives, shape (n,). What is not finite ranks last.
+        What has no finite objective ranks last.
         """
-        expected = self.population - (self.parents if self.generation else 0)
-        if len(ids) != expected:
+        expected = self._new if self.generation else self.population
+        if len(judged.ids) != expected:
             raise ValueError(f"generation {self.generation} has {expected} new strings")
-        kept = self._ranked[: self.parents]
-        order = np.argsort(ids)
-        worth = np.where(np.isfinite(objectives), objectives, np.inf)
-        self.population_ids = np.concatenate((self.population_ids[kept], ids[order]))
-        self._parameters = np.concatenate((self._parameters[kept], parameters[order]))
+        kept = self._ranked[: self.population - self._new]
+        order = np.argsort(judged.ids)
+        worth = np.where(np.isfinite(judged.objectives), judged.objectives, np.inf)
+        self.population_ids = np.concatenate((self.population_ids[kept], judged.ids[order]))
+        self._parameters = np.concatenate((self._parameters[kept], judged.parameters[order]))
         self._objectives = np.concatenate((self._objectives[kept], worth[order]))
         self._ranked = np.lexsort((self.population_ids, self._objectives))
         self.generation += 1
         self._restrict()
 
-    def best(self, k: int) -> list[tuple[int, float]]:
-        """Return number and objective of the k best strings of the population, best first."""
+    def best(self, k: int) -> list[Ranked]:
+        """Return the k best strings of the population, best first."""
         top = self._ranked[:k]
-        return [(int(self.population_ids[i]), float(self._objectives[i])) for i in top]
+        return [Ranked(int(self.population_ids[i]), float(self._objectives[i])) for i in top]
 
     def mean_of_top(self, k: int) -> float:
         """Return the mean objective of the k best strings of the population [A 26]."""
         return float(np.mean(self._objectives[self._ranked[:k]]))
 
-    def random_proposals(self, generation: int) -> tuple[int, Batch] | None:
+    def known_proposals(self, generation: int) -> tuple[int, Batch] | None:
         """Return the random strings of a coming generation, and the number of the first of them.
 
         None while the box that they come from is not known.
@@ -127,18 +129,29 @@ class GeneticSearch:
             every = self.rescale[0]
             if generation // every != self.generation // every:
                 return None
-        new = self.population - self.parents
-        first = self.population + (generation - 1) * new + self.parents if generation else 0
-        return first, self._random_strings(generation)
+        if generation == 0:
+            return len(self.given), self._random_strings(0)
+        end = self.population + generation * self._new
+        random = self._random_strings(generation)
+        return end - len(random.slot), random
+
+    @property
+    def _new(self) -> int:
+        """Strings of every generation but the first that have to be judged."""
+        return self.population if self.again else self.population - self.parents
+
+    def _parents_again(self) -> Batch:
+        kept = self._ranked[: self.parents]
+        batch = as_batch(self.generation, self._parameters[kept], AGAIN)
+        batch.parents[:, 0] = self.population_ids[kept]
+        return batch
 
     def _random_strings(self, generation: int) -> Batch:
-        slots = np.arange(2 * self.parents if generation else 0, self.population)
-        parameters = np.empty((slots.size, COUNT))
-        for row, slot in enumerate(slots):
-            rng = stream(self.seed, RANDOM_STRING, generation, int(slot))
-            parameters[row] = self.box.sample(rng)
-        origin = np.full(slots.size, RANDOM, np.int8)
-        return Batch(generation, slots, origin, np.full((slots.size, 2), NO_PARENT), parameters)
+        first = 2 * self.parents if generation else len(self.given)
+        parameters = np.empty((self.population - first, COUNT))
+        for row, slot in enumerate(range(first, self.population)):
+            parameters[row] = self.box.sample(stream(self.seed, RANDOM_STRING, generation, slot))
+        return as_batch(generation, parameters, RANDOM, first)
 
     def _offspring(self) -> Batch:
         mates = np.repeat(self._ranked[: self.parents].reshape(-1, 2), 2, axis=0)
@@ -151,9 +164,9 @@ class GeneticSearch:
                 for slot in slots
             ]
         )
-        better, worse = self._parameters[mates[:, 0]], self._parameters[mates[:, 1]]
+        better, worse = (self.space.scaled(self._parameters[some]) for some in mates.T)
         # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
-        children = self.space.clip(worse + blend * (better - worse))
+        children = self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
         origin = np.full(slots.size, OFFSPRING, np.int8)
         return Batch(self.generation, slots, origin, self.population_ids[mates], children)
 

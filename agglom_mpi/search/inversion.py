@@ -1,5 +1,6 @@
 """The decisions of a campaign, which depend on outcomes alone, never on when they arrive."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
@@ -7,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
-from agglom_mpi.search.proposals import Batch, Search
+from agglom_mpi.search.proposals import AGAIN, Batch, Judged, Search
+from agglom_mpi.search.racing import Racing, Standing
 from agglom_mpi.simulation.outcome import Measured
 
 TARGET_REACHED: Final = "target"
@@ -37,7 +39,7 @@ class GenerationSummary(NamedTuple):
     """Number of the best string of the population."""
     objective: float
     standard_error: float
-    """Of the best string."""
+    """Of the best string: as its ensemble gives them, or a search that makes its own estimate."""
     mean_of_top: float
     """Mean objective of the best `Target.top` strings, or of the parents without a target."""
     population: NDArray[np.int64]
@@ -88,6 +90,12 @@ class Inversion:
         campaign has stored of it.
     observer
         Told of everything that is decided.
+    racing
+        When to give up strings that will not be kept; None never does.
+    more_samples
+        Samples that a string gets which is proposed again.
+    signed
+        The signed mean whose magnitude is the objective of a result; the objective by default.
     """
 
     def __init__(
@@ -98,6 +106,9 @@ class Inversion:
         target: Target | None,
         restore: Callable[[Batch, int], Batch] | None,
         observer: Observer,
+        signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
+        racing: Racing | None = None,
+        more_samples: int = 1,
     ) -> None:
         self.results: dict[int, EnsembleResult] = {}
         self.stop_reason: str | None = None
@@ -107,12 +118,19 @@ class Inversion:
         self._target = target
         self._restore = restore
         self._observer = observer
+        self._signed = signed
+        self._racing = racing
+        self._parents: list[int] = []
+        self._more_samples = more_samples
+        self._ended: dict[int, Ensemble] = {}
+        self._race = 0
         self._top = search.parents if target is None else target.top
         self._strings: list[NDArray[np.float64]] = []
         self._coming: dict[int, NDArray[np.float64]] = {}
         self._last_announced = 0
         self.generation = 0
         self._ids = np.empty(0, np.int64)
+        self._origins = np.empty(0, np.int8)
         self._open: dict[int, Ensemble] = {}
         self._early: dict[int, Ensemble] = {}
         self._waiting: dict[int, dict[int, Measured]] = {}
@@ -143,6 +161,10 @@ class Inversion:
         early = self._early.get(string)
         return self.results[string].samples_used if early is None else early.samples_used
 
+    def ranked(self) -> list[int]:
+        """Return the strings that the search ranks, the best first."""
+        return [ranked.string for ranked in self._search.best(len(self.results))]
+
     def parameters(self, string: int) -> NDArray[np.float64]:
         """Return a proposed or announced string, shape (10,)."""
         if string < len(self._strings):
@@ -160,16 +182,16 @@ class Inversion:
         Returns
         -------
         sequence of int
-            Numbers of those that depend on no result; none if there are none, or no such
+            Numbers of those that no further result changes; none if there are none, or no such
             generation.
         """
         coming = max(self._last_announced, self.generation) + 1
         if self.finished or coming >= min(self._generations, self.generation + generations + 1):
             return ()
-        random = self._search.random_proposals(coming)
-        if random is None:
+        known = self._search.known_proposals(coming)
+        if known is None:
             return ()
-        first, batch = random
+        first, batch = known
         if self._restore is not None:
             batch = self._restore(batch, first)
         ids = np.arange(first, first + len(batch.parameters))
@@ -204,55 +226,97 @@ class Inversion:
             batch = self._restore(batch, first)
         self.generation = batch.generation
         self._ids = np.arange(first, first + len(batch.parameters))
+        self._origins = batch.origin
         self._observer.proposed(batch, self._ids)
         self._strings.extend(batch.parameters)
         self._open = {}
+        self._race = 0
+        if self._racing is not None and self.generation:
+            self._parents = [ranked.string for ranked in self._search.best(self._racing.kept)]
         for string in self._ids.tolist():
             self._coming.pop(string, None)
             ahead = self._early.pop(string, None)
-            self._open[string] = self._make_ensemble() if ahead is None else ahead
+            self._open[string] = self._begun(batch, string - first) if ahead is None else ahead
         for string, ensemble in list(self._open.items()):
             self._judge(string, ensemble)
+
+    def _begun(self, batch: Batch, place: int) -> Ensemble:
+        """Return an empty ensemble, or one that goes on for a string that is proposed again."""
+        if batch.origin[place] == AGAIN:
+            return self._ended[int(batch.parents[place, 0])].again(self._more_samples)
+        return self._make_ensemble()
 
     def _feed(self, string: int, ensemble: Ensemble) -> None:
         """Let an ensemble have the samples that it waits for."""
         waiting = self._waiting.get(string, {})
+        limit = self._limit(string)
         while not ensemble.finished and ensemble.samples_used in waiting:
+            if ensemble.samples_used >= limit:
+                return
             ensemble.add(waiting.pop(ensemble.samples_used))
         if ensemble.finished:
             self._waiting.pop(string, None)
 
+    def _limit(self, string: int) -> float:
+        """Return how many samples a string may have before the others have caught up."""
+        if self._racing is None:
+            return math.inf
+        return self._racing.samples(self._race if string in self._open else 0)
+
     def _judge(self, string: int, ensemble: Ensemble) -> None:
         self._feed(string, ensemble)
         if ensemble.finished:
-            del self._open[string]
-            self.results[string] = ensemble.result()
-            self._samples_used += ensemble.samples_used
-            self._observer.judged(string, self.results[string])
+            self._close(string, ensemble)
+
+    def _close(self, string: int, ensemble: Ensemble) -> None:
+        del self._open[string]
+        self._waiting.pop(string, None)
+        self.results[string] = ensemble.result()
+        self._ended[string] = ensemble
+        self._samples_used += ensemble.samples_used
+        self._observer.judged(string, self.results[string])
 
     def _settle(self) -> None:
+        self._hold_races()
         while not self._open:
             self._close_generation()
             if self.finished:
                 self._waiting.clear()
                 return
             self._propose()
+            self._hold_races()
+
+    def _hold_races(self) -> None:
+        """Hold all rounds that every string which needs samples has enough of them for."""
+        while self._racing is not None and self._open:
+            held_at = self._racing.samples(self._race)
+            if any(ensemble.samples_used < held_at for ensemble in self._open.values()):
+                return
+            running = {string: _standing(ensemble) for string, ensemble in self._open.items()}
+            done = [string for string in self._ids.tolist() if string in self.results]
+            kept = () if AGAIN in self._origins else self._parents
+            others = [_standing(self._ended[string]) for string in [*kept, *done]]
+            for string in self._racing.dropped(self._race, running, others):
+                self._close(string, self._open[string])
+            self._race += 1
+            for string, ensemble in list(self._open.items()):
+                self._judge(string, ensemble)
 
     def _close_generation(self) -> None:
-        parameters = np.array([self._strings[string] for string in self._ids])
-        objectives = np.array([self.results[int(string)].objective for string in self._ids])
-        self._search.tell(self._ids, parameters, objectives)
-        population = self._search.population_ids
-        best, objective = self._search.best(1)[0]
-        mean_of_top = self._search.mean_of_top(self._top)
+        self._search.tell(self._judged())
+        population = set(self._search.population_ids.tolist())
+        self._ended = {i: ended for i, ended in self._ended.items() if i in population}
+        ranked = self._search.best(self._search.population_ids.size)
+        best, mean_of_top = ranked[0], self._search.mean_of_top(self._top)
+        error = best.standard_error
         self._observer.generation_done(
             GenerationSummary(
                 generation=self.generation,
-                best=best,
-                objective=objective,
-                standard_error=self.results[best].standard_error,
+                best=best.string,
+                objective=best.objective,
+                standard_error=self.results[best.string].standard_error if error is None else error,
                 mean_of_top=mean_of_top,
-                population=np.array([string for string, _ in self._search.best(population.size)]),
+                population=np.array([string for string, *_ in ranked]),
                 evaluations=len(self.results),
                 samples_used=self._samples_used,
             )
@@ -261,3 +325,19 @@ class Inversion:
             self.stop_reason = TARGET_REACHED
         elif self.generation + 1 >= self._generations:
             self.stop_reason = GENERATIONS_DONE
+
+    def _judged(self) -> Judged:
+        """Collect what the strings of this generation turned out to be."""
+        results = [self.results[string] for string in self._ids.tolist()]
+        return Judged(
+            self._ids,
+            np.array([self._strings[string] for string in self._ids]),
+            np.array([result.objective for result in results]),
+            np.array([self._signed(result) for result in results]),
+            np.array([self._ended[string].completed for string in self._ids.tolist()]),
+        )
+
+
+def _standing(ensemble: Ensemble) -> Standing:
+    result = ensemble.result()
+    return Standing(result.objective, result.standard_error, ensemble.completed)

@@ -1,4 +1,4 @@
-"""What passes between a search and whoever drives it: batches of proposed strings."""
+"""What passes between a search and whoever drives it: strings proposed, and their worth."""
 
 from typing import Final, NamedTuple, Protocol
 
@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 RANDOM: Final = 0
 OFFSPRING: Final = 1
-ORIGINS: Final = ("random", "offspring")
+MODEL: Final = 2
+GIVEN: Final = 3
+AGAIN: Final = 4
+ORIGINS: Final = ("random", "offspring", "model", "given", "again")
 """Where a string comes from, by its origin code."""
 NO_PARENT: Final = -1
 
@@ -21,9 +24,35 @@ class Batch(NamedTuple):
     origin: NDArray[np.int8]
     """Index in ORIGINS, shape (n,)."""
     parents: NDArray[np.int64]
-    """Numbers of the two parent strings, -1 for none, shape (n, 2)."""
+    """Numbers of the two parent strings, -1 for none, shape (n, 2); of a string that gets more
+    samples the one that it was before."""
     parameters: NDArray[np.float64]
     """The strings in SI units, shape (n, 10)."""
+
+
+class Judged(NamedTuple):
+    """What the n new strings of a generation turned out to be, in any order."""
+
+    ids: NDArray[np.int64]
+    """Their numbers, which grow in the order of the proposals, shape (n,)."""
+    parameters: NDArray[np.float64]
+    """The strings as they were evaluated, shape (n, 10); a resumed campaign reads them from its
+    file."""
+    objectives: NDArray[np.float64]
+    """Shape (n,); not finite where a string could not be judged."""
+    deviations: NDArray[np.float64]
+    """The signed means whose magnitudes the objectives are, or the objectives, shape (n,)."""
+    samples: NDArray[np.int64]
+    """Completed samples that these rest on, shape (n,)."""
+
+
+class Ranked(NamedTuple):
+    """A string that a search has made its mind up about."""
+
+    string: int
+    objective: float
+    standard_error: float | None = None
+    """Of a search's own estimate; None where the objective is that of the string's ensemble."""
 
 
 class Search(Protocol):
@@ -40,8 +69,8 @@ class Search(Protocol):
     def ask(self) -> Batch:
         """Propose the strings of the next generation; asking again changes nothing."""
 
-    def random_proposals(self, generation: int) -> tuple[int, Batch] | None:
-        """Propose the strings of a coming generation that depend on no result, the last of it.
+    def known_proposals(self, generation: int) -> tuple[int, Batch] | None:
+        """Propose strings of a coming generation that no further result changes, the last of it.
 
         Returns
         -------
@@ -50,16 +79,29 @@ class Search(Protocol):
             if they are not known yet.
         """
 
-    def tell(
-        self,
-        ids: NDArray[np.int64],
-        parameters: NDArray[np.float64],
-        objectives: NDArray[np.float64],
-    ) -> None:
+    def tell(self, judged: Judged) -> None:
         """Take what the proposed strings turned out to be worth."""
 
-    def best(self, k: int) -> list[tuple[int, float]]:
-        """Return number and objective of the k best strings, best first."""
+    def best(self, k: int) -> list[Ranked]:
+        """Return the k best strings, best first."""
 
     def mean_of_top(self, k: int) -> float:
         """Return the mean objective of the k best strings."""
+
+
+def as_batch(generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0) -> Batch:
+    """Strings, shape (n, 10), that have no parents, in the slots from `slot` on."""
+    count = len(strings)
+    return Batch(
+        generation,
+        slot=np.arange(slot, slot + count),
+        origin=np.full(count, origin, np.int8),
+        parents=np.full((count, 2), NO_PARENT),
+        parameters=strings,
+    )
+
+
+def joined(first: Batch, *others: Batch) -> Batch:
+    """One batch of several of the same generation."""
+    columns = zip(*(batch[1:] for batch in (first, *others)), strict=True)
+    return Batch(first.generation, *map(np.concatenate, columns))

@@ -1,11 +1,14 @@
 """The box that is searched: bounds of the ten variables, and how strings are drawn from it."""
 
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.variables import COUNT
+
+if TYPE_CHECKING:
+    from agglom_mpi.campaign.variables import Variables
 
 
 class SearchSpace:
@@ -18,10 +21,17 @@ class SearchSpace:
         fixed component has equal bounds, an unused one has nan for both.
     outermost
         The box that no restriction may leave; this box itself by default.
+    logarithmic
+        Which components are searched by their logarithms, shape (10,); none by default. They are
+        drawn, bred and halved by these, and their bounds are positive.
     """
 
     def __init__(
-        self, lower: ArrayLike, upper: ArrayLike, outermost: "SearchSpace | None" = None
+        self,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        outermost: "SearchSpace | None" = None,
+        logarithmic: ArrayLike | None = None,
     ) -> None:
         self.lower = np.array(lower, dtype=np.float64)
         self.upper = np.array(upper, dtype=np.float64)
@@ -33,6 +43,10 @@ class SearchSpace:
             raise ValueError("bounds must be finite and in order, or both nan")
         self.lower.setflags(write=False)
         self.upper.setflags(write=False)
+        scaled = np.zeros(COUNT) if logarithmic is None else logarithmic
+        self.logarithmic = self.searched & np.array(scaled, dtype=np.bool_)
+        if np.any(self.lower[self.logarithmic] <= 0.0):
+            raise ValueError("what is searched by its logarithm must be positive")
         self.outermost = self if outermost is None else outermost
 
     @property
@@ -40,13 +54,49 @@ class SearchSpace:
         """Which components vary, shape (10,)."""
         return self.lower < self.upper
 
+    @property
+    def dimensions(self) -> int:
+        """How many components vary."""
+        return int(self.searched.sum())
+
+    def scaled(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return strings, shape (..., 10), logarithms instead of what is searched by them."""
+        if not self.logarithmic.any():
+            return strings
+        scaled = np.array(strings)
+        scaled[..., self.logarithmic] = np.log(scaled[..., self.logarithmic])
+        return scaled
+
+    def unscaled(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return strings, shape (..., 10), that were scaled."""
+        if not self.logarithmic.any():
+            return scaled
+        strings = np.array(scaled)
+        strings[..., self.logarithmic] = np.exp(strings[..., self.logarithmic])
+        return strings
+
+    def to_unit(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return strings, shape (n, 10), as points of the unit cube of what is searched, (n, d)."""
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)
+        some = self.searched
+        return (self.scaled(strings) - lower)[:, some] / (upper - lower)[some]
+
+    def from_unit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the strings, shape (n, 10), of points of the unit cube, shape (n, d)."""
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)
+        scaled = np.tile(lower, (len(points), 1))
+        some = self.searched
+        scaled[:, some] = lower[some] + points * (upper - lower)[some]
+        return self.clip(self.unscaled(scaled))
+
     def sample(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw one string uniformly from the box, shape (10,).
 
         Ten numbers are drawn whatever is searched, so that fixing one component leaves the
         draws of the others as they were.
         """
-        return self.clip(self.lower + rng.random(COUNT) * (self.upper - self.lower))
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)
+        return self.clip(self.unscaled(lower + rng.random(COUNT) * (upper - lower)))
 
     def clip(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
         """Move strings, shape (..., 10), to the nearest point of the box; unused become nan."""
@@ -67,8 +117,15 @@ class SearchSpace:
             Ratio of new to old half-width.
         """
         outer = self.outermost
-        half = 0.5 * factor * (self.upper - self.lower)
-        middle = outer.clip(centre)
-        lower = np.where(self.searched, np.maximum(middle - half, outer.lower), self.lower)
-        upper = np.where(self.searched, np.minimum(middle + half, outer.upper), self.upper)
-        return type(self)(lower, upper, outer)
+        half = 0.5 * factor * (self.scaled(self.upper) - self.scaled(self.lower))
+        middle = self.scaled(outer.clip(centre))
+        lower = np.maximum(self.unscaled(middle - half), outer.lower)
+        upper = np.minimum(self.unscaled(middle + half), outer.upper)
+        lower = np.where(self.searched, lower, self.lower)
+        upper = np.where(self.searched, upper, self.upper)
+        return type(self)(lower, upper, outer, self.logarithmic)
+
+
+def search_space(variables: "Variables") -> SearchSpace:
+    """Return the box of a campaign's variables."""
+    return SearchSpace(variables.lower, variables.upper, logarithmic=variables.logarithmic)

@@ -35,8 +35,9 @@ class Rule(Protocol):
 
 
 def _settled(before: float, after: float, tolerance: float) -> bool:
-    # Not a strict inequality, as [A 25, 27] print it: a quantity that stays at 0 has settled.
-    return abs(after - before) <= tolerance * abs(after)
+    # Not a strict inequality, as [A 25, 27] print it: a quantity that stays at 0 has settled, and
+    # so has an objective that stays at inf.
+    return before == after or abs(after - before) <= tolerance * abs(after)
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,16 @@ class StandardError:
         return t_95(after.samples - 1) * after.standard_error <= self.tolerance
 
 
+class FixedNumber:
+    """As many samples as the ensemble may have at most, whatever they give."""
+
+    needs_moments: ClassVar[bool] = False
+
+    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+        """Leave the end to the largest number of samples."""
+        return False
+
+
 def make_rule(model: "AnyEnsemble") -> Rule:
     """Return the stopping rule that a campaign's `ensemble` asks for."""
     if model.rule == "successive_difference":
@@ -141,4 +152,6 @@ def make_rule(model: "AnyEnsemble") -> Rule:
         return Moments(model.tolerance, model.order)
     if model.rule == "standard_error":
         return StandardError(model.tolerance, model.min_samples)
+    if model.rule == "fixed":
+        return FixedNumber()
     raise ValueError(f"unknown stopping rule {model.rule!r}")

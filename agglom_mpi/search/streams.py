@@ -7,6 +7,10 @@ import numpy as np
 # From 100 on, so that no search stream meets one of the simulation's under the same seed.
 RANDOM_STRING: Final = 101
 OFFSPRING_BLEND: Final = 102
+SOBOL_SCRAMBLE: Final = 103
+SURROGATE: Final = 104
+EVOLUTION: Final = 105
+SENSITIVITY: Final = 106
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:

@@ -1,39 +1,46 @@
-"""The factor between a standard error and a 95 % confidence interval: Student's t."""
+"""The factor between a standard error and a confidence interval: Student's t."""
 
 import math
 from functools import cache
 from statistics import NormalDist
 from typing import Final
 
-COVERAGE: Final = 0.95
-_NORMAL: Final = NormalDist().inv_cdf(0.5 + 0.5 * COVERAGE)
 _ASYMPTOTIC: Final = 200
 
 
-@cache
 def t_95(freedom: int) -> float:
-    """Return the two-sided 95 % quantile of Student's t, to ten digits or better.
+    """Return the two-sided 95 % quantile of Student's t; see `t_quantile`."""
+    return t_quantile(freedom, 0.95)
+
+
+@cache
+def t_quantile(freedom: int, coverage: float) -> float:
+    """Return the t with |T| < t at a probability, to nine digits or better.
 
     Parameters
     ----------
     freedom
         Degrees of freedom, at least 1: one less than the number of samples.
+    coverage
+        The probability, above 0 and below 1.
     """
-    t = _expansion(freedom)
+    normal = NormalDist().inv_cdf(0.5 + 0.5 * coverage)
+    t = _expansion(freedom, normal)
     if freedom > _ASYMPTOTIC:
         return t
-    # The coverage is concave in t, so Newton's steps cannot run away.
-    for _ in range(50):
-        step = (COVERAGE - _coverage(t, freedom)) / _slope(t, freedom)
+    # The coverage is concave in t: from below, Newton's steps cannot run away.
+    if t > 2.0 * normal and _coverage(t, freedom) > coverage:
+        t = normal
+    for _ in range(500):
+        step = (coverage - _coverage(t, freedom)) / _slope(t, freedom)
         t += step
         if abs(step) <= 1e-14 * t:
             break
     return t
 
 
-def _expansion(freedom: int) -> float:
-    """Large-freedom expansion (Abramowitz and Stegun 26.7.5)."""
-    x = _NORMAL
+def _expansion(freedom: int, x: float) -> float:
+    """Large-freedom expansion about the normal quantile x (Abramowitz and Stegun 26.7.5)."""
     terms = (
         x,
         (x**3 + x) / 4,

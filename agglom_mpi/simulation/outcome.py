@@ -1,5 +1,7 @@
 """What one sample leaves behind: the record that travels from a rank to the campaign file."""
 
+import math
+from itertools import repeat
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -76,18 +78,22 @@ class Measured(NamedTuple):
     """Moments 2, 3, 4 of b/b0 over the particles left."""
     steps: int
     particle_steps: int
+    objective: float = math.nan
+    """Of this sample alone; nan where it was not asked for."""
 
 
 def measured(rows: npt.NDArray[np.void]) -> list[Measured]:
-    """Read rows, shape (n,), that have the columns of `OUTCOME`."""
+    """Read rows, shape (n,), that have the columns of `OUTCOME` and, perhaps, `objective`."""
     columns = [rows[name].tolist() for name in ("mean_radius_ratio", "particles")]
     moments = (rows[f"radius_moment_{r}"].tolist() for r in (2, 3, 4))
     work = [rows[name].tolist() for name in ("steps", "particle_steps")]
     completed = (rows["state"] == COMPLETED).tolist()
-    return list(map(Measured, completed, *columns, zip(*moments, strict=True), *work))
+    judged = "objective" in (rows.dtype.names or ())
+    worth = rows["objective"].tolist() if judged else repeat(math.nan)
+    return list(map(Measured, completed, *columns, zip(*moments, strict=True), *work, worth))
 
 
-UNFINISHED: Final = Measured(False, 0.0, 0, (0.0, 0.0, 0.0), 0, 0)
+UNFINISHED: Final = Measured(False, 0.0, 0, (0.0, 0.0, 0.0), 0, 0, 0.0)
 """A sample that failed."""
 
 

@@ -1,6 +1,7 @@
 """One sample: a pure function of (campaign, parameters, sample number)."""
 
 import hashlib
+import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,6 +16,7 @@ from agglom_mpi.simulation import outcome as result
 from agglom_mpi.simulation.allocation import new_particles
 from agglom_mpi.simulation.contact import catch_up
 from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frame import enter_frame, leave_frame
 from agglom_mpi.simulation.measures import (
     fluctuation,
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 
 _PURPOSE = 1
 """Separates the random streams of samples from those of the search."""
+_COMMON = 2
+"""The same for streams that all strings have in common."""
 
 
 class Outcome(NamedTuple):
@@ -44,7 +48,8 @@ class Outcome(NamedTuple):
     Attributes
     ----------
     mean_radius_ratio, objective : float
-        Mean of b/b⁰ over the particles left, and the campaign's objective of this sample.
+        Mean of b/b⁰ over the particles left, and the campaign's objective of this sample, nan if
+        that is a function whose code was not allowed.
     particles : int
         Particles left.
     radii : array, shape (particles,)
@@ -80,6 +85,12 @@ class Outcome(NamedTuple):
     record: Any
     final: result.FinalParticles
     frames: Frames | None = None
+
+    @property
+    def measured(self) -> result.Measured:
+        """What decisions are made from."""
+        [measured] = result.measured(np.array([self.record], result.OUTCOME))
+        return measured._replace(objective=self.objective)
 
 
 LEDGER = (
@@ -152,7 +163,7 @@ def carry_out(scene, particles, ledger, abort, record, recorder):  # type: ignor
 
 
 def random_stream(
-    seed: int, parameters: npt.NDArray[np.float64], sample: int
+    seed: int, parameters: npt.NDArray[np.float64], sample: int, common: bool = False
 ) -> np.random.Generator:
     """Return the random stream of one sample, keyed by what it is and by nothing else.
 
@@ -164,7 +175,11 @@ def random_stream(
         The ten variables in SI units, shape (10,).
     sample
         Sample number from 0.
+    common
+        Whether strings have common configurations; their parameters then play no part.
     """
+    if common:
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, _COMMON, sample])))
     digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
     words = np.frombuffer(digest, "<u4").tolist()
     return np.random.Generator(
@@ -205,12 +220,10 @@ def simulate(
     RuntimeError
         If the sample fails, with the reason.
     """
-    from agglom_mpi.search.objectives import make_objective
-
     vector = np.asarray(parameters, dtype=np.float64)
     scene = build_scene(campaign.scene, vector, engine)
     frames = None if times is None else new_frames(times, scene.particles)
-    random = random_stream(campaign.seed, vector, sample)
+    random = random_stream(campaign.seed, vector, sample, campaign.common_configurations)
     begin = time.perf_counter()
     record, particles = simulate_scene(scene, random, frames=frames)
     seconds = time.perf_counter() - begin
@@ -218,9 +231,14 @@ def simulate(
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
     ratio = float(record["mean_radius_ratio"])
     final = result.final_particles(scene, particles)
+    try:
+        objective = _objective(campaign, scene, vector, record, final)
+    except Exception as error:  # of the user's own function
+        said = f"{type(error).__name__}: {error}"
+        raise RuntimeError(f"sample {sample} failed: {said}") from error
     return Outcome(
         mean_radius_ratio=ratio,
-        objective=float(make_objective(campaign.objective, scene.particles).of_sample(ratio)),
+        objective=objective,
         particles=int(record["particles"]),
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
@@ -235,3 +253,23 @@ def simulate(
         final=final,
         frames=frames,
     )
+
+
+def _objective(
+    campaign: "Campaign",
+    scene: Scene,
+    parameters: npt.NDArray[np.float64],
+    record: Any,
+    final: result.FinalParticles,
+) -> float:
+    """Return the campaign's objective of one completed sample."""
+    from agglom_mpi.campaign.code import worth_of
+    from agglom_mpi.search.objectives import make_objective
+
+    code = campaign.code
+    if campaign.objective.law == "function":
+        if code is None or code.source is None:
+            return math.nan
+        return worth_of(code, finished_sample(scene, parameters, record, final))
+    rows = np.array([record], result.OUTCOME)
+    return float(make_objective(campaign.objective, scene.particles).of_samples(rows)[0])

@@ -1,5 +1,7 @@
 """The sections on the whole method, a campaign's history and extreme scenes, on made-up samples."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from accuracy_rows import made_up
@@ -49,6 +51,7 @@ class History:
     path = type("Path", (), {"name": "made_up.h5", "__str__": lambda self: "made_up.h5"})()
     campaign_text = open("jobs/quickstart.yaml").read()  # noqa: SIM115
     max_samples = 150
+    identity: ClassVar[dict] = {}
 
     def generation_rows(self):
         names = ("generation", "best_string", "best_objective", "best_standard_error")
@@ -86,7 +89,7 @@ def test_a_lucky_string_is_told_from_a_good_one():
     lucky += 0.2
     samples = {"string 4 again": made_up(good), "string 9 again": made_up(lucky)}
     found = inversion.inversion(History(), samples)
-    value, error = GrowthTarget(2.0).of_ensemble(lucky)
+    value, error = GrowthTarget(2.0).of_rows(made_up(lucky))
     assert (
         f"string 9, claims 0.0100 ± 0.0200 and is worth {value:.4f} ± {error:.4f}"
         in (found.conclusions[0])

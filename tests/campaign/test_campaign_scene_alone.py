@@ -49,7 +49,8 @@ def test_a_scene_alone_cannot_be_searched() -> None:
 
 
 MISSING = (
-    "campaign.yaml:1: objective: is missing; allowed: growth_target, maximum_growth",
+    "campaign.yaml:1: objective: is missing; allowed: growth_target, maximum_growth, moments, "
+    "function",
     "campaign.yaml:1: ensemble: is missing; the section on the samples of a string",
     "campaign.yaml:1: stopping: is missing; the section on what ends the campaign",
 )

@@ -1,7 +1,9 @@
 import json
 
 import pytest
-from farm_runs import QUICKSTART
+from farm_runs import QUICKSTART, TINY, write_campaign
+
+from agglom_mpi.database.reader import open_campaign
 
 SCENE = QUICKSTART.parent / "extremes" / "at_rest.yaml"
 
@@ -31,6 +33,20 @@ def test_json_holds_the_forecasts_from_a_campaign_file(agglom):
     assert agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4", "--json").stdout == (
         done.stdout
     )
+
+
+def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
+    path = write_campaign(tmp_path / "again.yaml", **TINY, final="{strings: 2, samples: 30}")
+    words = ("plan", path, "--from", "tiny.h5", "--ranks", "1,4")
+    one, four = json.loads(agglom(*words, "--json").stdout)["forecasts"]
+    mean = open_campaign("tiny.h5").all_sample_rows()["seconds"]
+    assert 60 * mean.min() <= one["again"] <= 60 * mean.max()
+    assert one["again"] / 4 <= four["again"] <= one["again"] / 4 + mean.max()
+    done = agglom(*words).stdout.splitlines()
+    assert done[3].endswith("+ again")
+    assert done[-1].startswith("again: when the search is over")
+    bare = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1").stdout
+    assert "again" not in bare
 
 
 @pytest.mark.parametrize("ranks", ["", "0", "1,,2", "ten", "1.5", "-1", "1;2", "2000000"])

@@ -33,3 +33,13 @@ def test_what_is_no_campaign_file_is_said_in_one_line(mistaken, tmp_path):
     assert mistaken("report", tmp_path) == f"{tmp_path}: Is a directory"
     assert mistaken("report", tmp_path / "text.h5").endswith("text.h5: not an HDF5 file")
     assert "it is empty" in mistaken("report", tmp_path / "empty.h5")
+
+
+def test_sensitivity_of_too_few_strings_is_said_to_be_unknown(agglom):
+    done = agglom("report", "tiny.h5", "--sensitivity")
+    assert done.exit_code == 0
+    assert "sensitivity: too few strings" in done.stdout
+    assert (
+        json.loads(agglom("report", "tiny.h5", "--sensitivity", "--json").stdout)["sensitivity"]
+        is None
+    )

@@ -12,7 +12,7 @@ from bulk_runs import (
     pictures_wanted,
     write_bulk_campaign,
 )
-from farm_runs import assert_same, decisions, finish, inject, invert, state
+from farm_runs import assert_same, assert_sound, decisions, finish, inject, invert, state
 
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.farm.check import check_file
@@ -80,19 +80,15 @@ def path(kept, tmp_path):
     return shutil.copy(kept / "kept.h5", tmp_path / "kept.h5")
 
 
-def sound(path):
-    text, code = check_file(str(path))
-    assert code == 0, text
-    return text
-
-
 def test_every_row_is_what_the_campaign_computes_for_everybody(kept):
     finals, framed = assert_particles_are_those_of_the_samples(kept / "kept.h5", kept / "kept.yaml")
     rows = open_campaign(kept / "kept.h5").all_sample_rows()
     assert finals == pairs_of(rows)
     assert len(set(rows["particles"])) > 10, "rows of very different lengths"
     assert framed == pictures_wanted(kept / "kept.h5")
-    assert f"{len(rows)} final states and {6 * COUNT} frames are whole" in sound(kept / "kept.h5")
+    assert f"{len(rows)} final states and {6 * COUNT} frames are whole" in assert_sound(
+        kept / "kept.h5"
+    )
 
 
 def test_what_is_kept_decides_nothing(kept):
@@ -129,7 +125,7 @@ def test_a_run_that_ends_before_its_pictures_takes_them_when_run_again(
     assert framed == pictures_wanted(path)
     assert open_campaign(path).legs()["samples"][-1] == 0
     assert "finished already" in finish(tmp_path, "kept.yaml").stderr
-    sound(path)
+    assert_sound(path)
 
 
 def test_a_torn_picture_is_taken_again(path):
@@ -147,7 +143,7 @@ def test_a_torn_picture_is_taken_again(path):
     )
     _, framed = assert_particles_are_those_of_the_samples(path, path.parent / "kept.yaml")
     assert framed == pictures_wanted(path)
-    sound(path)
+    assert_sound(path)
 
 
 def test_more_generations_bring_pictures_of_the_new_best(path):
@@ -156,7 +152,7 @@ def test_more_generations_bring_pictures_of_the_new_best(path):
     finals, framed = assert_particles_are_those_of_the_samples(path, path.parent / "kept.yaml")
     assert framed == pictures_wanted(path) != before
     assert finals == pairs_of(open_campaign(path).all_sample_rows())
-    sound(path)
+    assert_sound(path)
 
 
 def test_a_file_without_particles_gets_them_from_now_on(kept, tmp_path):
@@ -172,7 +168,7 @@ def test_a_file_without_particles_gets_them_from_now_on(kept, tmp_path):
     later = set(pairs_of(open_campaign(path).all_sample_rows())) - set(before)
     assert set(finals) == later != set()
     assert framed == pictures_wanted(path)
-    sound(path)
+    assert_sound(path)
 
 
 def test_what_is_no_longer_asked_for_stays_and_nothing_is_added(path, kept):
@@ -182,7 +178,7 @@ def test_what_is_no_longer_asked_for_stays_and_nothing_is_added(path, kept):
     finish(path.parent, "kept.yaml", "--generations", "3")
     assert len(open_campaign(path).all_sample_rows()) > len(before[0])
     assert list(assert_particles_are_those_of_the_samples(path, campaign)) == before
-    sound(path)
+    assert_sound(path)
 
 
 @pytest.mark.parametrize(("output", "which"), [("final_particles: true", 0), (FRAMES, 1)])
@@ -195,7 +191,7 @@ def test_one_goes_without_the_other(kept, tmp_path, output, which):
     assert found[which] == wanted[which]
     assert found[1 - which] == []
     assert_same(path, decisions(kept / "bare.h5"))
-    sound(path)
+    assert_sound(path)
 
 
 def test_fewer_strings_than_asked_for_are_all_there_are(tmp_path):

@@ -6,6 +6,7 @@ from farm_runs import (
     SMALL,
     TINY,
     assert_same,
+    assert_sound,
     decisions,
     finish,
     inject,
@@ -14,7 +15,6 @@ from farm_runs import (
 )
 
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
 
 AHEAD_FIRST = """
 import agglom_mpi.farm.scheduler as scheduler
@@ -40,12 +40,6 @@ simulator.simulate_scene = slow
 """
 
 
-def sound(path):
-    text, code = check_file(str(path))
-    assert code == 0, text
-    return text
-
-
 def announced(path):
     """Strings of generations that have not begun: of those nothing is judged."""
     file = open_campaign(path)
@@ -63,9 +57,9 @@ def test_a_file_that_holds_strings_of_coming_generations_is_sound(tmp_path):
     ahead = announced(path)
     assert len(ahead)
     assert np.isin(open_campaign(path).all_sample_rows()["string"], ahead).any()
-    sound(path)
+    assert_sound(path)
     finish(tmp_path, "slow.yaml", "-q")
-    sound(path)
+    assert_sound(path)
     assert len(announced(path)) == 0
     finish(tmp_path, "slow.yaml", "-q", "--output", "alone.h5")
     assert_same(path, decisions(tmp_path / "alone.h5"))
@@ -78,7 +72,7 @@ def test_strings_of_generations_that_a_reached_target_left_out_are_no_damage(tmp
     file = open_campaign(tmp_path / "target.h5")
     assert len(file.generation_rows()) == 1, done.stderr
     assert len(announced(tmp_path / "target.h5"))
-    sound(tmp_path / "target.h5")
+    assert_sound(tmp_path / "target.h5")
 
 
 def test_a_file_with_samples_that_took_too_long_is_sound(tmp_path):
@@ -93,4 +87,4 @@ def test_a_file_with_samples_that_took_too_long_is_sound(tmp_path):
     pairs = set(samples[["string", "sample"]].tolist())
     assert pairs.isdisjoint(file.failures()[["string", "sample"]].tolist())
     assert int(np.sum(results["failed"])) == 2
-    sound(tmp_path / "late.h5")
+    assert_sound(tmp_path / "late.h5")

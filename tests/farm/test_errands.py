@@ -4,12 +4,14 @@ import random
 from collections import Counter, deque
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
 from agglom_mpi.farm.messages import TASK
+from agglom_mpi.farm.pace import BATCH_SECONDS
 
 PATIENCE = 30.0
 
@@ -17,7 +19,8 @@ PATIENCE = 30.0
 def tasks(count):
     batch = np.zeros(count, TASK)
     batch["string"], batch["first"] = np.divmod(np.arange(count), 3)
-    batch["count"], batch["frames"], batch["parameters"] = 1, 5, np.arange(count)[:, np.newaxis]
+    batch["count"], batch["frames"] = 1, 5
+    batch["parameters"] = batch["string"][:, np.newaxis]
     return batch
 
 
@@ -49,6 +52,54 @@ def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
     assert again == [(1, [(0, 2)])]
     assert errands.heard(0, 51.0)
     assert not errands.heard(0, 52.0)
+
+
+def many(strings, samples):
+    batch = np.zeros(strings, TASK)
+    batch["string"], batch["first"], batch["count"] = np.arange(strings), 30, samples
+    return batch
+
+
+def keys(batch):
+    return [
+        (int(task["string"]), sample)
+        for task in batch
+        for sample in range(task["first"], task["first"] + task["count"])
+    ]
+
+
+@pytest.mark.parametrize(("seconds", "size"), [(BATCH_SECONDS / 20.5, 20), (1e-9, 49)])
+def test_a_batch_is_worth_a_message_and_no_more_than_a_share_of_what_waits(seconds, size):
+    errands = Errands(many(4, 150), 2)
+    assert [len(keys(batch)) for _, batch in errands.assignments(0.0)] == [1] * 6
+    errands.returned(0, [seconds])
+    [(rank, batch), *_] = errands.assignments(0.0)
+    assert (rank, len(keys(batch))) == (0, size)
+    assert keys(batch) == [(0, 36 + sample) for sample in range(size)]
+
+
+def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
+    errands = Errands(many(1, 9), 2)
+    list(errands.assignments(0.0))
+    for _ in range(3):
+        errands.returned(0, [10.0])
+    [(rank, batch)] = errands.assignments(0.0)
+    assert (rank, len(keys(batch))) == (0, 1)
+
+
+def test_what_two_ranks_have_done_counts_once():
+    errands = Errands(many(1, 4), 2)
+    assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0, 1]
+    errands.heard(1, 50.0)
+    assert errands.clock(50.0, PATIENCE) == [0]
+    errands.returned(1, [0.1, 0.1])
+    assert [keys(batch) for _, batch in errands.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
+    [(piece, first)] = errands.returned(1, [0.1])
+    assert (piece, first.tolist()) == ((0, 30, 1), [True])
+    late = errands.returned(0, [0.1, 0.1])
+    assert [(piece.first, first.tolist()) for piece, first in late] == [(30, [False]), (32, [True])]
+    [(piece, first)] = errands.returned(1, [0.1])
+    assert (piece, first.tolist()) == ((0, 32, 1), [False])
 
 
 class World:

@@ -142,17 +142,6 @@ def test_a_sample_that_raised_is_given_up_until_the_next_run():
     assert pairs(open_gallery(album)[1]) == [(7, 1)]
 
 
-def test_a_sample_without_pictures_that_raised_gives_up_no_other():
-    gallery, _ = open_gallery(Album((7, 0), (7, 1)))
-    gallery.give_up(5, 0)
-    assert not gallery.done
-    gallery, _ = open_gallery(Album())
-    gallery.give_up(5, 0)
-    for pair in WANTED.samples[1:]:
-        gallery.hang(rows(*pair))
-    assert not gallery.done, "the first picture was given up"
-
-
 def test_where_none_are_asked_for_those_there_are_stay():
     album = Album((7, 0))
     gallery, tasks = open_gallery(album, Pictures())

@@ -10,7 +10,8 @@ from scheduler_worlds import MAX_SAMPLES, PATIENCE, World, campaign, in_order, s
 
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
 from agglom_mpi.farm.messages import MOST_SAMPLES
-from agglom_mpi.farm.scheduler import BATCH_SECONDS, GENERATIONS_AHEAD, Scheduler
+from agglom_mpi.farm.pace import BATCH_SECONDS
+from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, Scheduler
 
 RANKS = st.integers(1, 9)
 SEEDS = st.integers(0, 2**32)

@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 
 from agglom_mpi.farm import virtual
 from agglom_mpi.farm.forecast import Forecast
-from agglom_mpi.farm.virtual import FREE, Costs, TooManySamples, VirtualCluster
+from agglom_mpi.farm.virtual import FREE, Chain, Costs, TooManySamples, VirtualCluster
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.stopping import SuccessiveDifference
+from agglom_mpi.search.stopping import FixedNumber, SuccessiveDifference
+from agglom_mpi.search.surrogate import SurrogateSearch
 from agglom_mpi.simulation.outcome import Measured
 from agglom_mpi.variables import COUNT
 
@@ -156,3 +157,39 @@ def test_a_forecast_says_what_would_take_longest():
     assert forecast._replace(chain=6.0).limit == "chain"
     assert forecast._replace(master=0.7).limit == "rank 0"
     assert math.isclose(forecast._replace(chain=6.0).bound, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("lag", "longest", "seconds"),
+    [
+        (1, [2.0, 3.0, 0.0, 4.0], 9.0),
+        (2, [2.0, 3.0, 0.0, 4.0], 7.0),  # the last waits for the second
+        (2, [9.0, 1.0, 1.0, 1.0], 10.0),
+        (2, [5.0], 5.0),
+    ],
+)
+def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longest, seconds):
+    assert Chain(lag).seconds(longest) == seconds
+
+
+@pytest.mark.parametrize("ranks", [1, 30])
+def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
+    def inversion(observer):
+        search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
+        return Inversion(
+            search,
+            lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1),
+            6,
+            None,
+            None,
+            observer,
+        )
+
+    same = Drawn()  # all samples take 0.01 s
+    run = VirtualCluster(inversion, same, ranks, FREE, lag=2)
+    forecast = run.run()
+    assert forecast.used == 8 + 4 * 6
+    # 30 ranks hold two generations at once, so that three pairs follow each other.
+    assert forecast.chain == pytest.approx(0.03)
+    wanted = 0.03 if ranks == 30 else 0.01 * forecast.simulated
+    assert forecast.seconds == pytest.approx(wanted)

@@ -5,6 +5,7 @@ from farm_runs import (
     SLOW,
     TINY,
     assert_same,
+    assert_sound,
     decisions,
     finish,
     inject,
@@ -16,7 +17,6 @@ from farm_runs import (
 )
 
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
 
 NO_LIBRARY = """
 import sys
@@ -36,7 +36,7 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     need_mpirun()
     finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
     assert_same(tmp_path / "ranks.h5", decisions(small / "small.h5"))
-    assert check_file(str(tmp_path / "ranks.h5"))[1] == 0
+    assert_sound(tmp_path / "ranks.h5")
     file = open_campaign(tmp_path / "ranks.h5")
     assert file.legs()["ranks"].tolist() == [ranks]
     assert set(file.all_sample_rows()["rank"]) == set(range(ranks))
@@ -59,10 +59,10 @@ def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(whole
     for _ in range(2):
         code, said = stop(tmp_path, "slow", ranks=ranks)
         assert code == 75, said
-        assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+        assert_sound(tmp_path / "slow.h5")
     finish(tmp_path, "slow.yaml", ranks=ranks)
     assert_same(tmp_path / "slow.h5", whole)
-    assert check_file(str(tmp_path / "slow.h5"))[1] == 0
+    assert_sound(tmp_path / "slow.h5")
     assert open_campaign(tmp_path / "slow.h5").legs()["exit_code"].tolist() == [75, 75, 0]
 
 

@@ -6,6 +6,7 @@ import pytest
 from farm_runs import (
     SMALL,
     assert_same,
+    assert_sound,
     decisions,
     finish,
     inject,
@@ -16,7 +17,6 @@ from farm_runs import (
 )
 
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
 
 HANGS = """
 import time
@@ -56,13 +56,13 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
     assert sorted(failures[["string", "sample"]].tolist()) == PAIRS
     assert not set(PAIRS) & set(rows[["string", "sample"]].tolist())
     assert [results["failed"][string] for string, _ in PAIRS] == [1, 1]
-    assert check_file(str(file.path))[1] == 0, check_file(str(file.path))[0]
+    assert_sound(file.path)
     before = decisions(file.path)
     again = finish(tmp_path, "small.yaml", ranks=ranks)  # what is decided stays
     assert "nothing to do" in again.stderr
     write(tmp_path / "small.yaml", generations=3)
     finish(tmp_path, "small.yaml", ranks=ranks)
-    assert check_file(str(file.path))[1] == 0, check_file(str(file.path))[0]
+    assert_sound(file.path)
     for name, values in decisions(file.path).items():
         assert values.startswith(before[name]) or name.startswith("samples.")
 
@@ -78,7 +78,7 @@ def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
     write(tmp_path / "other.yaml")
     finish(tmp_path, "other.yaml")
     assert_same(tmp_path / "small.h5", decisions(tmp_path / "other.h5"))
-    assert check_file(str(tmp_path / "small.h5"))[1] == 0
+    assert_sound(tmp_path / "small.h5")
 
 
 def test_without_max_seconds_nothing_is_cut_short(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from farm_runs import (
     SLOW,
     assert_same,
+    assert_sound,
     decisions,
     finish,
     inject,
@@ -21,7 +22,6 @@ from farm_runs import (
 from mpi_injections import RANK
 
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
 
 LONG = SLOW | {"steps": 20_000}
 
@@ -80,9 +80,11 @@ def send(folder, rank, number):
     os.kill(int((folder / f"rank-{rank}").read_text()), number)
 
 
-def assert_sound(path):
-    text, code = check_file(str(path))
-    assert code == 0, text
+def pause(folder, rank):
+    """Stop a rank for longer than the others have patience."""
+    send(folder, rank, signal.SIGSTOP)
+    time.sleep(2.5)
+    send(folder, rank, signal.SIGCONT)
 
 
 def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(started, undisturbed):
@@ -101,9 +103,7 @@ def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(started, u
 
 def test_a_rank_that_comes_back_is_welcome_and_counts_once(started, undisturbed):
     folder, process = started
-    send(folder, 1, signal.SIGSTOP)
-    time.sleep(2.5)
-    send(folder, 1, signal.SIGCONT)
+    pause(folder, 1)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     assert "has not been heard of" in errors
@@ -133,9 +133,7 @@ def test_a_stop_is_not_held_up_by_a_stopped_rank(started, undisturbed):
 
 def test_rank_0_may_be_stopped_and_continued(started, undisturbed):
     folder, process = started
-    send(folder, 0, signal.SIGSTOP)
-    time.sleep(2.5)
-    send(folder, 0, signal.SIGCONT)
+    pause(folder, 0)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     assert_same(folder / "slow.h5", undisturbed)

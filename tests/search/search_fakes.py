@@ -2,11 +2,31 @@
 
 import numpy as np
 
+from agglom_mpi.search.proposals import Judged
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
 from agglom_mpi.variables import COUNT
 
 PARTICLES = 100
+
+
+class Decisions:
+    """An observer that writes down all that is decided; subclasses take what is proposed."""
+
+    def __init__(self):
+        self.batches, self.results, self.summaries = [], {}, []
+
+    def judged(self, string, result):
+        assert string not in self.results
+        self.results[string] = result
+
+    def generation_done(self, summary):
+        self.summaries.append(summary)
+
+    def text(self):
+        """Return every decision, with every bit of every number."""
+        with np.printoptions(threshold=10**9, floatmode="unique"):
+            return repr((self.batches, sorted(self.results.items()), self.summaries))
 
 
 def completed(ratio, particles=PARTICLES, moments=(0.0, 0.0, 0.0)):
@@ -45,3 +65,8 @@ def papers_box():
 
 def unit_box():
     return SearchSpace(np.zeros(COUNT), np.ones(COUNT))
+
+
+def judged(ids, parameters, objectives, samples=1):
+    """Return what a search is told of strings with as many samples each."""
+    return Judged(ids, parameters, objectives, objectives, np.full(len(ids), samples))

@@ -30,7 +30,7 @@ def test_a_result_is_that_of_the_completed_samples(objective):
     ratios, left = np.array([1.5, 2.0, 3.5]), np.array([50, 25, 10])
     outcomes = [completed(*sample) for sample in zip(ratios, left, strict=True)]
     result = filled(outcomes, objective=objective).result()
-    value, error = objective.of_ensemble(ratios)
+    value, error = objective.of_ensemble(outcomes)
     assert result.objective == pytest.approx(value, rel=1e-14)
     assert result.standard_error == pytest.approx(error, rel=1e-14)
     assert result.mean_radius_ratio == pytest.approx(7 / 3, rel=1e-14)

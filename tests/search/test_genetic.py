@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from search_fakes import papers_box, unit_box
+from search_fakes import judged, papers_box, unit_box
 
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.proposals import NO_PARENT, OFFSPRING, RANDOM
@@ -23,7 +23,7 @@ def run(search, generations, worth=bowl):
         ids = np.arange(count, count + len(batch.parameters))
         count += ids.size
         history.append((batch, ids))
-        search.tell(ids, batch.parameters, worth(batch.parameters))
+        search.tell(judged(ids, batch.parameters, worth(batch.parameters)))
     return history
 
 
@@ -46,19 +46,19 @@ def test_the_first_generation_is_all_random():
 def test_a_population_is_kept_parents_then_offspring_then_random_strings():
     search = GeneticSearch(unit_box(), seed=1)
     run(search, 1)
-    parents = [string for string, _ in search.best(6)]
+    parents = [ranked.string for ranked in search.best(6)]
     batch = search.ask()
     assert batch.generation == 1
     assert batch.slot.tolist() == list(range(6, 20))
     assert batch.origin.tolist() == [OFFSPRING] * 6 + [RANDOM] * 8
-    search.tell(np.arange(20, 34), batch.parameters, bowl(batch.parameters))
+    search.tell(judged(np.arange(20, 34), batch.parameters, bowl(batch.parameters)))
     assert search.population_ids.tolist() == parents + list(range(20, 34))
 
 
 def test_neighbours_in_rank_mate_and_have_two_offspring_each():
     search = GeneticSearch(unit_box(), seed=1)
     run(search, 3)
-    first, second, third, fourth, fifth, sixth = (string for string, _ in search.best(6))
+    first, second, third, fourth, fifth, sixth = (ranked.string for ranked in search.best(6))
     pairs = [[first, second]] * 2 + [[third, fourth]] * 2 + [[fifth, sixth]] * 2
     batch = search.ask()
     assert batch.parents[:6].tolist() == pairs
@@ -126,22 +126,24 @@ def test_keeping_the_parents_makes_the_best_monotone_and_the_top_the_best_ever_s
         batch = search.ask()
         objectives = rng.random(len(batch.parameters))
         seen.extend(objectives)
-        search.tell(np.arange(len(seen) - objectives.size, len(seen)), batch.parameters, objectives)
+        search.tell(
+            judged(np.arange(len(seen) - objectives.size, len(seen)), batch.parameters, objectives)
+        )
         best = search.best(6)
-        assert [objective for _, objective in best] == sorted(seen)[:6]
-        assert all(seen[string] == objective for string, objective in best)
-        assert best[0][1] <= before
+        assert [ranked.objective for ranked in best] == sorted(seen)[:6]
+        assert all(seen[ranked.string] == ranked.objective for ranked in best)
+        assert best[0].objective <= before
         assert search.mean_of_top(6) == pytest.approx(np.mean(sorted(seen)[:6]), rel=1e-14)
         assert search.generation == generation + 1
-        before = best[0][1]
+        before = best[0].objective
 
 
 def test_ties_are_ranked_by_string_number():
     search = GeneticSearch(unit_box(), seed=1, population=200)
     objectives = np.arange(200) % 3
-    search.tell(np.arange(200), search.ask().parameters, objectives)
-    ranked = sorted((objective, string) for string, objective in search.best(200))
-    assert search.best(200) == [(string, objective) for objective, string in ranked]
+    search.tell(judged(np.arange(200), search.ask().parameters, objectives))
+    best = search.best(200)
+    assert best == sorted(best, key=lambda ranked: (ranked.objective, ranked.string))
 
 
 def test_what_is_not_finite_ranks_last():
@@ -149,8 +151,8 @@ def test_what_is_not_finite_ranks_last():
     batch = search.ask()
     objectives = np.arange(20.0)
     objectives[[0, 1, 2]] = np.nan, np.inf, -np.inf
-    search.tell(np.arange(20), batch.parameters, objectives)
-    assert [string for string, _ in search.best(20)] == [*range(3, 20), 0, 1, 2]
+    search.tell(judged(np.arange(20), batch.parameters, objectives))
+    assert [ranked.string for ranked in search.best(20)] == [*range(3, 20), 0, 1, 2]
     assert search.mean_of_top(18) == np.inf
 
 
@@ -173,9 +175,9 @@ def test_the_order_of_a_tell_does_not_matter(seed, shuffler):
         ids = np.arange(count, count + len(batch.parameters))
         count += ids.size
         objectives = np.round(rng.random(ids.size), 1)
-        one.tell(ids, batch.parameters, objectives)
+        one.tell(judged(ids, batch.parameters, objectives))
         order = shuffler.sample(range(ids.size), ids.size)
-        other.tell(ids[order], batch.parameters[order], objectives[order])
+        other.tell(judged(ids[order], batch.parameters[order], objectives[order]))
         assert np.array_equal(one.population_ids, other.population_ids)
         assert one.best(20) == other.best(20)
 
@@ -193,14 +195,14 @@ def test_strings_of_different_slots_and_generations_differ():
 
 def test_a_search_uses_the_parameters_it_is_told_not_those_it_proposed():
     search = GeneticSearch(unit_box(), seed=1)
-    search.tell(np.arange(20), np.full((20, COUNT), 0.25), np.arange(20.0))
+    search.tell(judged(np.arange(20), np.full((20, COUNT), 0.25), np.arange(20.0)))
     assert np.all(search.ask().parameters[:6] == 0.25)
 
 
 def test_a_tell_of_another_size_is_refused():
     search = GeneticSearch(unit_box(), seed=1)
     with pytest.raises(ValueError, match="20 new strings"):
-        search.tell(np.arange(19), np.zeros((19, COUNT)), np.zeros(19))
+        search.tell(judged(np.arange(19), np.zeros((19, COUNT)), np.zeros(19)))
 
 
 @pytest.mark.parametrize(
@@ -231,7 +233,7 @@ def test_the_box_shrinks_around_the_best_after_every_so_many_generations():
     expected, told = unit_box(), []
     for generation in range(10):
         if generation in (4, 8):
-            expected = expected.around(told[search.best(1)[0][0]], 0.5)
+            expected = expected.around(told[search.best(1)[0].string], 0.5)
         assert np.array_equal(search.box.lower, expected.lower)
         assert np.array_equal(search.box.upper, expected.upper)
         batch = search.ask()
@@ -239,7 +241,7 @@ def test_the_box_shrinks_around_the_best_after_every_so_many_generations():
         assert np.all((randoms >= expected.lower) & (randoms <= expected.upper))
         ids = np.arange(len(told), len(told) + len(batch.parameters))
         told.extend(batch.parameters)
-        search.tell(ids, batch.parameters, bowl(batch.parameters))
+        search.tell(judged(ids, batch.parameters, bowl(batch.parameters)))
     # Cut at the border, a box can only be narrower than the factors make it, to rounding.
     assert np.all(search.box.upper - search.box.lower <= 0.25 + np.finfo(float).eps)
 
@@ -260,19 +262,19 @@ def test_the_box_is_left_alone_while_every_string_has_failed():
 
 def test_random_strings_of_coming_generations_are_known_until_the_box_changes():
     search = GeneticSearch(unit_box(), seed=1, rescale=(3, 0.5))
-    ahead = {generation: search.random_proposals(generation) for generation in range(6)}
+    ahead = {generation: search.known_proposals(generation) for generation in range(6)}
     assert [generation for generation in range(6) if ahead[generation] is None] == [3, 4, 5]
     for batch, _ in run(search, 3):
         _, early = ahead[batch.generation]
         assert np.array_equal(early.parameters, batch.parameters[batch.origin == RANDOM])
         assert np.array_equal(early.slot, batch.slot[batch.origin == RANDOM])
-    assert search.random_proposals(5) is not None
-    assert search.random_proposals(6) is None
+    assert search.known_proposals(5) is not None
+    assert search.known_proposals(6) is None
 
 
 def test_without_rescaling_random_strings_are_known_for_ever():
     search = GeneticSearch(unit_box(), seed=1)
-    _, early = search.random_proposals(7)
+    _, early = search.known_proposals(7)
     batch, _ = run(search, 8)[-1]
     assert np.array_equal(early.parameters, batch.parameters[6:])
 
@@ -282,5 +284,5 @@ def test_the_search_finds_the_bottom_of_a_bowl():
     history = run(search, 25)
     everything = np.concatenate([batch.parameters for batch, _ in history])
     undirected = np.random.default_rng(1).random((20000, COUNT))
-    assert search.best(1)[0][1] < bowl(undirected).min()
-    assert search.best(1)[0][1] == bowl(everything).min()
+    assert search.best(1)[0].objective < bowl(undirected).min()
+    assert search.best(1)[0].objective == bowl(everything).min()

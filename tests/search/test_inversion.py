@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from search_fakes import PARTICLES, completed, failed, unit_box
+from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
@@ -25,11 +25,8 @@ def simulate(parameters, sample):
     return completed(1.0 + np.sum(parameters[:3]) * rng.normal(1.0, 0.1), rng.integers(1, 101))
 
 
-class Book:
+class Book(Decisions):
     """Write down all that is decided, the order within a generation left out."""
-
-    def __init__(self):
-        self.batches, self.results, self.summaries = [], {}, []
 
     def announced(self, batch, ids):
         raise AssertionError("nobody asked for strings of coming generations")
@@ -37,18 +34,6 @@ class Book:
     def proposed(self, batch, ids):
         assert ids[0] == sum(len(earlier.parameters) for earlier, _ in self.batches)
         self.batches.append((batch, ids))
-
-    def judged(self, string, result):
-        assert string not in self.results
-        self.results[string] = result
-
-    def generation_done(self, summary):
-        self.summaries.append(summary)
-
-    def text(self):
-        """Return every decision, with every bit of every number."""
-        with np.printoptions(threshold=10**9, floatmode="unique"):
-            return repr((self.batches, sorted(self.results.items()), self.summaries))
 
 
 def inversion(generations=4, target=None, restore=None, rule=None):

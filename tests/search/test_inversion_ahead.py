@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from search_fakes import PARTICLES, completed, unit_box
+from search_fakes import PARTICLES, Decisions, completed, unit_box
 
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
@@ -28,11 +28,12 @@ def simulate(parameters, sample):
     return completed(1.0 + np.sum(parameters[:3]) * rng.normal(1.0, 0.1), rng.integers(1, 101))
 
 
-class Book:
+class Book(Decisions):
     """Write down what is announced, and all that is decided."""
 
     def __init__(self):
-        self.ahead, self.batches, self.results, self.summaries = [], [], {}, []
+        super().__init__()
+        self.ahead = []
 
     def announced(self, batch, ids):
         self.ahead.append((batch, ids.tolist()))
@@ -41,17 +42,8 @@ class Book:
         self.batches.append((batch, ids.tolist()))
 
     def judged(self, string, result):
-        assert string not in self.results
         assert string <= self.batches[-1][1][-1], "of a generation that has not come"
-        self.results[string] = result
-
-    def generation_done(self, summary):
-        self.summaries.append(summary)
-
-    def text(self):
-        """Return every decision, with every bit of every number."""
-        with np.printoptions(threshold=10**9, floatmode="unique"):
-            return repr((self.batches, sorted(self.results.items()), self.summaries))
+        super().judged(string, result)
 
 
 def inversion(rescale=None, restore=None, generations=GENERATIONS):

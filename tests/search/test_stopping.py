@@ -65,7 +65,7 @@ def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
 )
 def test_successive_differences_stop_where_the_printed_formula_does(ratios, tolerance, quantity):
     objective = MaximumGrowth(PARTICLES)
-    values = ratios if quantity == "mean_radius" else [objective.of_sample(r) for r in ratios]
+    values = ratios if quantity == "mean_radius" else [objective.of_ratio(r) for r in ratios]
     means = running_means(values)
     margins = [abs(b - a) - tolerance * abs(b) for a, b in itertools.pairwise(means)]
     # Two roundings of the means may disagree only where the formula is undecided to their size.

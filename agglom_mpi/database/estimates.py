@@ -1,0 +1,160 @@
+"""What strings are worth on fresh samples, which no decision has seen, and their order by that."""
+
+import math
+from collections.abc import Iterable, Mapping
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.database.timeouts import timed_out
+from agglom_mpi.simulation.outcome import COMPLETED
+
+if TYPE_CHECKING:
+    from agglom_mpi.database.reader import CampaignFile
+    from agglom_mpi.search.objectives import Objective
+
+
+class Estimate(NamedTuple):
+    """A string estimated again; lower objectives are better.
+
+    Attributes
+    ----------
+    string
+    objective, standard_error
+        Of the fresh samples that were completed; inf where there is none or more than 10 %
+        failed, as in an ensemble. Their signed mean is unbiased; its magnitude, where that is no
+        larger than its error, is too high by up to 0.8 of it.
+    lower, upper
+        95 % interval of the objective, Student's t; nan below two samples.
+    samples, failed
+        Fresh samples, failed ones included, and those that failed: they are left out of the mean.
+    searched_objective, searched_standard_error
+        The search's own, of the samples that it was chosen by, hence biased low.
+    """
+
+    string: int
+    objective: float
+    standard_error: float
+    lower: float
+    upper: float
+    samples: int
+    failed: int
+    searched_objective: float
+    searched_standard_error: float
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a value with an error."""
+        return math.isfinite(self.objective) and math.isfinite(self.standard_error)
+
+
+def interval(value: float, error: float, count: int, least: float = 0.0) -> tuple[float, float]:
+    """95 % interval of an objective of so many samples that cannot be less than `least`.
+
+    That of the magnitude of a mean is the image of the t interval of the signed mean: where that
+    has 0 in it, the lower end is 0. So it covers at least as often, and near 0 up to 97.5 % of the
+    time.
+    """
+    from agglom_mpi.search.student import t_95
+
+    if count < 2 or not math.isfinite(value):
+        return math.nan, math.nan
+    half = t_95(count - 1) * error
+    return max(least, value - half), value + half
+
+
+def estimates_in(file: "CampaignFile", rows: np.ndarray) -> list[Estimate]:
+    """Estimate all strings that have fresh samples among all `rows` of a file's; in order of rank.
+
+    The rows are those of `CampaignFile.all_sample_rows`.
+    """
+    if file.fresh_from == file.max_samples:
+        return []
+    late = timed_out(file.failures(), rows)
+    rows = rows[rows["sample"] >= file.fresh_from]
+    lost = [string for string, sample in late if sample >= file.fresh_from]
+    results = {int(row["string"]): row for row in file.result_rows()}
+    strings = sorted({*rows["string"].tolist(), *lost} & results.keys())
+    if not strings:
+        return []
+    law = objective_of(file)
+    found = [
+        estimate(results[string], rows[rows["string"] == string], lost.count(string), law)
+        for string in strings
+    ]
+    return sorted(found, key=lambda estimate: (estimate.objective, estimate.string))
+
+
+def estimate(result: np.void, rows: np.ndarray, late: int, law: "Objective") -> Estimate:
+    """Estimate a string from its fresh rows of `/samples`; `late` more samples took too long."""
+    completed = rows[rows["state"] == COMPLETED]
+    value, error = law.of_rows(completed)
+    samples = len(rows) + late
+    failed = samples - len(completed)
+    if 10 * failed > samples:
+        value = math.inf
+    own = float(result["objective"]), float(result["standard_error"])
+    ends = interval(value, error, len(completed), law.least)
+    return Estimate(int(result["string"]), value, error, *ends, samples, failed, *own)
+
+
+def objective_of(file: "CampaignFile") -> "Objective":
+    """Objective that a campaign searched by, from its identity: the text takes longer to read."""
+    from agglom_mpi.search.objectives import make_objective
+
+    identity = file.identity
+    model = SimpleNamespace(wanted={}, weighting={})
+    for name, value in identity.items():
+        match name.split("."):
+            case ["objective", "targets", moment]:
+                model.wanted[moment] = value
+            case ["objective", "weights", moment]:
+                model.weighting[moment] = value
+            case ["objective", entry]:
+                setattr(model, entry, value)
+    return make_objective(model, int(identity["scene.particles"]))  # type: ignore[arg-type]
+
+
+def ranks_itself(identity: Mapping[str, object]) -> bool:
+    """Tell whether a search knows better than the objectives of all strings which are the best.
+
+    That is by a model of all samples, or as parents got more samples under other numbers.
+    """
+    return identity.get("search.method") == "surrogate" or "search.more_samples" in identity
+
+
+def own_order(file: "CampaignFile", results: np.ndarray) -> list[int]:
+    """Order judged strings, rows of `/results`, as the search has them, the best first.
+
+    That is by their objectives, but the last ranks of a search come first that knows better.
+    """
+    order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
+    if not ranks_itself(file.identity):
+        return order
+    generations, judged = file.generation_rows(), set(order)
+    ranked = generations["population"][-1].tolist() if len(generations) else []
+    ranked = [string for string in ranked if string in judged]
+    return [*ranked, *(string for string in order if string not in set(ranked))]
+
+
+def ranking(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
+    """Order judged strings, the best first; those without a finite objective come last.
+
+    Own objectives are too low for those that were lucky, so they are not compared with estimates:
+    strings that were estimated again come in the order of that, and all others after them as the
+    search has them. But where the search has gone on and the string that it likes best was not
+    estimated yet, the order is the search's own.
+
+    Parameters
+    ----------
+    own
+        All of them, in the search's own order.
+    estimates
+        Of some of them.
+    """
+    again = {estimate.string: estimate.objective for estimate in estimates}
+    if not own or own[0] not in again:
+        return own
+    first = sorted((string for string in own if string in again), key=lambda i: (again[i], i))
+    return [*first, *(string for string in own if string not in again)]

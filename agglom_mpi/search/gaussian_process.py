@@ -1,0 +1,212 @@
+"""A Gaussian process through noisy means (Rasmussen and Williams 2006, "RW" below).
+
+f has the covariance v·m(r) with the Matérn-5/2 form m(r) = (1 + √5 r + 5r²/3) exp(-√5 r) [RW 4.17],
+where r² = Σ (Δx_d/ℓ_d)²: each variable has its own length. The mean of n samples of f is seen with
+a noise of variance σ²/n.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+
+Matrix = NDArray[np.float64]
+
+LENGTHS: Final = (0.05, 100.0)
+"""Bounds of a length in units of the box; what is much longer than the box plays no part."""
+
+VARIANCE: Final = (1e-2, 1e2)
+"""Bounds of the variance of f, in units of that of the values."""
+
+NOISE: Final = (1e-5, 1e2)
+"""Bounds of the variance of one sample, in the same units."""
+
+JITTER: Final = 1e-8
+"""What is added to the diagonal of a covariance of unit scale to keep it positive."""
+
+ROOT_5: Final = math.sqrt(5.0)
+
+
+class Covariance(NamedTuple):
+    """What a Gaussian process assumes, for values of mean 0 and variance 1.
+
+    Attributes
+    ----------
+    variance
+        v, of the function.
+    lengths
+        ℓ in units of the box, shape (d,).
+    noise
+        σ², the variance of one sample.
+    """
+
+    variance: float
+    lengths: Matrix
+    noise: float
+
+
+class GaussianProcess:
+    """A function on the unit cube of which noisy means are known.
+
+    Parameters
+    ----------
+    covariance
+        As `fit_covariance` finds it.
+    points
+        Shape (n, d).
+    values
+        Means seen there, shape (n,).
+    samples
+        How many each of them rests on, shape (n,).
+    """
+
+    def __init__(
+        self, covariance: Covariance, points: Matrix, values: Matrix, samples: NDArray[np.int64]
+    ) -> None:
+        self._covariance = covariance
+        self._points = points
+        self._values = values
+        self._centre, self._scale, standard = standardised(values)
+        matrix = self._between(points, points)
+        matrix[np.diag_indices_from(matrix)] += covariance.noise / samples + JITTER
+        self._root = cholesky(matrix, lower=True)
+        self._weights = cho_solve((self._root, True), standard)
+
+    @property
+    def sample_deviation(self) -> float:
+        """Standard deviation of one sample."""
+        return self._scale * math.sqrt(self._covariance.noise)
+
+    def mean(self, points: Matrix) -> Matrix:
+        """Return the expected value of the function at points, shape (m, d): (m,) [RW 2.25]."""
+        return self._centre + self._scale * (self._between(points, self._points) @ self._weights)
+
+    def mean_and_slope(self, point: Matrix) -> tuple[float, Matrix]:
+        """Return the expected value at one point, shape (d,), and its gradient, shape (d,)."""
+        lengths = self._covariance.lengths
+        away = (point - self._points) / lengths
+        r = np.sqrt((away**2).sum(axis=1))
+        value = self._covariance.variance * matern(r) @ self._weights
+        slopes = -self._covariance.variance * matern_slope(r)[:, None] * away / lengths
+        return self._centre + self._scale * float(value), self._scale * (self._weights @ slopes)
+
+    def deviation(self, points: Matrix) -> Matrix:
+        """Return the standard deviation of what is not known at points, shape (m, d): (m,)."""
+        explained = solve_triangular(self._root, self._between(self._points, points), lower=True)
+        left = self._covariance.variance - (explained**2).sum(axis=0)
+        return self._scale * np.sqrt(np.maximum(left, 0.0))
+
+    def left_out(self) -> Matrix:
+        """Return what the others predict for the value at each point, shape (n,) [RW 5.12]."""
+        inverse = cho_solve((self._root, True), np.eye(len(self._points)))
+        return self._values - self._scale * self._weights / inverse.diagonal()
+
+    def draw(self, points: Matrix, number: int, random: np.random.Generator) -> Matrix:
+        """Draw functions that the means allow, at points, shape (m, d): (number, m) [RW 2.24]."""
+        across = self._between(self._points, points)
+        explained = solve_triangular(self._root, across, lower=True)
+        covariance = self._between(points, points) - explained.T @ explained
+        covariance[np.diag_indices_from(covariance)] += 1e-6 * self._covariance.variance
+        root = cholesky(covariance, lower=True)
+        values = across.T @ self._weights + random.normal(size=(number, len(points))) @ root.T
+        return self._centre + self._scale * values
+
+    def _between(self, left: Matrix, right: Matrix) -> Matrix:
+        lengths = self._covariance.lengths
+        return self._covariance.variance * matern(distances(left / lengths, right / lengths))
+
+
+def standardised(values: Matrix) -> tuple[float, float, Matrix]:
+    """Mean and standard deviation of values, and these in units of them; equal ones are all 0."""
+    centre, scale = float(values.mean()), float(values.std()) or 1.0
+    return centre, scale, (values - centre) / scale
+
+
+def distances(left: Matrix, right: Matrix) -> Matrix:
+    """Distance of each of n points, shape (n, d), from each of m, shape (n, m)."""
+    squares = (left**2).sum(axis=1)[:, None] + (right**2).sum(axis=1) - 2.0 * left @ right.T
+    return np.sqrt(np.maximum(squares, 0.0))
+
+
+def matern(r: Matrix) -> Matrix:
+    """Matérn-5/2 correlation [RW 4.17]."""
+    return (1.0 + ROOT_5 * r + 5.0 / 3.0 * r**2) * np.exp(-ROOT_5 * r)
+
+
+def matern_slope(r: Matrix) -> Matrix:
+    """Its derivative by r over -r, which is finite at 0."""
+    return 5.0 / 3.0 * (1.0 + ROOT_5 * r) * np.exp(-ROOT_5 * r)
+
+
+def fit_covariance(points: Matrix, values: Matrix, samples: NDArray[np.int64]) -> Covariance:
+    """Find the covariance that makes values, shape (n,), at points, shape (n, d), likeliest.
+
+    They are means of so many samples, shape (n,).
+    Lengths have a broad prior that grows with the square root of d (Hvarfner, Hellsten and Nardi
+    2024), so that a few points in many dimensions are not fitted by noise alone.
+    """
+    dimensions = points.shape[1]
+    _, _, standard = standardised(values)
+    squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
+    start = np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), 0.3])
+    bounds = np.log([VARIANCE, *[LENGTHS] * dimensions, NOISE])
+    found = minimize(
+        _unlikelihood,
+        start,
+        (squares, standard, samples.astype(np.float64)),
+        jac=True,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": 100},
+    )
+    best = np.exp(found.x)
+    return Covariance(float(best[0]), best[1:-1], float(best[-1]))
+
+
+def _unlikelihood(
+    logarithms: Matrix, squares: Matrix, values: Matrix, samples: Matrix
+) -> tuple[float, Matrix]:
+    """Negative logarithm of likelihood times prior, and its gradient [RW 5.8, 5.9].
+
+    Parameters
+    ----------
+    logarithms
+        Of variance, lengths and noise, shape (d + 2,).
+    squares
+        Squared differences of the points, shape (d, n, n).
+    values, samples
+        Standardised means, and numbers of samples, shape (n,).
+    """
+    variance, lengths, noise = (
+        math.exp(logarithms[0]),
+        np.exp(logarithms[1:-1]),
+        math.exp(logarithms[-1]),
+    )
+    r = np.sqrt(np.tensordot(lengths**-2.0, squares, axes=1))
+    smooth = variance * matern(r)
+    matrix = smooth.copy()
+    matrix[np.diag_indices_from(matrix)] += noise / samples + JITTER
+    root = cholesky(matrix, lower=True)
+    weights = cho_solve((root, True), values)
+    inverse = cho_solve((root, True), np.eye(len(values)))
+    change = 0.5 * (inverse - np.outer(weights, weights))
+    slopes = change * (variance * matern_slope(r))
+    prior, prior_slope = _length_prior(logarithms[1:-1])
+    value = 0.5 * values @ weights + np.log(np.diag(root)).sum() + prior
+    gradient = np.concatenate(
+        (
+            [(change * smooth).sum()],
+            np.tensordot(squares, slopes, axes=2) / lengths**2 + prior_slope,
+            [change.diagonal() @ (noise / samples)],
+        )
+    )
+    return float(value), gradient
+
+
+def _length_prior(logarithms: Matrix) -> tuple[float, Matrix]:
+    """Negative logarithm of the density of lengths, by their logarithms, and its gradient."""
+    away = logarithms - math.sqrt(2.0) - 0.5 * math.log(len(logarithms))
+    return float((away**2).sum()) / 6.0, away / 3.0

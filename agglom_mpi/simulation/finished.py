@@ -1,0 +1,85 @@
+"""One finished sample as a user's own objective function sees it."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.simulation.outcome import FinalParticles
+from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.variables import NAMES
+
+
+class Sample(NamedTuple):
+    """What a function `module:function` is given; arrays cannot be written to.
+
+    Attributes
+    ----------
+    parameters : mapping of str to float
+        Variables that the scene uses, by name in SI units.
+    particles : int
+        Particles left, n.
+    mean_radius_ratio : float
+        Mean of b/b⁰ over them.
+    moments : array, shape (4,)
+        Mean and central moments 2, 3, 4 of b/b⁰.
+    radii : array, shape (n,)
+        Final b/b⁰.
+    temperatures : array, shape (n,), K
+    grains : array of int64, shape (n,)
+        Original grains in each particle.
+    end_time : float
+        Simulated time, s.
+    collisions, merges, breakups : int
+    """
+
+    parameters: Mapping[str, float]
+    particles: int
+    mean_radius_ratio: float
+    moments: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    temperatures: NDArray[np.float64]
+    grains: NDArray[np.int64]
+    end_time: float
+    collisions: int
+    merges: int
+    breakups: int
+
+
+def finished_sample(
+    scene: Scene, parameters: NDArray[np.float64], record: Any, final: FinalParticles
+) -> Sample:
+    """Return what a function is given of a completed sample.
+
+    Parameters
+    ----------
+    parameters
+        The string, shape (10,), nan where the scene uses no such variable.
+    record
+        Its `OUTCOME`.
+    final
+        Its particles.
+    """
+    values = zip(NAMES, parameters.tolist(), strict=True)
+    moments = [record["mean_radius_ratio"], *(record[f"radius_moment_{r}"] for r in (2, 3, 4))]
+    return Sample(
+        parameters=MappingProxyType({name: v for name, v in values if not np.isnan(v)}),
+        particles=int(record["particles"]),
+        mean_radius_ratio=float(record["mean_radius_ratio"]),
+        moments=_locked(np.array(moments, float)),
+        radii=_locked(final.radii / scene.radius),
+        temperatures=_locked(final.temperatures),
+        grains=_locked(final.grains),
+        end_time=float(record["end_time"]),
+        collisions=int(record["collisions"]),
+        merges=int(record["merges"]),
+        breakups=int(record["breakups"]),
+    )
+
+
+def _locked(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,191 @@
+"""How many samples searches need, over seeds: what they find is estimated again on fresh samples.
+
+`pytest tests/benchmarks/bench_search.py -m benchmark -s` takes some hours of two cores;
+`python tests/benchmarks/bench_search.py SEEDS SAMPLES [NAME ...]` does less of it.
+"""
+
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agglom_mpi.campaign import Campaign
+from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.search import make_objective
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.space import search_space
+from agglom_mpi.search.stopping import make_rule
+from agglom_mpi.simulation.outcome import measured
+from agglom_mpi.simulation.sample import random_stream, simulate_scene
+from agglom_mpi.simulation.scene import build_scene
+
+JOB = Path(__file__).parents[2] / "jobs" / "agglomeration_2004.yaml"
+SEEDS, SAMPLES = 10, 4200
+LEVELS = (0.677, 0.64, 0.61)
+FRESH = 10**6
+"""Number of the first sample that no search has seen."""
+AGAIN, FINAL = 64, 300
+"""Fresh samples of each string that was ever the best, and of the last one."""
+
+PUBLISHED = "rule: successive_difference, quantity: objective, tolerance: 5e-4, max_samples: 200"
+NARROW = "rule: standard_error, tolerance: 0.02, max_samples: 200"
+SEARCHES = {
+    "genetic, published rule": ("population: 20, parents: 6", PUBLISHED),
+    "genetic, box rescaled, published rule": (
+        "population: 20, parents: 6, rescale: {every: 4, factor: 0.5}",
+        PUBLISHED,
+    ),
+    "genetic, mutation, published rule": (
+        "population: 20, parents: 6, blend: [-0.5, 1.5]",
+        PUBLISHED,
+    ),
+    "genetic, half-width 0.02": ("population: 20, parents: 6", NARROW),
+    "genetic, half-width 0.02, racing": (
+        "population: 20, parents: 6",
+        f"{NARROW}, racing: {{confidence: 0.9}}",
+    ),
+    "genetic, 1 sample": ("population: 20, parents: 6", "rule: fixed, samples: 1"),
+    "cmaes, 1 sample": ("method: cmaes, population: 20", "rule: fixed, samples: 1"),
+    "cmaes, 3 samples": ("method: cmaes, population: 20", "rule: fixed, samples: 3"),
+    "surrogate, 1 sample": ("method: surrogate", "rule: fixed, samples: 1"),
+    "surrogate, 3 samples": ("method: surrogate", "rule: fixed, samples: 3"),
+    "random, published rule": ("method: random", PUBLISHED),
+    "sobol, published rule": ("method: sobol", PUBLISHED),
+    "pymoo's GA, published rule": ("population: 20, parents: 6", PUBLISHED),
+    "pymoo's GA, 1 sample": ("population: 20, parents: 6", "rule: fixed, samples: 1"),
+}
+
+
+@cache
+def campaign(name, seed):
+    """Return the job with another search, ensemble and seed."""
+    search, ensemble = SEARCHES[name]
+    text = JOB.read_text().replace("seed: 2004", f"seed: {seed}")
+    head = text[: text.index("search:")]
+    plan = f"search: {{{search}}}\nensemble: {{{ensemble}}}\nstopping: {{generations: 5000}}\n"
+    return Campaign.from_text(head + plan)
+
+
+def simulate(of, parameters, sample):
+    record, _ = simulate_scene(
+        build_scene(of.scene, parameters, None), random_stream(of.seed, parameters, sample)
+    )
+    rows = np.zeros(1, record.dtype)
+    rows[0] = record
+    return measured(rows)[0]
+
+
+def estimate(of, parameters, samples):
+    """Objective of a string on fresh samples, and its standard error."""
+    outcomes = [simulate(of, parameters, FRESH + i) for i in range(samples)]
+    return make_objective(of.objective, of.scene.particles).of_ensemble(outcomes)
+
+
+class Best:
+    """An observer that remembers which string was the best, and after how many samples."""
+
+    def __init__(self):
+        self.best = []
+
+    def announced(self, batch, ids):
+        pass
+
+    proposed = judged = announced
+
+    def generation_done(self, summary):
+        self.best.append((summary.samples_used, summary.best))
+
+
+def searched(name, seed, samples):
+    """Search with so many samples; yields samples used and the best string after generations."""
+    of, book = campaign(name, seed), Best()
+    inversion = CampaignWork(of).inversion(None, book)
+    inversion.start()
+    used, told = 0, 0
+    while used < samples:
+        for string, progress in inversion.live.items():
+            if inversion.progress(string) is None:
+                continue  # out of the race
+            outcome = simulate(of, inversion.parameters(string), progress.next_sample)
+            inversion.accept(string, progress.next_sample, [outcome])
+            used += 1
+            if len(book.best) > told or used >= samples:
+                break
+        for at, best in book.best[told:]:
+            yield at, inversion.parameters(best)
+        told = len(book.best)
+
+
+def searched_by_pymoo(name, seed, samples):
+    from pymoo.algorithms.soo.nonconvex.ga import GA
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.core.termination import NoTermination
+    from pymoo.problems.static import StaticProblem
+
+    of = campaign(name, seed)
+    space, ensemble = search_space(of.variables), of.ensemble
+    problem = Problem(n_var=space.dimensions, n_obj=1, xl=0.0, xu=1.0)
+    algorithm = GA(pop_size=20)
+    algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)
+    objective = make_objective(of.objective, of.scene.particles)
+    rule, used = make_rule(ensemble), 0
+    while used < samples:
+        found = algorithm.ask()
+        worth = []
+        for parameters in space.from_unit(found.get("X")):
+            judging = Ensemble(
+                rule, objective, of.scene.particles, ensemble.min_samples, ensemble.max_samples
+            )
+            while not judging.finished:
+                judging.add(simulate(of, parameters, judging.samples_used))
+            used += judging.samples_used
+            worth.append(judging.result().objective)
+        Evaluator().eval(StaticProblem(problem, F=np.array(worth)[:, None]), found)
+        algorithm.tell(infills=found)
+        yield used, space.from_unit(algorithm.opt.get("X"))[0]
+
+
+def measure(name, seed, samples):
+    """Samples to each level, unbiased value at the end, and its error."""
+    of, search = campaign(name, seed), searched_by_pymoo if "pymoo" in name else searched
+    first, known, last = dict.fromkeys(LEVELS, np.inf), {}, None
+    for used, best in search(name, seed, samples):
+        if used > samples:
+            break
+        last, key = best, best.tobytes()
+        if key not in known:
+            known[key], _ = estimate(of, best, AGAIN)
+        for level in LEVELS:
+            if known[key] <= level:
+                first[level] = min(first[level], used)
+    value, error = estimate(of, last, FINAL)
+    return [first[level] for level in LEVELS], value, error
+
+
+def table(seeds, samples, names=tuple(SEARCHES)):
+    print(f"\nmedian (lowest, highest) of {seeds} seeds; {samples} samples each")
+    print(f"{'samples until the best is worth':38s}", *(f"{level:>18}" for level in LEVELS), end="")
+    print("   worth at the end, ± of one")
+    with ProcessPoolExecutor(2) as pool:
+        for name in names:
+            runs = [pool.submit(measure, name, seed, samples) for seed in range(seeds)]
+            reached, values, errors = zip(*(run.result() for run in runs), strict=True)
+            print(f"{name:38s}", end="")
+            for counts in np.array(reached).T:
+                low, mid, high = np.min(counts), np.median(counts), np.max(counts)
+                print(f" {mid:6.0f} ({low:.0f}, {high:.0f})".rjust(19), end="")
+            low, mid, high = np.min(values), np.median(values), np.max(values)
+            print(f"   {mid:.4f} ({low:.4f}, {high:.4f}) ± {np.mean(errors):.4f}", flush=True)
+
+
+@pytest.mark.benchmark
+def test_samples_to_levels_of_growth():
+    table(SEEDS, SAMPLES)
+
+
+if __name__ == "__main__":
+    table(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or tuple(SEARCHES))

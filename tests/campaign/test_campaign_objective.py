@@ -1,0 +1,231 @@
+"""The objective section: moments that are wanted, and a function that is run only if allowed."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+from campaign_text import campaign, edited
+
+from agglom_mpi.campaign import Campaign, CampaignError, check_campaign, load_campaign
+from agglom_mpi.campaign.code import Code, load_function, recorded_code, worth_of
+
+FUNCTION = "objective: {law: function, call: 'shape:worth'}"
+LINE = edited().splitlines().index("objective: {law: growth_target, ratio: 2}") + 1
+
+
+def message(objective: str) -> str:
+    with pytest.raises(CampaignError) as caught:
+        campaign(("objective", objective))
+    text = str(caught.value)
+    assert "\n" not in text
+    return text.removeprefix("campaign.yaml:")
+
+
+def moments(rest: str) -> str:
+    return f"objective: {{law: moments, {rest}}}"
+
+
+WRONG = [
+    ("objective: moments", "objective.targets: is missing; such as {mean: 2, spread: 0.4}"),
+    (moments("targets: {}"), "objective.targets: are none; give at least one of mean, spread, sk"),
+    (moments("targets: 2"), "objective.targets: is 2; must be a mapping"),
+    (moments("targets: {mean: }"), "objective.targets.mean: is empty; must be a number"),
+    (moments("targets: {mean: 0.5}"), "objective.targets.mean: is 0.5; must be at least 1"),
+    (moments("targets: {mean: 5}"), "objective.targets.mean: is 5; 100 grains in one give 4.642"),
+    (moments("targets: {spread: -1}"), "objective.targets.spread: is -1; must be at least 0"),
+    (moments("targets: {spread: .nan}"), "objective.targets.spread: is nan; must be a finite num"),
+    (moments("targets: {second: -1}"), "objective.targets.second: is -1; must be at least 0"),
+    (moments("targets: {fourth: -1}"), "objective.targets.fourth: is -1; must be at least 0"),
+    (moments("targets: {kurtosis: 0.9}"), "objective.targets.kurtosis: is 0.9; must be at least"),
+    (
+        moments("targets: {kurtosis: 3, skewness: 2}"),
+        "objective.targets.kurtosis: is 3; must be at least 1 + skewness^2, 5",
+    ),
+    (moments("targets: {skewnes: 1}"), "objective.targets.skewnes: unknown key 'skewnes'; did yo"),
+    (moments("targets: {skewness: much}"), "objective.targets.skewness: is the text 'much'; must"),
+    (
+        moments("targets: {mean: 2}, weights: {spread: 2}"),
+        "objective.weights.spread: is the weight of no target; leave it out, or give the target",
+    ),
+    (moments("targets: {mean: 2}, weights: {mean: 0}"), "weights.mean: is 0; must be greater tha"),
+    (moments("targets: {mean: 2}, ratio: 2"), "objective.ratio: unknown key 'ratio'; allowed: law"),
+    ("objective: function", "objective.call: is missing; module:function, of module.py beside the"),
+    ("objective: {law: function, call: }", "objective.call: is empty; must be a text"),
+    (
+        "objective: {law: function, call: worth}",
+        "objective.call: is 'worth'; must be module:function, of module.py beside the campaign fi",
+    ),
+    ("objective: {law: function, call: 'a.b:c'}", "objective.call: is 'a.b:c'; must be module:f"),
+    ("objective: {law: function, call: '../a:c'}", "objective.call: is '../a:c'; must be module"),
+    ("objective: {law: function, call: 'a:b:c'}", "objective.call: is 'a:b:c'; must be module:fu"),
+    ("objective: {law: function, call: 'if:b'}", "objective.call: is 'if:b'; must be module:func"),
+]
+
+
+@pytest.mark.parametrize(("objective", "expected"), WRONG)
+def test_what_is_wrong_is_said_with_line_and_field(objective: str, expected: str) -> None:
+    said = message(objective)
+    assert said.startswith(f"{LINE}: ")
+    assert expected in said
+
+
+def test_weights_are_one_unless_given_and_both_decide_results() -> None:
+    given = campaign(
+        ("objective", moments("targets: {spread: 0.4, mean: 2}, weights: {spread: 1}"))
+    )
+    default = campaign(("objective", moments("targets: {mean: 2, spread: 0.4}")))
+    assert given.identity() == default.identity()
+    entries = {k: v for k, v in default.identity().items() if k.startswith("objective.")}
+    assert entries == {
+        "objective.law": "moments",
+        "objective.targets.mean": 2.0,
+        "objective.targets.spread": 0.4,
+        "objective.weights.mean": 1.0,
+        "objective.weights.spread": 1.0,
+    }
+    heavy = campaign(("objective", moments("targets: {mean: 2, spread: 0.4}, weights: {mean: 2}")))
+    assert heavy.sha256() != default.sha256()
+    assert "mean 2 (weight 2), spread 0.4 [A 29]" in heavy.describe()
+
+
+def test_the_old_laws_are_what_they_were_to_the_byte() -> None:
+    target = {k: v for k, v in campaign().identity().items() if k.startswith("objective")}
+    assert target == {"objective.law": "growth_target", "objective.ratio": 2.0}
+    most = campaign(("objective", "objective: maximum_growth")).identity()
+    assert {k for k in most if k.startswith("objective")} == {"objective.law"}
+    digest = "01f795b36c25d0a3af7cc1e59e96a63a60fcf053aa4e096f649bdd16747384f8"  # of version 0.1.0
+    assert campaign().sha256() == digest
+
+
+def test_only_a_function_may_be_wanted_below_zero() -> None:
+    edit = ("  target", "  target: {top: 2, objective: -1}")
+    with pytest.raises(
+        CampaignError, match=r"stopping.target.objective: is -1; must be at least 0"
+    ):
+        campaign(edit)
+    assert campaign(("objective", FUNCTION), edit).stopping.target.objective == -1.0
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """Return a campaign file whose objective is a function of a module that leaves traces."""
+    trace = tmp_path / "trace"
+    source = f"open({str(trace)!r}, 'a').write('x')\ndef worth(sample): return 1.5\n"
+    (tmp_path / "shape.py").write_text(source)
+    (tmp_path / "own.yaml").write_text(edited(("objective", FUNCTION)))
+    return tmp_path / "own.yaml"
+
+
+def problem(path: Path, allow_code: bool = True) -> str:
+    with pytest.raises(CampaignError) as caught:
+        load_campaign(path, allow_code)
+    text = str(caught.value)
+    assert "\n" not in text
+    place = f"{path}:{LINE}: objective.call: is 'shape:worth', "
+    assert text.startswith(place)
+    return text.removeprefix(place)
+
+
+def test_code_that_is_not_allowed_is_not_run_and_the_option_is_named(written: Path) -> None:
+    said = "Python code that is run only if you say so: --allow-code, or load_campaign(..., al"
+    assert problem(written, allow_code=False).startswith(said)
+    assert not (written.parent / "trace").exists()
+
+
+def test_a_check_reads_the_code_but_cannot_run_it(written: Path) -> None:
+    checked, allowed = check_campaign(written), load_campaign(written, allow_code=True)
+    assert (written.parent / "trace").read_text() == "x"
+    assert checked.identity() == allowed.identity()
+    assert f"mean over samples of shape:worth (SHA-256 {allowed.code.sha256[:16]})" in (
+        checked.describe()
+    )
+    with pytest.raises(ValueError, match="the source of 'shape:worth' is not known here"):
+        worth_of(checked.code, None)
+    assert recorded_code(allowed.identity()) == checked.code == allowed.code.unread
+
+
+def test_a_campaign_from_text_alone_does_not_know_its_function() -> None:
+    with pytest.raises(CampaignError, match="a function whose source was not read"):
+        campaign(("objective", FUNCTION)).identity()
+
+
+def test_a_change_of_the_source_is_another_campaign(written: Path) -> None:
+    before = load_campaign(written, allow_code=True)
+    source = written.parent / "shape.py"
+    source.write_text(source.read_text() + "# a remark\n")
+    after = load_campaign(written, allow_code=True)
+    assert before.identity().keys() == after.identity().keys()
+    different = {k for k, v in before.identity().items() if after.identity()[k] != v}
+    assert different == {"objective.source_sha256"}
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        (None, "shape.py cannot be read: No such file or directory"),
+        ("def worth(sample)\n", "shape.py:1: expected ':'"),
+        ("\0", "shape.py: source code string cannot contain null bytes"),
+        ("import not_there_at_all", "but shape.py raises ModuleNotFoundError: No module named"),
+        ("raise SystemExit(3)", "but shape.py raises SystemExit: 3"),
+        ("def other(sample): return 1.0", "but shape.py defines no function 'worth'"),
+        ("worth = 1.0", "but shape.py defines no function 'worth'"),
+    ],
+)
+def test_code_that_cannot_be_used_is_said_in_one_line(
+    written: Path, source: str | None, expected: str
+) -> None:
+    path = written.parent / "shape.py"
+    path.unlink()
+    if source is not None:
+        path.write_text(source)
+    assert expected in problem(written)
+
+
+def test_the_code_travels_with_the_campaign_and_is_not_read_again(written: Path) -> None:
+    loaded = load_campaign(written, allow_code=True)
+    (written.parent / "shape.py").unlink()
+    arrived: Campaign = pickle.loads(pickle.dumps(loaded))
+    assert worth_of(arrived.code, None) == 1.5
+
+
+def code(body: str) -> Code:
+    source = f"def worth(sample):\n    {body}\n".encode()
+    return Code("shape:worth", body, source)
+
+
+@pytest.mark.parametrize(
+    ("body", "error", "said"),
+    [
+        ("return 1", TypeError, "shape:worth returned 1, a int; must be a float"),
+        ("return None", TypeError, "returned None, a NoneType; must be a float"),
+        ("return [1.0] * 9999", TypeError, r"returned \[1.0, 1.0, .*\.\.\.\], a list; must"),
+        ("return float('nan')", ValueError, "returned nan; must be finite, and in size at most"),
+        ("return -float('inf')", ValueError, "returned -inf; must be finite"),
+        ("return 2e100", ValueError, r"returned 2e\+100; must be finite, and in size at most"),
+        ("raise KeyError('colour')", KeyError, "colour"),
+        ("raise SystemExit", RuntimeError, "shape:worth asked to exit"),
+    ],
+)
+def test_what_is_no_finite_float_is_an_error(body: str, error: type, said: str) -> None:
+    with pytest.raises(error, match=said):
+        worth_of(code(body), None)
+
+
+def test_numpy_floats_are_floats() -> None:
+    assert worth_of(code("import numpy; return numpy.float64(0.25)"), None) == 0.25
+
+
+def test_a_module_may_use_dataclasses_and_is_executed_once() -> None:
+    source = b"""from __future__ import annotations
+from dataclasses import dataclass
+calls = []
+@dataclass
+class Wanted:
+    mean: float
+def worth(sample):
+    calls.append(sample)
+    return float(len(calls)) + Wanted(2.0).mean
+"""
+    own = Code("shape:worth", "dataclasses", source)
+    assert [worth_of(own, None), worth_of(own, None)] == [3.0, 4.0]
+    assert load_function(own) is load_function(Code(*own))

@@ -1,0 +1,63 @@
+"""Which fresh samples are asked for, which are there, and which are missing; without files."""
+
+import numpy as np
+import pytest
+
+from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.farm.reestimation import Reestimation
+from agglom_mpi.farm.work import Finalists
+from agglom_mpi.variables import COUNT
+
+WANTED = Finalists((7, 2), 3)
+ALL = [(7, 20), (7, 21), (7, 22), (2, 20), (2, 21), (2, 22)]
+
+
+def parameters(string):
+    return np.full(COUNT, float(string))
+
+
+def reestimation(known=(), wanted=WANTED, room=30):
+    return Reestimation(wanted, 20, room, known, parameters)
+
+
+def pairs(tasks):
+    assert (tasks["count"] == 1).all()
+    return tasks[["string", "first"]].tolist()
+
+
+def rows(*keys):
+    made = np.zeros(len(keys), sample_dtype)
+    made["string"], made["sample"] = np.array(keys).T
+    return made
+
+
+def test_all_are_simulated_the_best_string_first():
+    chore = reestimation()
+    tasks = chore.open()
+    assert pairs(tasks) == ALL
+    assert tasks["frames"].tolist() == [0] * 6
+    assert tasks["parameters"][:, 0].tolist() == [7] * 3 + [2] * 3
+    assert chore.announcement(tasks) == "estimating 2 strings again, on 6 fresh samples"
+    chore.take(rows(*ALL[:5]))
+    assert not chore.done
+    chore.take(rows(ALL[5]))
+    assert chore.done
+    assert chore.complete
+
+
+def test_what_is_known_is_not_simulated_again():
+    chore = reestimation({(7, 21), (2, 20), (3, 20), (7, 5)})
+    assert not chore.complete
+    assert pairs(chore.open()) == [(7, 20), (7, 22), (2, 21), (2, 22)]
+    assert reestimation(ALL).complete
+    assert len(reestimation(ALL).open()) == 0
+
+
+@pytest.mark.parametrize(("room", "some"), [(20, []), (21, [(7, 20), (2, 20)]), (30, ALL)])
+def test_there_are_as_many_as_there_is_room_for(room, some):
+    assert pairs(reestimation(room=room).open()) == some
+    assert reestimation(some, room=room).complete
+
+
+def test_where_none_are_asked_for_there_is_nothing_to_do():
+    assert reestimation(wanted=Finalists()).complete

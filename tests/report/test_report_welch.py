@@ -1,0 +1,67 @@
+"""Which means differ: p-values against SciPy, Holm's correction, and how often it errs."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from agglom_mpi.report.welch import Mean, beyond, differ, p_value
+
+
+def mean_of(values):
+    return Mean(values.mean(), values.std(ddof=1) / math.sqrt(len(values)), len(values))
+
+
+@pytest.mark.parametrize("freedom", [1.0, 1.7, 4.5, 30.0, 198.3, 5000.0])
+def test_tails_are_those_of_students_distribution(freedom):
+    for t in (0.0, 1e-3, 0.3, 1.0, 2.0, 4.0, 9.0, 30.0):
+        assert beyond(t, freedom) == pytest.approx(2.0 * stats.t.sf(t, freedom), rel=1e-9)
+
+
+def test_p_values_are_those_of_welchs_test():
+    rng = np.random.default_rng(1)
+    for first, second in ((5, 40), (2, 3), (100, 100)):
+        one, other = rng.normal(0.3, 1.0, first), rng.normal(0.0, 3.0, second)
+        wanted = stats.ttest_ind(one, other, equal_var=False).pvalue
+        assert p_value(mean_of(one), mean_of(other)) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_means_without_error_differ_if_they_are_not_equal():
+    assert p_value(Mean(1.0, 0.0, 5), Mean(1.0, 0.0, 5)) == 1.0
+    assert p_value(Mean(1.0, 0.0, 5), Mean(1.1, 0.0, 5)) == 0.0
+
+
+def test_a_difference_that_is_clear_alone_may_not_be_among_many():
+    error, samples = 0.1, 1000
+    pair = [Mean(0.0, error, samples), Mean(2.2 * error * math.sqrt(2.0), error, samples)]
+    assert differ(pair) == {(0, 1)}
+    middle = [Mean(1.1 * error * math.sqrt(2.0), error, samples)] * 3
+    assert differ([*pair, *middle]) == set()
+
+
+def test_each_clear_difference_makes_the_next_easier():
+    error, samples = 0.1, 10_000
+    unit = error * math.sqrt(2.0)
+    far, near = 20.0 * unit, stats.norm.isf(0.5 * 0.05 / 2.5) * unit
+    assert differ([Mean(v, error, samples) for v in (0.0, near)]) == {(0, 1)}
+    three = [Mean(v, error, samples) for v in (0.0, near, far)]
+    # Two differences to the far one come first; the third needs 5 % alone, not a third of that.
+    assert differ(three) == {(0, 1), (0, 2), (1, 2)}
+    assert p_value(three[0], three[1]) > 0.05 / 3
+
+
+def test_equal_strings_are_rarely_told_from_the_one_that_happens_to_be_first():
+    repeats, strings, samples = 3000, 6, 20
+    values = np.random.default_rng(3).gamma(9.0, 1.0, (repeats, strings, samples))
+    wrong = 0
+    for ensembles in values:
+        means = sorted(map(mean_of, ensembles))
+        wrong += any(place == 0 for place, _ in differ(means))
+    assert wrong / repeats < 0.05 + 4.0 * math.sqrt(0.05 * 0.95 / repeats)
+    assert wrong, "it is no test if it never errs"
+
+
+def test_nothing_differs_where_there_is_nothing_to_compare():
+    assert differ([]) == set()
+    assert differ([Mean(1.0, 0.1, 5)]) == set()

@@ -1,0 +1,153 @@
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from search_fakes import PARTICLES, Decisions, completed, unit_box
+
+from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.objectives import MaximumGrowth
+from agglom_mpi.search.racing import Racing, Standing
+from agglom_mpi.search.stopping import StandardError
+
+GENERATIONS, MOST = 4, 60
+
+
+class Book(Decisions):
+    def announced(self, batch, ids):
+        pass
+
+    def proposed(self, batch, ids):
+        self.batches.append((batch.parameters.tolist(), ids.tolist()))
+
+
+def worth(parameters):
+    return 1.0 + parameters[:3].sum()
+
+
+def simulate(parameters, sample):
+    """Return a made-up outcome, a pure function of the string and the sample number."""
+    rng = np.random.default_rng([*parameters.view(np.uint64).tolist(), sample])
+    return completed(worth(parameters) * (1.0 + 0.1 * rng.standard_normal()))
+
+
+def inversion(racing, observer, generations=GENERATIONS):
+    rule, objective = StandardError(0.005), MaximumGrowth(PARTICLES)
+    return Inversion(
+        GeneticSearch(unit_box(), 3, population=12, parents=4),
+        lambda: Ensemble(rule, objective, PARTICLES, 5, MOST),
+        generations,
+        None,
+        None,
+        observer,
+        racing=racing,
+    )
+
+
+def run(racing, shuffle=None):
+    """Run to the end, in order or with samples in any order; the book and samples simulated."""
+    book = Book()
+    decisions = inversion(racing, book)
+    decisions.start()
+    given = 0
+    while not decisions.finished:
+        needs = [(string, p.next_sample) for string, p in decisions.live.items()]
+        if shuffle is not None:
+            ahead = [(s, n + k) for s, n in needs for k in range(shuffle.randrange(1, 9))]
+            needs = shuffle.sample(ahead, len(ahead))
+        for string, sample in needs:
+            if sample < MOST and not decisions.finished:
+                decisions.accept(string, sample, [simulate(decisions.parameters(string), sample)])
+                given += 1
+    return book, given
+
+
+def test_a_string_whose_interval_lies_above_those_of_all_kept_is_dropped():
+    racing = Racing(kept=2, confidence=0.95, first=5)
+    running = {7: Standing(0.9, 0.001, 5), 8: Standing(0.50002, 0.001, 5)}
+    others = [Standing(0.5, 0.001, 20), Standing(0.4, 0.001, 20)]
+    assert racing.dropped(0, running, others) == [7]
+
+
+def test_no_string_is_dropped_while_there_are_no_more_than_are_kept():
+    racing = Racing(kept=4, confidence=0.95, first=5)
+    running = {i: Standing(float(i), 1e-6, 50) for i in range(4)}
+    assert racing.dropped(0, running, []) == []
+
+
+@pytest.mark.parametrize("unknown", [Standing(0.9, math.nan, 1), Standing(math.inf, math.nan, 0)])
+def test_a_string_without_an_error_is_not_dropped_and_drops_nobody(unknown):
+    racing = Racing(kept=1, confidence=0.95, first=5)
+    assert racing.dropped(0, {1: unknown}, [Standing(0.1, 1e-9, 50)]) == []
+    assert racing.dropped(0, {1: Standing(0.9, 1e-9, 50)}, [unknown]) == []
+
+
+@given(st.data())
+@settings(max_examples=200, derandomize=True, deadline=None)
+def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
+    kept = data.draw(st.integers(1, 6))
+    number = st.floats(1e-3, 10.0)
+    standings = data.draw(
+        st.lists(st.builds(Standing, number, number, st.integers(2, 100)), min_size=1, max_size=20)
+    )
+    running = dict(enumerate(standings))
+    dropped = Racing(kept, 0.95, 5).dropped(data.draw(st.integers(0, 4)), running, [])
+    best = sorted(running, key=lambda i: standings[i].objective)[:kept]
+    assert not set(best) & set(dropped)
+
+
+def test_more_confidence_drops_fewer():
+    rng = np.random.default_rng(0)
+    running = {i: Standing(rng.uniform(), 0.05, 10) for i in range(40)}
+    counts = [
+        len(Racing(4, c, 5).dropped(0, running, [])) for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
+    ]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[-1]
+
+
+def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
+    """Strings with known means race with normal noise; a dropped one of the best is an error."""
+    rng, kept, confidence, races = np.random.default_rng(1), 3, 0.8, 400
+    racing, wrong, best_strings = Racing(kept, confidence, 3), 0, 0
+    for _ in range(races):
+        means = np.sort(rng.uniform(0.0, 1.0, 8))
+        noise = rng.normal(size=(8, 96))
+        alive = set(range(8))
+        for race in range(6):
+            r = racing.samples(race)
+            seen = {i: means[i] + noise[i, :r] for i in range(8)}
+            standings = {
+                i: Standing(x.mean(), x.std(ddof=1) / math.sqrt(r), r) for i, x in seen.items()
+            }
+            running = {i: standings[i] for i in alive}
+            out = [standings[i] for i in set(range(8)) - alive]
+            alive -= set(racing.dropped(race, running, out))
+        wrong += sum(i not in alive for i in range(kept))
+        best_strings += kept
+    error = math.sqrt(confidence * (1.0 - confidence) / best_strings)
+    assert wrong / best_strings <= 1.0 - confidence + 4.0 * error
+
+
+def test_racing_saves_samples_and_keeps_the_parents():
+    plain, without = run(None)
+    raced, samples = run(Racing(kept=4, confidence=0.9, first=5))
+    assert samples < 0.8 * without
+    # The parents of the first generation are the same, so the second is bred of the same.
+    assert raced.batches[:2] == plain.batches[:2]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_order_of_arrival_changes_a_race(seed):
+    racing = Racing(kept=4, confidence=0.9, first=5)
+    assert run(racing, random.Random(seed))[0].text() == run(racing)[0].text()
+
+
+def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
+    book, _ = run(Racing(kept=4, confidence=0.9, first=5))
+    ended = [r.samples_used for r in book.results.values() if not r.hit_maximum]
+    assert set(ended) & {5, 10, 20, 40}
