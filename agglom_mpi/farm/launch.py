@@ -87,7 +87,7 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
     world = MPI.COMM_WORLD
     if promised != world.size:
         raise LaunchError(
-            f"the launcher started {promised} processes, but {MPI.Get_library_version().split()[0]}"
+            f"the launcher started {promised} processes, but {MPI.get_vendor()[0]}"
             f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
             "of this library, or srun with the --mpi type it supports"
         )

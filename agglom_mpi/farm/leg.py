@@ -49,7 +49,7 @@ def run_leg(
         books.synced = crew.sync
     with display:
         end = master.run(crew, stop)
-    master.wind_up(crew, end.code)
+    end = master.wind_up(crew, end)
     writer.end_leg(
         leg,
         stopped=time.time(),

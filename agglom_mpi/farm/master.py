@@ -1,6 +1,7 @@
 """The loop of rank 0: hand out samples, judge what comes back, store it, stop in time."""
 
 import time
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -13,12 +14,14 @@ from agglom_mpi.database.table import unbroken
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
 from agglom_mpi.farm.books import Books, Stored, Watcher
+from agglom_mpi.farm.chores import Chore
 from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Crew, Delivery
 from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
 from agglom_mpi.farm.messages import SILENT_AFTER, final_results
+from agglom_mpi.farm.reestimation import Reestimation
 from agglom_mpi.farm.replay import stored_outcomes
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
@@ -60,11 +63,19 @@ class Master:
         self._writer = writer
         self._watcher = watcher
         self._stored = Stored(file)
+        self._fresh = file.fresh_from, file.max_samples
         self._failing: set[int] = set()
         self._ticked, self._news = time.monotonic(), True
         self.silent: set[int] = set()
         self.books = Books(writer, self._stored, watcher, work.top)
-        self.inversion = work.inversion(self._stored.restore, self.books)
+        self.inversion = work.inversion(self._stored.restore, self.books, background=True)
+
+    @cached_property
+    def reestimation(self) -> Reestimation:
+        """The fresh samples of the best strings, once all is decided."""
+        assert self.inversion.finished
+        finalists, known = self._work.finalists(self.inversion), self._stored.estimated
+        return Reestimation(finalists, *self._fresh, known, self.inversion.parameters)
 
     @cached_property
     def gallery(self) -> Gallery:
@@ -78,7 +89,7 @@ class Master:
             self.inversion.accept(*stored)
         self.books.failures = self._stored.failures
         self.inversion.start()
-        return self.inversion.finished and self.gallery.complete
+        return self.inversion.finished and self.reestimation.complete and self.gallery.complete
 
     def run(self, crew: Crew, stop: StopRequest) -> End:
         """Simulate until the campaign is finished or something asks to stop."""
@@ -91,15 +102,41 @@ class Master:
         )
         self.books.begun = time.monotonic()
         while not self.inversion.finished:
-            if stop.reason:
-                return End(STOPPED, "stopped", stop.reason)
-            if self.books.failures >= self._work.max_failures:
-                return End(FAILURE, "failed", f"{self.books.failures} samples failed with errors")
+            if end := self._end(stop):
+                return end
             self._serve(self._scheduler)
             for delivery in crew.deliveries():
                 self._take(delivery)
                 self._listen(self._scheduler, delivery.rank)
-        return self._take_pictures(stop)
+        for chore in (self.reestimation, self.gallery):
+            if end := self._carry_out(chore, stop):
+                return end
+        return End(FINISHED, "finished", self.finished_because)
+
+    def _end(self, stop: StopRequest) -> End | None:
+        """Why to end before all is done, if there is a reason."""
+        if stop.reason:
+            return End(STOPPED, "stopped", stop.reason)
+        if self.books.failures >= self._work.max_failures:
+            return self._failed()
+        return None
+
+    def _failed(self) -> End:
+        return End(FAILURE, "failed", f"{self.books.failures} samples failed with errors")
+
+    def _carry_out(self, chore: Chore, stop: StopRequest) -> End | None:
+        """Let all ranks do what is left of a chore; why it is not done, if it is not."""
+        if announcement := chore.begin(self._crew.size):
+            self._watcher.message(announcement)
+        self._news = True
+        while not chore.done:
+            if end := self._end(stop):
+                return end
+            self._serve(chore.errands)
+            for delivery in self._crew.deliveries():
+                self._take(delivery)
+                self._listen(chore.errands, delivery.rank)
+        return None
 
     def _serve(self, work: Scheduler | Errands) -> None:
         """Hand out tasks if there is news, and do what is due from time to time."""
@@ -132,62 +169,55 @@ class Master:
         host = self._crew.hosts.get(rank)
         return f"rank {rank}" if host is None else f"rank {rank} on {host}"
 
-    def _take_pictures(self, stop: StopRequest) -> End:
-        """Let all ranks take the pictures that are asked for and not there yet."""
-        tasks = self.gallery.open()
-        if len(tasks):
-            samples = f"{len(tasks)} sample{'' if len(tasks) == 1 else 's'}"
-            self._watcher.message(f"taking pictures of {samples}, {tasks['frames'][0]} of each")
-        errands, self._news = Errands(tasks, self._crew.size), True
-        while not self.gallery.done:
-            if stop.reason:
-                return End(STOPPED, "stopped", stop.reason)
-            self._serve(errands)
-            for delivery in self._crew.deliveries():
-                for _ in range(self._take(delivery)):
-                    errands.done(delivery.rank)
-                self._listen(errands, delivery.rank)
-        return End(FINISHED, "finished", self.finished_because)
-
-    def wind_up(self, crew: Crew, code: int) -> None:
-        """Stop all ranks with an exit code, and store and judge what they still have."""
-        for delivery in crew.dismiss(code, self.silent):
+    def wind_up(self, crew: Crew, end: End) -> End:
+        """Stop all ranks, and store and judge what they still have; the end as it is then."""
+        for delivery in crew.dismiss(end.code, self.silent):
             self._take(delivery)
         for rank in crew.missing:
             self.books.take_over(rank)
         self.books.finish()
+        return self._failed() if end.code == FAILURE else end
 
-    def _take(self, delivery: Delivery) -> int:
-        """Store and judge what a rank sent; the number of samples that it took all pictures of."""
-        hung = 0
+    def _take(self, delivery: Delivery) -> None:
+        """Store and judge what a rank sent."""
         for failure in delivery.failures:
             self._report_exception(failure)
-            string, sample = int(failure["string"]), int(failure["sample"])
-            hung += self.inversion.finished and self.gallery.give_up(string, sample)
+            if failure["frames"]:
+                self.gallery.give_up(int(failure["string"]), int(failure["sample"]))
+                self.gallery.errands.done(delivery.rank)
         if len(delivery.results) or delivery.finals is not None:
             writes = delivery.rank if self._writer.shared and delivery.rank else None
             self.books.simulated(final_results(delivery.results), delivery.finals, writes)
-            self._judge(delivery.rank, delivery.results)
-        if delivery.frames is not None:
-            hung += self.gallery.hang(delivery.frames)
+            fresh = delivery.results["sample"] >= self._fresh[0]
+            self._judge(delivery.rank, delivery.results[~fresh])
+            if fresh.any():
+                self._estimate(delivery.rank, delivery.results[fresh])
+        if delivery.frames is not None and self.gallery.hang(delivery.frames):
+            self.gallery.errands.done(delivery.rank)
         if delivery.written:
             self.books.written(delivery.rank, delivery.written)
-        return hung
 
     def _judge(self, rank: int, results: NDArray[np.void]) -> None:
         """Let decisions be made from what a rank simulated, unless others were first."""
-        outcomes, begin = measured(results), 0
-        for piece, fresh in self._scheduler.returned(rank, results["seconds"].tolist()):
-            rows = results[begin : begin + piece.size]
-            check_turn(rank, piece, rows[0])
-            for first, count in unbroken(fresh):
-                new = rows[first : first + count]
-                self.books.counted(new)
-                at = begin + first
-                self.inversion.accept(piece.string, piece.first + first, outcomes[at : at + count])
+        outcomes = measured(results)
+        for piece, parts in first_returns(self._scheduler, rank, results):
+            for part in parts:
+                self.books.counted(results[part])
+                first = int(results["sample"][part][0])
+                self.inversion.accept(piece.string, first, outcomes[part])
+                self._count_failures(results[part])
             self._scheduler.judged(piece.string)
-            begin += piece.size
-        for row in results[results["state"] == FAILED]:
+
+    def _estimate(self, rank: int, results: NDArray[np.void]) -> None:
+        """Take fresh samples, of which nothing is decided."""
+        for _, parts in first_returns(self.reestimation.errands, rank, results):
+            for part in parts:
+                self.books.estimated(results[part])
+                self.reestimation.take(results[part])
+                self._count_failures(results[part])
+
+    def _count_failures(self, rows: NDArray[np.void]) -> None:
+        for row in rows[rows["state"] == FAILED]:
             self._count_failure(row)
 
     def _count_failure(self, row) -> None:  # type: ignore[no-untyped-def]
@@ -218,13 +248,25 @@ class Master:
     def _tick(self, now: float) -> None:
         elapsed = now - self.books.begun
         busy = self.books.busy_seconds / (elapsed * self._crew.size)
-        samples = len(self._stored.samples) + self.books.samples
+        samples = len(self._stored.samples) + len(self._stored.fresh) + self.books.samples
         self._watcher.tick(samples, self.books.rate, busy, len(self.inversion.live))
 
     @property
     def finished_because(self) -> str:
         """Why the search ended, in words."""
         return self._work.finished_because(self.inversion)
+
+
+def first_returns(
+    work: Scheduler | Errands, rank: int, results: NDArray[np.void]
+) -> Iterator[tuple[Piece, list[slice]]]:
+    """Pieces that a rank has done, each with where in the results is what nobody did before."""
+    begin = 0
+    for piece, new in work.returned(rank, results["seconds"].tolist()):
+        check_turn(rank, piece, results[begin])
+        places = ((begin + first, count) for first, count in unbroken(new))
+        yield piece, [slice(first, first + count) for first, count in places]
+        begin += piece.size
 
 
 def check_turn(rank: int, piece: Piece, row: np.void) -> None:

@@ -46,7 +46,7 @@ def kill_once(folder, ranks, chance):
     path = folder / "slow.h5"
     before = count_samples(final_rows(path))
     victims = []
-    with running(folder, "slow.yaml", ranks=ranks) as process:
+    with running(folder, "slow.yaml", ranks=ranks, inject=None) as process:
         if wait_for_the_moment(process, path, before, chance):
             victims = [process.pid] if ranks is None else ranks_below(process.pid)
         seen = final_rows(path)

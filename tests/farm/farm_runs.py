@@ -14,11 +14,25 @@ import numpy as np
 import pytest
 
 from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.farm.check import check_file
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 SMALL = {"generations": 3, "max_samples": 30}
 SLOW = {"generations": 3, "max_samples": 30, "steps": 6000}
 """The same scene for longer, to be interrupted; some three seconds of work."""
+SLOWLY = """
+import time
+import agglom_mpi.farm.simulator as simulator
+
+at_once = simulator.simulate_scene
+
+def slowly(*arguments):
+    time.sleep(0.02)
+    return at_once(*arguments)
+
+simulator.simulate_scene = slowly
+"""
+"""What makes a campaign last on any machine, so that it can be caught in the act."""
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}
 TIMEOUT = 120.0
 
@@ -26,10 +40,11 @@ _BIN = Path(sys.executable).parent
 _LAUNCHERS = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "SLURM_", "HYDI_", "PRTE_")
 
 
-def write_campaign(path, max_failures=None, steps=None, **numbers):
+def write_campaign(path, max_failures=None, steps=None, final="none", **numbers):
     """Write the quickstart campaign with other numbers, or with `steps` equal time steps.
 
-    All variants of the same engine share compiled kernels.
+    All variants of the same engine share compiled kernels. Most tests need no fresh samples:
+    `final` asks for some.
     """
     text = QUICKSTART.read_text()
     if steps is not None:
@@ -42,7 +57,9 @@ def write_campaign(path, max_failures=None, steps=None, **numbers):
         assert count == 1, name
     if max_failures is not None:
         text = f"{text.rstrip()}\n  max_failures: {max_failures}\n"
-    path.write_text(text)
+    remark, _, rest = text.partition("\n")
+    assert remark.startswith("#")
+    path.write_text(f"final: {final}\n{rest}")
     return path
 
 
@@ -139,7 +156,11 @@ def wait_until(condition, process, seconds=60.0):
 
 @contextmanager
 def running(folder, *arguments, **options):
-    """Start a run that does not outlive the block."""
+    """Start a run that does not outlive the block; `SLOWLY`, unless another `inject` is given."""
+    if "inject" not in options:
+        options["inject"] = folder / "slowly"
+        if not options["inject"].exists():
+            inject(options["inject"], SLOWLY)
     process = start(folder, *arguments, **options)
     try:
         yield process
@@ -161,6 +182,13 @@ def stop(folder, name, *arguments, number=signal.SIGUSR1, until=None, **options)
         os.kill(process.pid, number)
         _, errors = process.communicate(timeout=30)
     return process.returncode, errors
+
+
+def assert_sound(path):
+    """Check a file, which must be sound; what `agglom check` says."""
+    said, code = check_file(str(path))
+    assert code == 0, said
+    return said
 
 
 def samples_in(path):
