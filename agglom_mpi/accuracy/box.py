@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed, estimate
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.accuracy.words import digits, measured, time
 from agglom_mpi.campaign import Campaign
+from agglom_mpi.report.picture import Picture
 from agglom_mpi.search.objectives import make_objective
 
 if TYPE_CHECKING:
@@ -96,12 +97,12 @@ def box(
             "start from different configurations, so differences are not paired there."
         ),
         figures=(
-            Figure(
+            Picture(
                 "box_particles",
                 "Mean growth against the number of particles, with 95 % bands.",
                 lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
             ),
-            Figure(
+            Picture(
                 "box_end_time",
                 "Mean growth against the end time, with 95 % bands.",
                 lambda figure: _draw(figure, times, "end time (s)", "end time T (s)"),

@@ -6,16 +6,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from agglom_mpi.report.picture import COLOURS
+
 if TYPE_CHECKING:
     import matplotlib.figure
 
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette, told apart by colour-blind readers too."""
-
 MARKERS: Final = "os^DvPX"
-
-SIZE: Final = (6.0, 3.8)
-"""Inches of a figure with one panel; at the document's 110 dots per inch it fits a page."""
 
 
 class Curve(NamedTuple):

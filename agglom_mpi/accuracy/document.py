@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi import __version__
-from agglom_mpi.accuracy.curves import SIZE
-from agglom_mpi.accuracy.section import Figure, Section, Table
+from agglom_mpi.accuracy.section import Section, Table
+from agglom_mpi.report.picture import replace_file, write_picture
 
 NAME: Final = "report.md"
-DOTS_PER_INCH: Final = 110
 
 
 class Part(NamedTuple):
@@ -37,33 +36,12 @@ def write_document(directory: Path, header: Header, parts: Sequence[Part]) -> Pa
     """
     for section in (section for part in parts for section in part.sections):
         for figure in section.figures:
-            _write_figure(directory, figure)
+            write_picture(directory, figure)
         for table in section.tables:
-            _replace(directory / f"{table.name}.csv", table.frame.to_csv(index=False).encode())
+            replace_file(directory / f"{table.name}.csv", table.frame.to_csv(index=False).encode())
     text = "\n".join(_lines(header, parts))
-    _replace(directory / NAME, text.encode())
+    replace_file(directory / NAME, text.encode())
     return directory / NAME
-
-
-def _write_figure(directory: Path, figure: Figure) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Canvas
-
-    canvas = Canvas(figsize=SIZE, layout="constrained")
-    FigureCanvasAgg(canvas)
-    figure.draw(canvas)
-    for suffix in ("png", "svg"):
-        path = directory / f"{figure.name}.{suffix}"
-        temporary = path.with_name(f".{path.name}.new")
-        metadata: dict[str, Any] = {"Date": None} if suffix == "svg" else {}
-        canvas.savefig(temporary, format=suffix, dpi=DOTS_PER_INCH, metadata=metadata)
-        os.replace(temporary, path)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.new")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
 
 
 def _lines(header: Header, parts: Sequence[Part]) -> Iterator[str]:

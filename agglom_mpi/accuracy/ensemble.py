@@ -7,7 +7,7 @@ import numpy as np
 from agglom_mpi.accuracy import ensemble_words as words
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.ensemble_goal import at_goal, of_rules, round_goal
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.stopping_study import (
     OWN,
     Truth,
@@ -17,6 +17,7 @@ from agglom_mpi.accuracy.stopping_study import (
     truth_of,
 )
 from agglom_mpi.accuracy.words import percent
+from agglom_mpi.report.picture import Picture
 from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective, make_objective
 from agglom_mpi.search.streams import stream
 from agglom_mpi.simulation.outcome import COMPLETED
@@ -98,7 +99,7 @@ def _nothing(
     return Section(words.TITLE, words.PROBLEM, reference, setups, (), (), failures, conclusions)
 
 
-def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Figure, ...]:
+def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Picture, ...]:
     rules = of_rules(frame)
 
     def error(figure: "matplotlib.figure.Figure") -> None:
@@ -135,9 +136,9 @@ def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Figure, ..
         axes.axhline(0.95, color="0.5", linewidth=0.8)
 
     return (
-        Figure("ensemble_error", words.ERROR_CAPTION, error),
-        Figure("ensemble_belief", words.BELIEF_CAPTION, belief),
-        Figure("ensemble_coverage", words.COVERAGE_CAPTION, coverage),
+        Picture("ensemble_error", words.ERROR_CAPTION, error),
+        Picture("ensemble_belief", words.BELIEF_CAPTION, belief),
+        Picture("ensemble_coverage", words.COVERAGE_CAPTION, coverage),
     )
 
 

@@ -9,7 +9,8 @@ from agglom_mpi.accuracy import few_words as words
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.few_scenes import bonding, bouncing
 from agglom_mpi.accuracy.few_study import FULL, QUICK, orders, study
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.report.picture import Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -42,8 +43,8 @@ def few_body(quick: bool = False) -> Section:
     )
 
 
-def _figures(frame: "pd.DataFrame") -> tuple[Figure, ...]:
-    def against_step(engine: str, label: str) -> Figure:
+def _figures(frame: "pd.DataFrame") -> tuple[Picture, ...]:
+    def against_step(engine: str, label: str) -> Picture:
         def draw(figure: "matplotlib.figure.Figure") -> None:
             rows = frame[frame["engine"] == engine]
             curves = [
@@ -52,7 +53,7 @@ def _figures(frame: "pd.DataFrame") -> tuple[Figure, ...]:
             ]
             draw_curves(figure, curves, label, words.ERROR)
 
-        return Figure(f"few_{engine}", words.step_caption(engine), draw)
+        return Picture(f"few_{engine}", words.step_caption(engine), draw)
 
     def cost(figure: "matplotlib.figure.Figure") -> None:
         shown = frame[frame["scene"].isin((words.TYPICAL, words.UNSEEN))]
@@ -65,7 +66,7 @@ def _figures(frame: "pd.DataFrame") -> tuple[Figure, ...]:
     return (
         against_step("fixed", "time step (s)"),
         against_step("adaptive", "shortest step (s)"),
-        Figure("few_cost", words.COST_CAPTION, cost),
+        Picture("few_cost", words.COST_CAPTION, cost),
     )
 
 

@@ -20,8 +20,9 @@ from agglom_mpi.accuracy.impact_outcomes import (
     outcomes,
     summary,
 )
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.words import digits, percent, time
+from agglom_mpi.report.picture import Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -49,13 +50,13 @@ def impact_solver(quick: bool = False) -> Section:
         ),
         setups=_setups(impacts),
         figures=(
-            Figure(
+            Picture(
                 "impact_solver",
                 "Error of e against the time of an impact: medians with lines, worst without. "
                 "The three points of a line are the tolerances.",
                 lambda figure: _draw_work(figure, frame),
             ),
-            Figure(
+            Picture(
                 "impact_solver_map",
                 f"What becomes of an impact under the iteration as published, cap {CAPS[-1]}, to "
                 f"{TOLERANCES[1]:g}. Rows are materials: the paper whose duration of contact it "

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed
 from agglom_mpi.accuracy.trials import Trial
 from agglom_mpi.accuracy.words import digits, measured
@@ -17,6 +17,7 @@ from agglom_mpi.campaign.code import Code, recorded_code
 from agglom_mpi.campaign.source import Problem
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.numbers import duration
+from agglom_mpi.report.picture import Picture
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.search.student import t_95
 from agglom_mpi.variables import NAMES
@@ -93,7 +94,7 @@ def inversion(history: CampaignFile, samples: Mapping[str, Rows]) -> Section:
             "search are the campaign's own."
         ),
         figures=(
-            Figure(
+            Picture(
                 "inversion",
                 "Objective of the best string against time: as the search had it, and estimated "
                 "again, with 95 % bands.",

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from agglom_mpi.report.picture import Picture
+
 if TYPE_CHECKING:
-    import matplotlib.figure
     import pandas as pd
 
 
@@ -36,14 +37,6 @@ class Table(NamedTuple):
     shown: tuple[Shown, ...] = ()
 
 
-class Figure(NamedTuple):
-    """A picture, `NAME.png` and `NAME.svg`; `draw` fills an empty matplotlib figure."""
-
-    name: str
-    caption: str
-    draw: Callable[["matplotlib.figure.Figure"], None]
-
-
 class Section(NamedTuple):
     """A study as a document: problem, reference, set-ups, curves, failures, conclusions.
 
@@ -52,7 +45,8 @@ class Section(NamedTuple):
     title : str
     problem, reference, setups : str
         What is asked, what errors are measured against, and what was run; Markdown paragraphs.
-    figures, tables : tuple
+    figures : tuple of Picture
+    tables : tuple of Table
     failures : tuple of str
         What did not work, one sentence each, computed from the data.
     conclusions : tuple of str
@@ -63,7 +57,7 @@ class Section(NamedTuple):
     problem: str
     reference: str
     setups: str
-    figures: tuple[Figure, ...]
+    figures: tuple[Picture, ...]
     tables: tuple[Table, ...]
     failures: tuple[str, ...]
     conclusions: tuple[str, ...]

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Figure, Section, Shown, Table
+from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import Estimate, completed, estimate, paired_difference
 from agglom_mpi.accuracy.trials import Trial
 from agglom_mpi.accuracy.words import digits, measured, percent, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, EventEngine, FixedEngine
+from agglom_mpi.report.picture import Picture
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.outcome import measured as outcomes
 from agglom_mpi.simulation.scene import build_scene
@@ -122,13 +123,13 @@ def time_integration(
             "cores of the machine at work."
         ),
         figures=(
-            Figure(
+            Picture(
                 "time_integration",
                 "Bias of the mean growth against the time of a sample, with 95 % bands; the event "
                 "engine is the star on the zero line.",
                 lambda figure: _draw_signed(figure, frame, cost),
             ),
-            Figure(
+            Picture(
                 "time_integration_error",
                 "The same as an error: the largest that the 95 % interval of the bias allows.",
                 lambda figure: _draw_error(figure, frame),
