@@ -223,40 +223,58 @@ def _is_hdf5(path: str) -> bool:
 
 @main.command(
     epilog="Examples:  agglom report accretion_2003.h5   "
-    "agglom report accretion_2003.h5 --sensitivity"
+    "agglom report accretion_2003.h5 --sensitivity   agglom report seed1.h5 seed2.h5"
 )
-@click.argument("file")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option(
     "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
 )
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-def report(file: str, sensitivity: bool, as_json: bool) -> None:
+def report(files: tuple[str, ...], sensitivity: bool, as_json: bool) -> None:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
-    They are ranked by their re-estimates on fresh samples, where there are any.
+    They are ranked by their re-estimates on fresh samples, where there are any. Several files are
+    compared by their best strings.
     """
+    if len(files) > 1 and sensitivity:
+        raise click.UsageError("--sensitivity is of one file")
 
     def run() -> int:
-        from agglom_mpi.database.reader import open_inversion
-        from agglom_mpi.report.summary import as_text, collect_summary, summarise
+        from agglom_mpi.report.display import print_wide
 
-        opened, more = open_inversion(file), None
-        if sensitivity:
-            from agglom_mpi.report import sensitivity as matters
-
-            more = matters.of_campaign(opened)
-        if as_json:
-            extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
-            click.echo(as_text(collect_summary(opened), extra))
-        else:
-            from agglom_mpi.report.display import print_wide
-
-            print_wide(summarise(opened))
-            if more is not None:
-                print_wide(matters.in_words(*more))
+        several = len(files) > 1
+        text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
+        click.echo(text) if as_json else print_wide(text)
         return 0
 
     sys.exit(_finish(run))
+
+
+def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
+    """Return what one file found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.summary import as_text, collect_summary, summarise
+
+    opened, more = open_inversion(file), None
+    if sensitivity:
+        from agglom_mpi.report import sensitivity as matters
+
+        more = matters.of_campaign(opened)
+    if as_json:
+        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        return as_text(collect_summary(opened), extra)
+    from rich.console import Group
+
+    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+
+
+def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
+    """Return what several files found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report import comparison
+
+    compared = comparison.compare([open_inversion(file) for file in files])
+    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
 
 
 @main.command(
