@@ -18,6 +18,9 @@ from slurm_daemons import script
 
 from agglom_mpi.database.reader import open_campaign
 
+LONG = SLOW | {"generations": 1000}
+"""Some ten minutes of one processor."""
+
 
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory):
@@ -26,6 +29,15 @@ def wanted(tmp_path_factory):
     write_campaign(folder / "slow.yaml", **SLOW)
     finish(folder, "slow.yaml")
     return decisions(folder / "slow.h5")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def limited(slurm, tmp_path_factory):
+    """Submit a job of two minutes that is sent no signal, before the other tests; both."""
+    folder = tmp_path_factory.mktemp("limited")
+    write_campaign(folder / "long.yaml", **LONG)
+    about = ("-n1", "--time=2", "--signal=B:URG@5")
+    return folder, slurm.submit(folder, *about, script("campaign.sbatch"), "long.yaml")
 
 
 @pytest.fixture
@@ -131,3 +143,14 @@ def test_one_task_of_an_array_that_stops_early_is_requeued_alone(slurm, tmp_path
     assert legs(tmp_path / "one.h5") == [0]
     assert legs(tmp_path / "two.h5") == [75, 0]
     assert_same(tmp_path / "two.h5", decisions(tmp_path / "one.h5"))
+
+
+def test_a_job_that_is_sent_no_signal_stops_itself_a_minute_before_its_end(slurm, limited):
+    folder, job = limited
+    slurm.wait(lambda: slurm.restarts(job) >= 1, "not requeued")
+    slurm("scancel", job)
+    slurm.wait(lambda: slurm.has_ended(job), "does not end")
+    leg = open_campaign(folder / "long.h5").legs()[0]
+    assert leg["exit_code"] == 75
+    assert 50.0 < leg["stopped"] - leg["started"] < 62.0
+    assert_sound(folder / "long.h5")
