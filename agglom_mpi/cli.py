@@ -463,6 +463,28 @@ def accuracy(settings: tuple[str, ...], **options: Any) -> None:
     sys.exit(_connected(run))
 
 
+@main.command(epilog="Examples:  agglom doctor   agglom doctor /scratch/me")
+@click.argument(
+    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default="."
+)
+def doctor(folder: Path) -> None:
+    """Tell what this machine has to run campaigns with, and what to mend.
+
+    MPI and its launcher, HDF5, compiled kernels, processors, the file system of FOLDER, the batch
+    system. Exit code 1 if campaigns do not run like this on several ranks.
+    """
+
+    def run() -> int:
+        from agglom_mpi.doctor.run import examine, in_words
+        from agglom_mpi.report.display import print_wide
+
+        findings = list(examine(folder.resolve()))
+        print_wide(in_words(findings))
+        return FAILURE if any(finding.broken for finding in findings) else 0
+
+    sys.exit(_finish(run))
+
+
 def _assignments(settings: tuple[str, ...]) -> dict[str, float | str]:
     values: dict[str, float | str] = {}
     for setting in settings:
