@@ -17,7 +17,7 @@ def look(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     found = f"{there} of {processor()}" + (f", {usable} usable here" if usable < there else "")
     ranks = promised_size(environment)
     advice = ""
-    if ranks is not None and ranks > there and not environment.get("SLURM_NNODES", "1") > "1":
+    if ranks is not None and ranks > there and environment.get("SLURM_NNODES", "1") == "1":
         advice = f"{ranks} ranks on them: no more than {there} are of use"
     elif ranks is not None and usable < 2:
         advice = (
@@ -25,7 +25,7 @@ def look(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
             "if not, OMPI_MCA_hwloc_base_binding_policy=none"
         )
     yield Finding("processors", found, advice)
-    many = [f"{n}={environment[n]}" for n in THREADS if environment.get(n, "1") != "1"]
+    many = [f"{n}={environment[n]}" for n in THREADS if environment.get(n, "") not in ("", "1")]
     if many:
         advice = "the parallelism is in the ranks: set them to 1, they only cost"
         yield Finding("threads", ", ".join(many), advice)
