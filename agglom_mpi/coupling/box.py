@@ -204,8 +204,8 @@ class Box:
     def set(self, *, velocities: Given = None, temperatures: Given = None) -> None:
         """Give the particles other velocities or temperatures, as the constructor takes them.
 
-        Arrays are in the order of `particles`, which others keep. Rates begin at 0 again; the time
-        goes on, and so do time steps of an engine, with a new one.
+        Arrays are in the order of `particles`, which others keep. The time goes on; rates begin
+        at 0 again, and so do the steps of a time-stepping engine.
         """
         rows = self.particles
         count = len(rows.radii)

@@ -81,16 +81,17 @@ def _scatter(
 
     Returns the positions in m, shape (n, 3).
     """
+    laws, half_width = (scene.escape, scene.velocities), scene.half_width
     if positions is not None:
-        scatter(scene, random, None, np.empty((3, 0)), velocity)
+        scatter(*laws, random, None, half_width, np.empty((3, 0)), velocity)
         return positions
     order = np.argsort(-radii, kind="stable")
     sizes: EqualSizes | Sizes = EqualSizes(2.0 * float(radii[0]))
     if np.any(radii != radii[0]):
         sizes = Sizes(radii[order], float(radii.max()))
     placed = np.empty((3, len(radii)))
-    if not scatter(scene, random, sizes, placed, velocity):
-        fraction = np.sum((radii / scene.half_width) ** 3) * np.pi / 6.0
+    if not scatter(*laws, random, sizes, half_width, placed, velocity):
+        fraction = np.sum((radii / half_width) ** 3) * np.pi / 6.0
         raise ValueError(
             f"radii fill {fraction:.3g} of the box with {len(radii)} spheres, and one found no "
             "free place; must be fewer or smaller, or give positions"

@@ -67,12 +67,13 @@ def new_looker(scene: Scene, capacity: int) -> Any:
 
 
 @kernel
-def scatter(scene, random, sizes, position, velocity):  # type: ignore[no-untyped-def]
+def scatter(escape, velocities, random, sizes, half_width, position, velocity):  # type: ignore[no-untyped-def]
     """Place spheres as the grains of a sample are placed, and draw velocities as those have.
 
     Parameters
     ----------
-    scene : Scene
+    escape, velocities, half_width
+        Those of the scene, without its laws: one machine code serves many scenes.
     random : numpy.random.Generator
     sizes : EqualSizes, Sizes or None, to place nobody
     position, velocity : array, shape (3, N), m and m/s, filled; no velocity if it is None
@@ -83,10 +84,10 @@ def scatter(scene, random, sizes, position, velocity):  # type: ignore[no-untype
         False if a sphere found no place.
     """
     if sizes is not None:  # noqa: SIM102  (types decide this one when it is compiled)
-        if not place(random, scene.escape, position, sizes, scene.half_width):
+        if not place(random, escape, position, sizes, half_width):
             return False
     if velocity is not None:
-        draw_velocities(scene.velocities, random, velocity)
+        draw_velocities(velocities, random, velocity)
     return True
 
 
