@@ -50,10 +50,9 @@ def test_two_spheres_that_are_given_meet_when_they_must():
 
 
 def test_aggregates_are_given_with_their_grains():
-    box = Box(
-        BREAKING, radii=[5e-4, 1e-3], grains=[1, 8], positions=PAIR, velocities=0.0 * np.ones(3)
-    )
-    np.testing.assert_array_equal(box.particles.grains, [1, 8])
+    rows = Box(BREAKING, radii=[5e-4, 1e-3], grains=[1, 8], positions=PAIR).particles
+    np.testing.assert_array_equal(rows.grains, [1, 8])
+    assert rows.masses[1] == pytest.approx(8.0 * rows.masses[0])
 
 
 REFUSED = {
@@ -93,7 +92,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("message", REFUSED)
 def test_what_cannot_be_is_refused_by_name_value_and_what_is_allowed(message):
-    with pytest.raises(ValueError, match=".") as error:
+    with pytest.raises(ValueError, match=r"must be|must not") as error:
         Box(GAS, **REFUSED[message])
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
