@@ -42,7 +42,9 @@ def number_of(asked: int | None, default: int, **given: Any) -> int:
     first, count = next(iter(said.items()))
     for name, other in said.items():
         if other != count:
-            raise ValueError(f"{name} are for {other} particles, but {first} for {count}")
+            raise ValueError(
+                f"{name} are for {other} particles, but {first} for {count}; must be for as many"
+            )
     if count < 1:
         raise ValueError(f"{first} are for no particle; must be for at least 1")
     return count

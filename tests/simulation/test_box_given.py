@@ -86,7 +86,7 @@ REFUSED = {
         "grains": [0, 1],
         "positions": PAIR,
     },
-    "radii fill 0.942 of the box with 900 spheres": {"radii": 1.26e-3, "particles": 900},
+    "radii fill 0.943 of the box with 900 spheres": {"radii": 1.26e-3, "particles": 900},
 }
 
 

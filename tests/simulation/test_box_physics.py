@@ -31,8 +31,11 @@ def test_mass_momentum_and_energy_are_kept_across_steps(name):
     kinetic, thermal = energies(start, capacity)
     # A few thousand roundings of 1e-16 of what is there.
     few = 1e-13 * (kinetic + thermal)
+    released = cooled = 0.0
     for _ in range(6):
         state = box.advance(step)
+        released += state.heat_release_rate
+        cooled += state.cooling_rate
         assert state.mass_density == pytest.approx(start.mass_density, rel=1e-13)
         change = (state.momentum_density - start.momentum_density) * box.volume
         assert np.linalg.norm(change) < 1e-12 * impetus
@@ -43,10 +46,10 @@ def test_mass_momentum_and_energy_are_kept_across_steps(name):
         kinetic, thermal = energies(state, capacity)
         assert kinetic == pytest.approx(lost, rel=1e-11)
         assert thermal == pytest.approx(warmed, rel=0, abs=few)
-    assert state.heat_release_rate > 0.0
-    assert state.capped_iterations == state.floored_temperatures == 0
+        assert state.capped_iterations == state.floored_temperatures == 0
+    assert released > 0.0
+    assert (cooled > 0.0) == name.startswith("breaking")
     if name.startswith("breaking"):
-        assert state.cooling_rate > 0.0
         assert box.particles.grains.sum() == BREAKING.scene.particles
 
 
@@ -106,8 +109,8 @@ def test_the_order_in_which_particles_are_given_does_not_matter():
     np.testing.assert_allclose(there.velocities, here.velocities[order], rtol=0, atol=1e-9)
 
 
-def test_a_box_cools_by_haffs_law(capsys):
-    """Ten collisions per sphere: a quarter of the granular temperature is left.
+def test_a_box_cools_by_haffs_law():
+    """Ten collisions per sphere leave 30 % of the granular temperature.
 
     Corrections to Gaussian velocities and random sequential places are a percent at most.
     """
@@ -125,9 +128,8 @@ def test_a_box_cools_by_haffs_law(capsys):
         measured[k] = [state.granular_temperature * count / (count - 1) for state in states]
     mean, error = measured.mean(axis=0), measured.std(axis=0, ddof=1) / math.sqrt(boxes)
     expected = np.array([theory.haff_temperature(time, 1.0, e, rate) for time in times])
-    with capsys.disabled():
-        for row in zip(1e3 * times, mean, error, expected, strict=True):
-            print("\n{:6.2f} ms   {:.4f} ± {:.4f}   Haff {:.4f}".format(*row), end="")
+    for row in zip(1e3 * times, mean, error, expected, strict=True):
+        print("{:6.2f} ms   {:.4f} ± {:.4f}   Haff {:.4f}".format(*row))
     assert abs(1.0 - theory.haff_correction(e)) * 10.0 * (1.0 - e**2) / 3.0 < 0.004
     assert expected[-1] == pytest.approx(math.exp(-20.0 * (1.0 - e**2) / 6.0))
     assert error[-1] < 0.02 * expected[-1]
