@@ -17,7 +17,6 @@ from agglom_mpi.simulation.particles import (
     REACTION,
     SURFACE,
     Ledger,
-    Particles,
 )
 
 
@@ -143,16 +142,15 @@ def homogenise(
     )
 
 
-def particles_of(particles: Particles) -> BoxParticles:
-    """Copy particles without gaps."""
+def particles_of(particles: Any) -> BoxParticles:
+    """Copy `Particles` without gaps."""
     left = int(particles.size[0])
-    assert particles.temperature is not None
     return BoxParticles(
         positions=particles.position[:, :left].T.copy(),
         velocities=particles.velocity[:, :left].T.copy(),
         radii=particles.radius[:left].copy(),
         masses=particles.mass[:left].copy(),
         temperatures=particles.temperature[:left].copy(),
-        grains=np.array(particles.grains[:left]),  # type: ignore[index]
-        labels=np.array(particles.label[:left]),  # type: ignore[index]
+        grains=np.array(particles.grains[:left]),
+        labels=np.array(particles.label[:left]),
     )

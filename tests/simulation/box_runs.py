@@ -55,8 +55,8 @@ variables:
 
 BOXES = {
     "gas": (GAS, "event", 2.0**-6),
-    "merging, event": (QUICKSTART, "event", 2.0**-12),
-    "merging, fixed": (QUICKSTART, "fixed:200", 2.0**-12),
+    "merging, event": (QUICKSTART, "event", 2.0**-8),
+    "merging, fixed": (QUICKSTART, "fixed:200", 2.0**-4),
     "breaking, event": (BREAKING, "event", 2.0**-10),
     "breaking, adaptive": (BREAKING, "adaptive", 2.0**-10),
 }

@@ -38,7 +38,7 @@ def test_eight_stretches_are_one_to_the_bit(name):
     for field in RATES:
         mean = np.mean([getattr(state, field) for state in states])
         assert mean == pytest.approx(getattr(at_once, field), rel=1e-11)
-    assert at_once.collisions > 50
+    assert at_once.collisions > 20
     assert (at_once.merges > 0) == (name != "gas")
     assert (at_once.breakups > 0) == name.startswith("breaking")
 
@@ -87,12 +87,13 @@ def test_a_box_that_is_reset_does_the_same_again():
 @pytest.mark.parametrize("name", ["gas", "merging, fixed"])
 def test_a_copy_goes_on_the_same_and_leaves_the_box_alone(name, copied):
     box = make(name)
-    box.advance(2.0**-13)
+    half = BOXES[name][2] / 2
+    box.advance(half)
     other = copied(box)
     before = bits(box)
-    other.advance(2.0**-13)
+    other.advance(half)
     assert bits(box) == before != bits(other)
-    box.advance(2.0**-13)
+    box.advance(half)
     assert bits(box) == bits(other)
 
 
