@@ -80,7 +80,8 @@ class Box:
         A campaign, or the path of its file; only its scene, variables and seed matter. Its end time
         is no limit.
     parameters
-        Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`.
+        Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`;
+        the middle of a searched range if not given.
     radii
         m, shape (n,); that of the grains of the scene if not given. All have the scene's density.
     velocities
@@ -133,6 +134,7 @@ class Box:
         self._given = start(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains
         )
+        self._drawn = self._random.bit_generator.state
         total = int(self._given.grains.sum())
         self._scene = scene._replace(particles=total)
         breaks = scene.laws.fragmentation is not None
@@ -220,7 +222,11 @@ class Box:
         self._set_out(rows, since, int(self._particles.labels_given[0]), self.time)
 
     def reset(self) -> State:
-        """Return to what was given at first, at the time 0; that state."""
+        """Return to what was given at first, at the time 0; that state.
+
+        What `set` draws from distributions is drawn again the same.
+        """
+        self._random.bit_generator.state = self._drawn
         self._set_out(self._given, None, len(self._given.radii), 0.0)
         return self._state
 

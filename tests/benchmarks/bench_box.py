@@ -51,7 +51,7 @@ def run_in(box, end, steps):
 
 
 def measure(count):
-    """Medians in s of processor time: a sample of the bare kernel, the box in so many steps, one empty step."""
+    """Medians in s of processor time: the bare kernel, the box in so many steps, an empty step."""
     campaign, end = campaign_of(count)
     scene, box = build_scene(campaign.scene, campaign.parameters()), Box(campaign)
     box.advance(end)

@@ -81,6 +81,12 @@ def test_a_box_that_is_reset_does_the_same_again():
     assert bits(box) == start != once
     assert str(box.advance(2.0**-12)) == str(first)
     assert bits(box) == once
+    drawn = []
+    for _ in range(2):
+        box.reset()
+        box.set(velocities=lambda random, n: random.normal(size=(n, 3)))
+        drawn.append(bits(box))
+    assert drawn[0] == drawn[1] != start
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda box: pickle.loads(pickle.dumps(box))])
