@@ -145,3 +145,15 @@ def test_a_budget_that_is_used_up_is_an_error_and_the_box_can_go_on():
     reference = Box(GAS)
     reference.advance(0.02)
     np.testing.assert_array_equal(box.particles.velocities, reference.particles.velocities)
+
+
+def test_labels_tell_who_is_who_where_many_particles_are_sorted_by_their_place():
+    velocities = np.random.default_rng(8).normal(size=(5000, 3))
+    box = Box(GAS, radii=1e-4, velocities=velocities)
+    for _ in range(2):
+        rows = box.particles
+        assert sorted(rows.labels) == list(range(5000))
+        assert np.any(rows.labels != np.arange(5000))
+        np.testing.assert_allclose(rows.velocities, velocities[rows.labels], rtol=0, atol=1e-15)
+        box.set(velocities=rows.velocities)
+    assert box.advance(1e-3).collisions > 0
