@@ -21,6 +21,7 @@ COLUMNS: Final = 3
 """Panels in a row."""
 PANEL: Final = 2.8
 """Inches of a panel, wide and high."""
+COLOUR_MAP: Final = "viridis"
 MANY: Final = 5000
 """Particles beyond which an SVG holds pixels instead of circles."""
 
@@ -62,6 +63,8 @@ def draw_cloud(
     numpy.ndarray
         The F axes, shape (F,).
     """
+    from matplotlib.cm import ScalarMappable
+
     columns = min(len(times), COLUMNS)
     rows = -(-len(times) // columns)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -69,16 +72,17 @@ def draw_cloud(
         unused.remove()
     axes = grid[: len(times)]
     colour = _colour(radii, temperature)
-    norm, spheres = _norm(colour.values), None
+    norm = _norm(colour.values)
     reach = _reach(half_width, positions, radii)
     for ax, time, place, radius, value in zip(
         axes, times, positions, radii, colour.values, strict=True
     ):
         _draw_box(ax, half_width, reach)
-        spheres = _draw_spheres(ax, place, radius, value, norm)
+        _draw_spheres(ax, place, radius, value, norm)
         ax.set_title(f"t = {with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9)
     _label_side(axes[0], half_width)
-    figure.colorbar(spheres, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
+    scale = ScalarMappable(norm, COLOUR_MAP)
+    figure.colorbar(scale, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
     return axes
 
 
@@ -115,7 +119,7 @@ def _norm(values: Sequence[Floats]) -> Any:
 
 
 def _view() -> Floats:
-    """Unit vectors to the right, up and towards the eye, as rows of a (3, 3) matrix."""
+    """Return unit vectors to the right, up and towards the eye, as rows of a (3, 3) matrix."""
     around, above = np.radians(-62.0), np.radians(22.0)
     right = np.array([-np.sin(around), np.cos(around), 0.0])
     eye = np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
@@ -127,14 +131,17 @@ def _corners(half_width: float) -> Floats:
 
 
 def _reach(half_width: float, positions: Sequence[Floats], radii: Sequence[Floats]) -> Floats:
-    """How far the box, and spheres that stick out of it, reach to the side and up, shape (2,)."""
+    """How far the box, and spheres that stick out of it, reach to the side and up, shape (2,).
+
+    And a little farther, so that no line is cut off.
+    """
     view = _view()[:2].T
-    reach = 1.03 * np.abs(_corners(half_width) @ view).max(axis=0)
+    reach = np.abs(_corners(half_width) @ view).max(axis=0)
     for place, radius in zip(positions, radii, strict=True):
         ends = np.abs(np.asarray(place, float).reshape(-1, 3) @ view)
         ends += np.asarray(radius, float)[:, None]
         reach = np.maximum(reach, ends.max(axis=0, initial=0.0))
-    return reach
+    return 1.03 * reach
 
 
 def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
@@ -153,11 +160,11 @@ def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
 
 
 def _label_side(ax: Any, half_width: float) -> None:
-    """Write how long the side is, beside the lowest edge at the right."""
+    """Write how long the side is, along the lowest edge at the left and below all spheres."""
     ends = half_width * np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]])
     (x0, y0), (x1, y1) = ends @ _view()[:2].T
     slope = float(np.degrees(np.arctan2(y1 - y0, x1 - x0)))
-    at = (0.5 * (x0 + x1), 0.5 * (y0 + y1) - 0.06 * half_width)
+    at = (0.5 * (x0 + x1), ax.get_ylim()[0])
     ax.text(
         *at,
         with_prefix(2.0 * half_width, "m"),
@@ -171,7 +178,7 @@ def _label_side(ax: Any, half_width: float) -> None:
     )
 
 
-def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: Any) -> Any:
+def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: Any) -> None:
     """Draw spheres as circles of their radius, the far ones first."""
     from matplotlib.collections import EllipseCollection
 
@@ -188,11 +195,10 @@ def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: A
         offset_transform=ax.transData,
         array=np.asarray(value, float)[order],
         norm=norm,
-        cmap="viridis",
+        cmap=COLOUR_MAP,
         edgecolors="0.15",
         linewidths=0.25,
         zorder=2,
         rasterized=len(order) > MANY,
     )
     ax.add_collection(spheres, autolim=False)
-    return spheres
