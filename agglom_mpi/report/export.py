@@ -42,9 +42,8 @@ def export(
     """
     file = open_campaign(source) if paraview is None else open_inversion(source)
     if directory is not None:
-        check_library()
-        if directory.exists() and not directory.is_dir():
-            raise ExportError(f"{directory}: is no directory")
+        check_library("pandas", "tables")
+        check_directory(directory)
     targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
     if compact is not None:
         targets.insert(0, compact)
@@ -68,10 +67,16 @@ def export(
         yield from write_samples(file, shown, paraview.frames)
 
 
-def check_library() -> None:
-    """Raise an ExportError if what makes tables is not installed."""
-    if importlib.util.find_spec("pandas") is None:
-        raise ExportError("tables need pandas: pip install 'agglom_mpi[report]'")
+def check_library(name: str, what: str) -> None:
+    """Raise an ExportError if the library that makes such a thing is not installed."""
+    if importlib.util.find_spec(name) is None:
+        raise ExportError(f"{what} need {name}: pip install 'agglom_mpi[report]'")
+
+
+def check_directory(path: Path) -> None:
+    """Raise an ExportError if there is something else under the name of a directory."""
+    if path.exists() and not path.is_dir():
+        raise ExportError(f"{path}: is no directory")
 
 
 def _sizes(copy: Path, original: Path) -> str:

@@ -29,7 +29,10 @@ LEFT_OUT: Final = "objective left out: a function is never run from a campaign f
 
 
 class Request(NamedTuple):
-    """What to simulate: a campaign with `settings`, or a recorded string or sample of a file."""
+    """What to simulate: a campaign with `settings`, or a recorded string or sample of a file.
+
+    With `frames`, so many pictures of one sample are written into the directory `out`.
+    """
 
     source: Path
     settings: dict[str, float | str]
@@ -38,10 +41,17 @@ class Request(NamedTuple):
     string: int | None
     sample: int | None
     allow_code: bool = False
+    frames: int | None = None
+    out: Path | None = None
 
 
 def forward(request: Request, as_json: bool) -> tuple[str, int]:
     """Simulate; the text to print and the exit code, 1 if a sample fails or a replay differs."""
+    if request.out is not None:
+        from agglom_mpi.report.run_pictures import check_room
+
+        check_room(request.out)
+        request = request._replace(sample=request.sample or 0)
     if request.source.suffix in (".yaml", ".yml"):
         if request.string is not None:
             message = "needs a campaign file FILE.h5, not a YAML file"
@@ -63,8 +73,9 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
     numbers = [first + number for number in numbers]
     engine = campaign.engine(request.engine)
     try:
-        campaign.simulate(parameters, numbers[0], engine)  # compiles, so that seconds are true
-        outcomes = [campaign.simulate(parameters, number, engine) for number in numbers]
+        seen = request.frames
+        campaign.simulate(parameters, numbers[0], engine, seen)  # compiles: seconds are true then
+        outcomes = [campaign.simulate(parameters, number, engine, seen) for number in numbers]
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report = _report(campaign, parameters, outcomes)
@@ -77,6 +88,8 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
             "identical to the recorded sample" if same else "differs from the recorded sample"
         )
         code = 0 if same else 1
+    if request.out is not None:
+        report["files"] = _pictures(request, campaign, outcomes[0])
     return (json.dumps(report, indent=2) if as_json else _in_words(report)), code
 
 
@@ -84,6 +97,16 @@ def _stored_sample(request: Request, file: "CampaignFile") -> np.void | None:
     if request.sample is None or request.string is None:
         return None
     return recorded_sample(file, request.string, request.sample)
+
+
+def _pictures(request: Request, campaign: Campaign, outcome: Outcome) -> list[str]:
+    from agglom_mpi.report.run_pictures import write_run
+
+    assert request.out is not None
+    assert outcome.frames is not None
+    which = "" if request.string is None else f"string {request.string}, "
+    title = f"{campaign.title}: {which}sample {request.sample}"
+    return write_run(request.out, outcome.frames, campaign.scene.half_width, title)
 
 
 def _mean(values: list[float]) -> dict[str, float | None]:
@@ -137,4 +160,5 @@ def _in_words(report: dict[str, Any]) -> str:
     lines.append("ledger, worst sample")
     lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
     lines.extend(report[name] for name in ("note", "replay") if name in report)
+    lines.extend(report.get("files", []))
     return "\n".join(lines)
