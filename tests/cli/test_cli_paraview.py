@@ -117,6 +117,14 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
         module.chosen(file, choice)
 
 
+def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
+    file = open_campaign(finished / "tiny.h5")
+    none = file.result_rows()[:0]
+    monkeypatch.setattr(file, "result_rows", lambda: none)
+    with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):
+        module.chosen(file, module.Choice(tmp_path / "out.vtkhdf"))
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
