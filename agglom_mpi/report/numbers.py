@@ -43,3 +43,18 @@ def forecast_time(seconds: float) -> str:
         if seconds < most:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 86400.0:,.1f} days"
+
+
+def with_prefix(value: float, unit: str) -> str:
+    """Three digits of a quantity in the decimal multiple of its unit that suits it: `12.3 µs`."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g} {unit}"
+    thousands = math.floor(math.log10(abs(float(f"{value:.3g}"))) / 3.0 + 1e-9)
+    if not -len(_SMALL) <= thousands <= len(_LARGE):
+        return f"{value:.3g} {unit}"
+    prefix = "" if thousands == 0 else (_LARGE if thousands > 0 else _SMALL)[abs(thousands) - 1]
+    return f"{value / 1000.0**thousands:.3g} {prefix}{unit}"
+
+
+_SMALL: Final = "mµnpf"
+_LARGE: Final = "kMG"
