@@ -131,7 +131,7 @@ def flowed(group: list[Phrase], room: int) -> list[Text]:
             found[-1].append(BETWEEN)
         else:
             found.append(Text())
-        found[-1].append(words[:room], style)
+        found[-1].append(words[:room].rstrip(), style)
     return found
 
 
