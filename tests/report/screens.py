@@ -79,7 +79,7 @@ def started_on(opened, command, folder, environment):
     )
 
 
-def watched(opened, process, seconds=60.0):
+def watched(opened, process, seconds=120.0):
     """Watch until the program ends; the different screens that were seen."""
     seen, end = [], time.monotonic() + seconds
     while process.poll() is None:
