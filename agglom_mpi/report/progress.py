@@ -2,14 +2,15 @@
 
 import math
 from itertools import chain
-from typing import Final, NamedTuple
-
-from rich.text import Text
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from agglom_mpi.encoding import spelled
 from agglom_mpi.report.left import Left
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.words import counted
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 WIDEST_BAR: Final = 40
 NARROWEST_BAR: Final = 8
@@ -105,7 +106,7 @@ def in_words(progress: Progress) -> str:
     return ", ".join(words for words, _ in chain(*phrases(progress)))
 
 
-def lines(progress: Progress, width: int, encoding: str = "utf-8") -> list[Text]:
+def lines(progress: Progress, width: int, encoding: str = "utf-8") -> "list[Text]":
     """Say what is known in lines of less than so many columns, with a bar where there is room."""
     room = max(1, width - 1)
     far, good, fast = (
@@ -123,8 +124,10 @@ def bar(progress: Progress, width: int, encoding: str) -> list[Phrase]:
     return [(spelled("━" * full, encoding) + spelled("─" * (width - full), encoding), "cyan")]
 
 
-def flowed(group: list[Phrase], room: int) -> list[Text]:
+def flowed(group: list[Phrase], room: int) -> "list[Text]":
     """Break between phrases only; what is longer than a line is cut."""
+    from rich.text import Text  # which the books of a run, and who reads them, do without
+
     found: list[Text] = []
     for words, style in group:
         if found and len(found[-1]) + len(BETWEEN) + len(words) <= room:
