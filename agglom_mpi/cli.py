@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from agglom_mpi import __version__
-from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
+from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, STOPPED
 
 _PATH = click.Path(path_type=Path)
 _MOST_RANKS = 10**6
@@ -141,8 +141,10 @@ def agglom() -> None:
 
 def _launch(command: click.Command) -> None:
     """Run a command; under MPI only the first rank shows help and usage errors."""
+    from agglom_mpi.encoding import write_anything
     from agglom_mpi.farm.launch import is_first_rank
 
+    write_anything()
     try:
         with nullcontext() if is_first_rank() else redirect_stdout(None):
             code = command(standalone_mode=False)
@@ -230,24 +232,37 @@ def _is_hdf5(path: str) -> bool:
     "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
 )
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-def report(files: tuple[str, ...], sensitivity: bool, as_json: bool) -> None:
+@click.option("--follow", is_flag=True, help="First show how its run goes, until it ends.")
+def report(files: tuple[str, ...], sensitivity: bool, as_json: bool, follow: bool) -> None:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
     They are ranked by their re-estimates on fresh samples, where there are any. Several files are
-    compared by their best strings.
+    compared by their best strings. Exit codes with --follow are those of the run, and 130 after
+    Ctrl-C, which does not touch it.
     """
-    if len(files) > 1 and sensitivity:
-        raise click.UsageError("--sensitivity is of one file")
+    if len(files) > 1 and (sensitivity or follow):
+        raise click.UsageError(f"{'--sensitivity' if sensitivity else '--follow'} is of one file")
 
     def run() -> int:
         from agglom_mpi.report.display import print_wide
 
+        code = _follow(files[0]) if follow else 0
+        if code == INTERRUPTED:
+            return code
         several = len(files) > 1
         text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
         click.echo(text) if as_json else print_wide(text)
-        return 0
+        return code
 
     sys.exit(_finish(run))
+
+
+def _follow(file: str) -> int:
+    """Show how a run goes until it ends; its exit code, or `INTERRUPTED`."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.follow import follow
+
+    return follow(open_inversion(file))
 
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:

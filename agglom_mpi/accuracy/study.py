@@ -12,7 +12,7 @@ from agglom_mpi.accuracy.trials import Quota, Trial
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.schema import STUDY
-from agglom_mpi.farm.work import Restore, Room, Setup, Work
+from agglom_mpi.farm.work import Restore, Room, Setup, Stage, Work
 from agglom_mpi.search import Batch, Inversion, Observer
 from agglom_mpi.search.archive import Archive
 from agglom_mpi.search.proposals import RANDOM, as_batch
@@ -101,6 +101,10 @@ class Study(Work):
         quotas = (Quota(trial, min(FEWEST, trial.samples), self._budget) for trial in self._listed)
         parameters = np.array([trial.parameters for trial in self._listed])
         return Inversion(Listed(parameters), quotas.__next__, 1, None, restore, observer)
+
+    def stage(self, inversion: Inversion) -> Stage:
+        """Count the set-ups, which are all measured at the same time."""
+        return Stage(len(inversion.results), self.room.strings, "set-ups")
 
     def finished_because(self, inversion: Inversion) -> str:
         """Nothing ends a study but its end."""

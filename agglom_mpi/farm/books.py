@@ -15,19 +15,24 @@ from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.backlog import Backlog
 from agglom_mpi.farm.evidence import Evidence, result_row
 from agglom_mpi.farm.messages import final_results
+from agglom_mpi.report.left import Laps
+from agglom_mpi.report.progress import Best, Progress
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary
-from agglom_mpi.simulation.outcome import EXCEPTION
+from agglom_mpi.simulation.outcome import EXCEPTION, FAILED
 from agglom_mpi.variables import NAMES
 
 
 class Watcher(Protocol):
     """Somebody who is shown how a run goes."""
 
-    def generation(self, summary: GenerationSummary, samples: int, rate: float) -> None:
-        """Show a finished generation: samples simulated so far and samples/s of this leg."""
+    def generation(self, summary: GenerationSummary, total: int, samples: int, rate: float) -> None:
+        """Show a finished generation, one of `total` at most.
 
-    def tick(self, samples: int, rate: float, busy: float, live: int) -> None:
-        """Show that time passes: rate in samples/s, busy share of the ranks, strings still open."""
+        `samples` are simulated so far; `rate` is that of this leg in samples/s.
+        """
+
+    def tick(self, progress: Progress) -> None:
+        """Show how it goes; called from time to time."""
 
     def message(self, text: str) -> None:
         """Show one line."""
@@ -73,6 +78,17 @@ class Stored:
         return raised + len(self.timed_out) + len(self.late)
 
     @property
+    def failed(self) -> int:
+        """Samples that failed for any reason."""
+        failed = sum(int((rows["state"] == FAILED).sum()) for rows in (self.samples, self.fresh))
+        return failed + len(self.timed_out) + len(self.late)
+
+    @property
+    def count(self) -> int:
+        """Samples, fresh ones included."""
+        return len(self.samples) + len(self.fresh)
+
+    @property
     def estimated(self) -> set[tuple[int, int]]:
         """Fresh samples, as (string, sample), that need no simulation."""
         return {*self.fresh[["string", "sample"]].tolist(), *self.late}
@@ -112,13 +128,40 @@ class Books:
         Shown every generation.
     top
         Number of strings in the mean of the best.
+    generations
+        Most generations there are.
+
+    Attributes
+    ----------
+    samples, busy_seconds
+        Samples of this leg, and the time that they took, s.
+    failures, failed
+        Samples of all legs that raised or took too long, and that failed for any reason.
+    best
+        What the last generation found.
+    laps
+        How long generations of this leg took, s.
+    fresh_costs
+        What fresh samples of this leg took, s.
     """
 
-    def __init__(self, writer: CampaignWriter, stored: Stored, watcher: Watcher, top: int) -> None:
+    def __init__(
+        self,
+        writer: CampaignWriter,
+        stored: Stored,
+        watcher: Watcher,
+        top: int,
+        generations: int,
+    ) -> None:
         self.samples = 0
         self.busy_seconds = 0.0
         self.failures = 0
-        self.begun = time.monotonic()
+        self.failed = stored.failed
+        self.best: Best | None = None
+        self.laps = Laps()
+        self.fresh_costs = Laps()
+        self._generations = generations
+        self.begin()
         self._writer = writer
         self._stored = stored
         self._watcher = watcher
@@ -128,15 +171,34 @@ class Books:
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
 
+    def begin(self) -> None:
+        """Let this leg begin now."""
+        self._begun = self._turned = time.monotonic()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds of this leg."""
+        return max(1e-9, time.monotonic() - self._begun)
+
+    @property
+    def lap(self) -> float:
+        """Seconds of the generation that is under way."""
+        return time.monotonic() - self._turned
+
     @property
     def rate(self) -> float:
         """Samples per second of this leg."""
-        return self.samples / max(1e-9, time.monotonic() - self.begun)
+        return self.samples / self.elapsed
+
+    @property
+    def all_samples(self) -> int:
+        """Samples of all legs, fresh ones included."""
+        return self._stored.count + self.samples
 
     @property
     def seconds(self) -> float:
         """Wall-clock seconds of all legs."""
-        return self._stored.seconds + time.monotonic() - self.begun
+        return self._stored.seconds + self.elapsed
 
     def simulated(
         self,
@@ -156,12 +218,18 @@ class Books:
     def counted(self, results: NDArray[np.void]) -> None:
         """Take samples that decisions are made from, each once."""
         self._evidence.simulated(final_results(results))
-        self.estimated(results)
+        self._took(results)
 
     def estimated(self, results: NDArray[np.void]) -> None:
         """Take samples that no decision is made from, each once."""
+        self._took(results)
+        for seconds in results["seconds"].tolist():
+            self.fresh_costs.add(seconds)
+
+    def _took(self, results: NDArray[np.void]) -> None:
         self.samples += len(results)
         self.busy_seconds += float(results["seconds"].sum())
+        self.failed += int(np.count_nonzero(results["state"] == FAILED))
 
     def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store strings of a coming generation before any of their samples is handed out."""
@@ -214,8 +282,13 @@ class Books:
 
     def generation_done(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
+        self.best = Best(
+            summary.best, summary.objective, summary.standard_error, summary.mean_of_top
+        )
         if summary.generation in self._stored.generations:
             return
+        self.laps.add(self.lap)
+        self._turned = time.monotonic()
         simulated = len(self._stored.samples) + len(self._stored.timed_out) + self.samples
         store = partial(
             self._writer.put_generation,
@@ -233,7 +306,7 @@ class Books:
             digest=self._evidence.digest(),
         )
         self._backlog.store(lambda: self._seal(store))
-        self._watcher.generation(summary, simulated, self.rate)
+        self._watcher.generation(summary, self._generations, simulated, self.rate)
 
     def _seal(self, store: Callable[[], None]) -> None:
         self._writer.mark_running()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.farm.errands import Errands
+from agglom_mpi.farm.work import Stage
 
 
 class Chore(ABC):
@@ -15,9 +16,17 @@ class Chore(ABC):
     ----------
     errands
         Who does which of its tasks; there when it has begun.
+    done_before
+        What was done of its stage when it began.
     """
 
     errands: Errands
+    done_before: int
+
+    @property
+    @abstractmethod
+    def stage(self) -> Stage:
+        """How far it is."""
 
     @property
     @abstractmethod
@@ -41,4 +50,5 @@ class Chore(ABC):
         """Make ready for so many ranks; what they have to do, in words, nothing if nothing."""
         tasks = self.open()
         self.errands = Errands(tasks, ranks)
+        self.done_before = self.stage.done
         return self.announcement(tasks) if len(tasks) else ""

@@ -44,6 +44,11 @@ class Errands:
         )
         self._open = set(self._waiting)
 
+    @property
+    def in_flight(self) -> int:
+        """Samples that ranks hold."""
+        return self._lanes.samples
+
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
         size = self._pace.batch(len(self._waiting) / (SHARE * self._ranks))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.farm.chores import Chore
 from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.work import Pictures
+from agglom_mpi.farm.work import Pictures, Stage
 from agglom_mpi.words import counted
 
 
@@ -50,6 +50,12 @@ class Gallery(Chore):
     def done(self) -> bool:
         """Whether nothing more will come."""
         return not self._missing
+
+    @property
+    def stage(self) -> Stage:
+        """Count the pictures that are asked for."""
+        total = len(self._places) * self._pictures.frames
+        return Stage(total - len(self._missing), total, "pictures")
 
     def open(self) -> NDArray[np.void]:
         """Drop pictures of other samples; the tasks, (n,) of `TASK`, for those that are missing."""

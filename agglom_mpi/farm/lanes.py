@@ -31,19 +31,22 @@ class Lanes:
     ----------
     ranks
         Number of ranks.
+
+    Attributes
+    ----------
+    samples
+        Samples that ranks hold.
+    silent
+        Ranks that are not heard of.
     """
 
     def __init__(self, ranks: int) -> None:
         self._batches: list[deque[deque[Piece]]] = [deque() for _ in range(ranks)]
         self._heard = [0.0] * ranks
+        self.samples = 0
         self.silent: set[int] = set()
         # By the number of batches they hold; those first that have had them for longest.
         self._with = [dict.fromkeys(range(ranks))] + [{} for _ in range(MESSAGES_IN_FLIGHT)]
-
-    @property
-    def samples(self) -> int:
-        """Samples that ranks hold."""
-        return sum(piece.size for rank in range(len(self._batches)) for piece in self.held(rank))
 
     def held(self, rank: int) -> Iterator[Piece]:
         """Pieces that a rank holds, in order."""
@@ -59,11 +62,13 @@ class Lanes:
         if not self._batches[rank]:
             self._heard[rank] = now  # it had nothing to say before
         self._batches[rank].append(deque(pieces))
+        self.samples += sum(piece.size for piece in pieces)
         self._place(rank, len(self._batches[rank]) - 1)
 
     def returned(self, rank: int, count: int) -> list[Piece]:
         """Take so many samples, the next in turn, off what a rank holds; which they are."""
         batches, done = self._batches[rank], []
+        self.samples -= count
         while count:
             piece = batches[0].popleft()
             if piece.size > count:

@@ -35,19 +35,19 @@ def run_leg(
         How it ended, and ranks that do not answer any more: nothing collective can follow.
     """
     ranks, books = 1 if world is None else world.size, master.books
-    display.begin(order.work, str(order.path), ranks, master.inversion, database)
-    simulator = Simulator(order.work, 0)
-    warm_up(simulator, world)
-    nodes = find_nodes(world).number
-    if database == PARALLEL and world is not None:
-        writer.share(world)
-    about = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
-    leg = writer.begin_leg(**about)
-    writer.set_status("running")
-    crew = Crew(simulator, world)
-    if nodes > 1 and writer.shared:
-        books.synced = crew.sync
     with display:
+        display.begin(order.work, str(order.path), ranks, master.inversion, database)
+        simulator = Simulator(order.work, 0)
+        warm_up(simulator, world)
+        nodes = find_nodes(world).number
+        if database == PARALLEL and world is not None:
+            writer.share(world)
+        about = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
+        leg = writer.begin_leg(**about)
+        writer.set_status("running")
+        crew = Crew(simulator, world)
+        if nodes > 1 and writer.shared:
+            books.synced = crew.sync
         end = master.run(crew, stop)
     end = master.wind_up(crew, end)
     writer.end_leg(

@@ -1,7 +1,7 @@
 """The loop of rank 0: hand out samples, judge what comes back, store it, stop in time."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -21,10 +21,12 @@ from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
 from agglom_mpi.farm.messages import SILENT_AFTER, final_results
+from agglom_mpi.farm.outlook import of_chore, of_search
 from agglom_mpi.farm.reestimation import Reestimation
 from agglom_mpi.farm.replay import stored_outcomes
 from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.work import Work
+from agglom_mpi.report.progress import Progress
 from agglom_mpi.simulation.outcome import (
     EXCEPTION,
     FAILED,
@@ -67,7 +69,7 @@ class Master:
         self._failing: set[int] = set()
         self._ticked, self._news = time.monotonic(), True
         self.silent: set[int] = set()
-        self.books = Books(writer, self._stored, watcher, work.top)
+        self.books = Books(writer, self._stored, watcher, work.top, work.room.generations)
         self.inversion = work.inversion(self._stored.restore, self.books, background=True)
 
     @cached_property
@@ -100,11 +102,11 @@ class Master:
             [*self._stored.samples[["string", "sample"]].tolist(), *self._stored.timed_out],
             [result.samples_used for result in self.inversion.results.values()],
         )
-        self.books.begun = time.monotonic()
+        self.books.begin()
         while not self.inversion.finished:
             if end := self._end(stop):
                 return end
-            self._serve(self._scheduler)
+            self._serve(self._scheduler, self._searched)
             for delivery in crew.deliveries():
                 self._take(delivery)
                 self._listen(self._scheduler, delivery.rank)
@@ -128,17 +130,21 @@ class Master:
         """Let all ranks do what is left of a chore; why it is not done, if it is not."""
         if announcement := chore.begin(self._crew.size):
             self._watcher.message(announcement)
-        self._news = True
+        self._news, begun = True, time.monotonic()
         while not chore.done:
             if end := self._end(stop):
                 return end
-            self._serve(chore.errands)
+            self._serve(chore.errands, lambda: of_chore(chore, begun, self.books, self._crew.size))
             for delivery in self._crew.deliveries():
                 self._take(delivery)
                 self._listen(chore.errands, delivery.rank)
         return None
 
-    def _serve(self, work: Scheduler | Errands) -> None:
+    def _searched(self) -> Progress:
+        in_flight = self._scheduler.lanes.samples
+        return of_search(self._work, self.inversion, self.books, self._crew.size, in_flight)
+
+    def _serve(self, work: Scheduler | Errands, progress: Callable[[], Progress]) -> None:
         """Hand out tasks if there is news, and do what is due from time to time."""
         now = time.monotonic()
         if self._news:
@@ -149,7 +155,7 @@ class Master:
         if now - self._ticked > TICK:
             away = now - self._ticked > SILENT_AFTER / 2  # this rank itself: mail is unread
             self._ticked, self._news = now, True
-            self._tick(now)
+            self._watcher.tick(progress())
             work.heard(0, now)
             for rank in () if away else work.clock(now, SILENT_AFTER):
                 self._watcher.error(
@@ -244,12 +250,6 @@ class Master:
             f"rank {failure['rank']} on {host}: string {failure['string']} sample "
             f"{failure['sample']} {says}"
         )
-
-    def _tick(self, now: float) -> None:
-        elapsed = now - self.books.begun
-        busy = self.books.busy_seconds / (elapsed * self._crew.size)
-        samples = len(self._stored.samples) + len(self._stored.fresh) + self.books.samples
-        self._watcher.tick(samples, self.books.rate, busy, len(self.inversion.live))
 
     @property
     def finished_because(self) -> str:

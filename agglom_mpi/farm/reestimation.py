@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.farm.chores import Chore
 from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.work import Finalists
+from agglom_mpi.farm.work import Finalists, Stage
 from agglom_mpi.words import counted
 
 
@@ -49,6 +49,12 @@ class Reestimation(Chore):
     def done(self) -> bool:
         """Whether nothing more will come."""
         return not self._missing
+
+    @property
+    def stage(self) -> Stage:
+        """Count the samples that are asked for."""
+        total = len(self._finalists.strings) * len(self._numbers)
+        return Stage(total - len(self._missing), total, "fresh samples")
 
     def open(self) -> NDArray[np.void]:
         """Return the tasks, (n,) of `TASK`, for samples that are missing; the best string first."""

@@ -72,6 +72,26 @@ class Finalists(NamedTuple):
     samples: int = 0
 
 
+class Stage(NamedTuple):
+    """How far a phase of a run is.
+
+    Attributes
+    ----------
+    done, total, unit
+        `12` of `100` `generations`, say.
+    in_turns
+        Whether one is done after the other, and each is about as much work.
+    may_end_sooner
+        Whether it may end before all are done.
+    """
+
+    done: int
+    total: int
+    unit: str
+    in_turns: bool = False
+    may_end_sooner: bool = False
+
+
 class Work(ABC):
     """Everything that a run needs to know of what it runs; it travels to all ranks.
 
@@ -121,6 +141,10 @@ class Work(ABC):
         self, restore: Restore, observer: Observer, background: bool = False
     ) -> Inversion:
         """Set up the decisions, at their very beginning; they may think in the background."""
+
+    @abstractmethod
+    def stage(self, inversion: Inversion) -> Stage:
+        """How far the decisions are."""
 
     @abstractmethod
     def finished_because(self, inversion: Inversion) -> str:
@@ -226,6 +250,12 @@ class CampaignWork(Work):
             racing,
             campaign.more_samples or 1,
         )
+
+    def stage(self, inversion: Inversion) -> Stage:
+        """Count the generations."""
+        stopping = self.campaign.stopping
+        sooner = stopping.target is not None
+        return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
 
     def _signed(self, result: EnsembleResult) -> float:
         """Signed mean whose magnitude is the objective of a string."""

@@ -1,13 +1,17 @@
-"""What a run shows: a live line on a terminal, log lines elsewhere, nothing but errors if quiet."""
+"""What a run shows: live lines on a terminal, log lines elsewhere, nothing but errors if quiet."""
 
-import os
+import time
+from functools import cached_property
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from agglom_mpi.farm.launch import promised_size
+from agglom_mpi.report.live import Live
 from agglom_mpi.report.numbers import with_error
+from agglom_mpi.report.progress import Progress, in_words, per_second
+from agglom_mpi.report.terminal import STDOUT, Terminal, find_terminal
 
 if TYPE_CHECKING:
     from agglom_mpi.farm.work import Work
@@ -16,41 +20,64 @@ if TYPE_CHECKING:
 WIDEST: Final = 88
 """Columns that a table of six strings takes; files and pipes get them all."""
 
+INTERVAL: Final = 20.0
+"""Seconds without a log line after which one says how it goes."""
+
+PATIENCE: Final = 0.02
+"""Share of the time since the start that may pass without one: a long run says less often."""
+
 
 def print_wide(content: RenderableType) -> None:
     """Print a table to standard output, not squeezed where that is no terminal."""
+    launched = promised_size() is not None
     # Open MPI gives its ranks a terminal, whatever it then does with what they print there.
-    terminal = False if "OMPI_COMM_WORLD_SIZE" in os.environ else None
+    terminal = False if launched else None
     # Titles and paths are the user's: neither [markup] nor :emoji: is meant.
-    console = Console(
-        soft_wrap=True, markup=False, emoji=False, highlight=False, force_terminal=terminal
-    )
-    if not console.is_terminal:
+    console = Console(markup=False, emoji=False, highlight=False, force_terminal=terminal)
+    seen = find_terminal(launched, STDOUT)
+    if seen is not None:
+        console.width = seen.columns
+    elif not console.is_terminal:
         console.width = max(WIDEST, console.width)
-    console.print(content)
+    console.print(content, soft_wrap=seen is None)
 
 
 class Display:
-    """Shows a run on standard error and its result on standard output."""
+    """Shows a run on standard error and its result on standard output.
 
-    unit = "generations"
+    Parameters
+    ----------
+    quiet
+        Show nothing but errors.
+    """
 
     def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
-        self._log = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
-        self._progress: Progress | None = None
-        self._task = TaskID(0)
-        self._total = 0
+        self._log = Console(stderr=True, highlight=False, emoji=False, markup=False)
+        self._live: Live | None = None
+        self._began = self._said = time.monotonic()
+
+    @cached_property
+    def _terminal(self) -> Terminal | None:
+        return find_terminal(promised_size() is not None)
 
     def error(self, text: str) -> None:
         """Show a mistake, also if quiet."""
-        console = self._progress.console if self._progress else self._log
-        console.print(text, style="bold red", markup=False)
+        self._say(text, "bold red")
 
     def message(self, text: str) -> None:
         """Show one line."""
         if not self._quiet:
-            (self._progress.console if self._progress else self._log).print(text, markup=False)
+            self._say(text)
+
+    def _say(self, text: str, style: str | None = None) -> None:
+        if self._live is not None:
+            self._live.say(text, style)
+        else:
+            if self._terminal is not None:
+                self._log.width = self._terminal.columns
+            self._log.print(text, style=style, soft_wrap=self._terminal is None)
+        self._said = time.monotonic()
 
     def table(self, content: RenderableType) -> None:
         """Show a result."""
@@ -59,8 +86,7 @@ class Display:
     def begin(
         self, work: "Work", path: str, ranks: int, inversion: "Inversion", database: str
     ) -> None:
-        """Say what runs, and prepare the live line."""
-        self._total = self.total(work)
+        """Say what runs; called when there is a place to show it."""
         done = len(inversion.results)
         continued = f", {done} of them judged before" if done else ""
         who = f"{ranks} ranks, {database} database" if ranks > 1 else "1 rank"
@@ -68,51 +94,32 @@ class Display:
             f"{work.campaign.title or work.campaign.name}: {work.largest}"
             f"{continued}, {who}, into {path}"
         )
-        if self._log.is_terminal and not self._quiet:
-            self._progress = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(bar_width=20),
-                TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[status]}"),
-                TimeElapsedColumn(),
-                console=self._log,
-            )
-            self._task = self._progress.add_task(self.unit, total=self._total, status="")
+        if self._live is not None:
+            stage, note = work.stage(inversion), "the kernels are made ready"
+            self._live.show(Progress(stage.done, stage.total, stage.unit, 0.0, 0, note=note))
 
-    def total(self, work: "Work") -> int:
-        """Count the generations."""
-        return work.room.generations
+    def generation(
+        self, summary: "GenerationSummary", total: int, samples: int, rate: float
+    ) -> None:
+        """Log a finished generation; live lines say as much."""
+        if self._live is None and not self._quiet:
+            self.message(generation_line(summary, total, samples, rate))
 
-    @property
-    def live(self) -> bool:
-        """Whether there is a live line."""
-        return self._progress is not None
-
-    def progress(self, done: int | None, status: str | None = None) -> None:
-        """Refresh the live line, if there is one."""
-        if self._progress:
-            self._progress.update(self._task, completed=done)
-            if status is not None:
-                self._progress.update(self._task, status=status)
-
-    def generation(self, summary: "GenerationSummary", samples: int, rate: float) -> None:
-        """Show a finished generation."""
-        best = with_error(summary.objective, summary.standard_error)
-        self.message(
-            f"generation {summary.generation + 1}/{self._total}: best {best} (string "
-            f"{summary.best}), mean of top {summary.mean_of_top:.3g}, {summary.evaluations} "
-            f"strings, {samples} samples, {rate:.0f}/s"
-        )
-        self.progress(summary.generation + 1)
-
-    def tick(self, samples: int, rate: float, busy: float, live: int) -> None:
-        """Refresh the live line."""
-        self.progress(
-            None, f"{samples} samples, {rate:.0f}/s, {busy:.0%} busy, {live} strings open"
-        )
+    def tick(self, progress: Progress) -> None:
+        """Refresh the live lines, or log one if nothing was for a while."""
+        if self._quiet:
+            return
+        if self._live is not None:
+            self._live.show(progress)
+            return
+        now = time.monotonic()
+        if now - self._said > max(INTERVAL, PATIENCE * (now - self._began)):
+            self.message(in_words(progress))
 
     def __enter__(self) -> Self:
-        if self._progress:
-            self._progress.start()
+        if self._terminal is not None and not self._quiet:
+            self._live = Live(self._terminal)
+        self._began = self._said = time.monotonic()
         return self
 
     def __exit__(
@@ -121,6 +128,16 @@ class Display:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._progress:
-            self._progress.stop()
-            self._progress = None
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+
+def generation_line(summary: "GenerationSummary", total: int, samples: int, rate: float) -> str:
+    """Say what a generation found."""
+    best = with_error(summary.objective, summary.standard_error)
+    return (
+        f"generation {summary.generation + 1}/{total}: best {best} (string {summary.best}), "
+        f"mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings, "
+        f"{samples} samples, {per_second(rate)}"
+    )

@@ -2,11 +2,12 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
 from rich.table import Table
 
 from agglom_mpi.database.dataframes import processor_seconds
@@ -15,6 +16,8 @@ from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.finalists import Verdict, in_words, verdict
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.variables import NAMES, VARIABLES
+
+_WIDE: Final = 10_000
 
 REESTIMATED: Final = ("objective", "standard_error", "lower", "upper", "samples", "failed")
 """What is told of an `Estimate`."""
@@ -100,27 +103,53 @@ def _entry(
     return entry
 
 
+class Fitting:
+    """What is made of as many of the best strings as there are columns for on a terminal."""
+
+    def __init__(self, make: Callable[[int], RenderableType], most: int) -> None:
+        self._make = make
+        self._most = most
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for count in range(self._most, 0, -1):
+            made = self._make(count)
+            wanted = Measurement.get(console, options.update(width=_WIDE), made).maximum
+            if wanted <= options.max_width:
+                break
+        yield made
+        if count < self._most:
+            yield f"{count} of {self._most} shown; a wider window shows more"
+
+
 def summarise(file: CampaignFile) -> RenderableType:
-    """Table of the best six strings in SI units, and what the campaign took."""
+    """Table of the best six strings in SI units, and what the campaign took.
+
+    A narrow terminal shows fewer.
+    """
     summary = collect_summary(file)
+    table = Fitting(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
+    return Group(table, *_footer(summary))
+
+
+def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
     table = Table(title=summary.title or None, title_justify="left", box=None, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
-    for rank in range(1, len(summary.best) + 1):
+    for rank in range(1, len(best) + 1):
         table.add_column(f"#{rank}", justify="right", no_wrap=True)
-    _add_row(table, "string", summary.best, "string", "d")
+    _add_row(table, "string", best, "string", "d")
     for variable in VARIABLES:
-        if summary.best and variable.name in summary.best[0]:
+        if best and variable.name in best[0]:
             unit = "" if variable.unit == "1" else f" {variable.unit}"
-            _add_row(table, variable.name + unit, summary.best, variable.name, ".4g")
+            _add_row(table, variable.name + unit, best, variable.name, ".4g")
     table.add_section()
     again = [entry for entry in summary.best if entry["reestimate"]]
     for name, label, style in (
         ("objective", f"objective{', as searched' if again else ''}", ".4f"),
         ("standard_error", "± standard error", ".4f"),
     ):
-        _add_row(table, label, summary.best, name, style)
+        _add_row(table, label, best, name, style)
     if again:
-        _add_estimates(table, summary.best)
+        _add_estimates(table, best)
     for name, label, style in (
         ("mean_radius_ratio", "mean b/b0", ".4g"),
         ("growth_number", "(mean b/b0)^3", ".4g"),
@@ -128,8 +157,8 @@ def summarise(file: CampaignFile) -> RenderableType:
         ("samples", "samples", "d"),
         ("processor_seconds", "processor s", ".3g"),
     ):
-        _add_row(table, label, summary.best, name, style)
-    return Group(table, *_footer(summary))
+        _add_row(table, label, best, name, style)
+    return table
 
 
 def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, style: str) -> None:

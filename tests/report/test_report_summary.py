@@ -1,6 +1,4 @@
-import io
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -141,28 +139,5 @@ def test_a_message_is_shown_as_it_is_written(capsys, text):
 
 def test_a_generation_without_result_is_shown_too(capsys):
     summary = GenerationSummary(0, 3, np.inf, np.nan, np.inf, np.arange(4), 4, 20)
-    Display().generation(summary, 25, 100.0)
+    Display().generation(summary, 9, 25, 100.0)
     assert "best no result (string 3)" in capsys.readouterr().err
-
-
-def test_a_terminal_shows_a_live_line(monkeypatch, tmp_path):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "120")
-    campaign = load_campaign(write_campaign(tmp_path / "small.yaml", **SMALL))
-    display = Display()
-    display.begin(
-        CampaignWork(campaign), "small.h5", 2, type("Inversion", (), {"results": {}})(), "gathered"
-    )
-    with display:
-        display.tick(321, 1500.0, 0.9, 7)
-        display.generation(GenerationSummary(0, 3, 0.1, 0.02, 0.2, np.arange(4), 4, 20), 330, 99.0)
-    text = screen.getvalue()
-    assert "321 samples, 1500/s, 90% busy, 7 strings open" in text
-    assert "1/3" in text
-    assert "best 0.100 ± 0.020 (string 3)" in text

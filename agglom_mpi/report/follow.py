@@ -1,0 +1,197 @@
+"""A campaign that runs elsewhere, followed by looking at its file."""
+
+import time
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.campaign import Campaign
+from agglom_mpi.campaign.code import recorded_code
+from agglom_mpi.database.reader import CampaignFile
+from agglom_mpi.database.timeouts import timed_out
+from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
+from agglom_mpi.report.display import Display
+from agglom_mpi.report.left import Laps, Left, in_units, rest_left, turns_left
+from agglom_mpi.report.news import News
+from agglom_mpi.report.progress import Best, Progress
+from agglom_mpi.search import GenerationSummary
+from agglom_mpi.simulation.outcome import FAILED
+
+CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
+"""Exit codes by how the run ended, the same as its own."""
+
+SHORTEST: Final = 1.0
+"""Seconds between looks."""
+
+SHARE: Final = 0.05
+"""Share of the time that looking may take."""
+
+PATIENCE: Final = 10.0
+"""Seconds, beyond three times the longest sample, that a run may write nothing."""
+
+
+def follow(file: CampaignFile) -> int:
+    """Show how a campaign goes until its run ends; the exit code, that of the run.
+
+    A run that was killed says nothing: it is told since when nothing has changed, and waited for
+    another one to go on with it.
+    """
+    display = Display()
+    try:
+        with display:
+            follower = Follower(file)
+            while True:
+                looked = time.monotonic()
+                progress = follower.look(time.time())
+                for summary in follower.new_generations():
+                    display.generation(
+                        summary, follower.news.room, progress.samples, progress.rate or 0.0
+                    )
+                if len(follower.news.legs) and follower.news.status.state in CODES:
+                    return CODES[follower.news.status.state]
+                display.tick(progress)
+                time.sleep(max(SHORTEST, (time.monotonic() - looked) / SHARE))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+class Follower:
+    """What a campaign file says of the run that writes it, look by look.
+
+    Attributes
+    ----------
+    news
+        What is in the file.
+    """
+
+    def __init__(self, file: CampaignFile) -> None:
+        self.news = News(file)
+        self._file = file
+        self._campaign = Campaign.from_text(
+            file.campaign_text, str(file.path), recorded_code(file.identity)
+        )
+        self._told = max(0, len(self.news.generations) - 1)
+
+    def new_generations(self) -> list[GenerationSummary]:
+        """Return generations not told yet; of those there were at the beginning the last."""
+        new = self.news.generations[self._told :]
+        self._told += len(new)
+        return [
+            GenerationSummary(
+                int(row["generation"]),
+                int(row["best_string"]),
+                float(row["best_objective"]),
+                float(row["best_standard_error"]),
+                float(row["mean_of_top"]),
+                row["population"],
+                int(row["evaluations"]),
+                int(row["samples_used"]),
+            )
+            for row in new
+        ]
+
+    def look(self, now: float) -> Progress:
+        """Read what is new at the Unix time `now`, and tell how far the run is."""
+        news = self.news
+        news.look()
+        if not len(news.legs):
+            note = "the run has not begun"
+            return Progress(0, news.room, "generations", 0.0, 0, note=note)
+        leg, samples = news.legs[-1], news.samples
+        ours = samples[samples["finished"] >= leg["started"]]
+        changed = max(news.status.updated, leg["started"], samples["finished"].max(initial=0.0))
+        silent = now - changed > PATIENCE + 3.0 * ours["seconds"].max(initial=0.0)
+        if news.status.state == "running":
+            end = changed if silent else now
+        else:
+            end = news.status.updated
+        elapsed = max(1e-9, end - leg["started"])
+        late = timed_out(news.failures, samples)
+        progress = Progress(
+            done=0,
+            total=0,
+            unit="",
+            elapsed=elapsed,
+            samples=len(samples),
+            failed=int((samples["state"] == FAILED).sum()) + len(late),
+            best=self._best(),
+        )
+        if len(ours):
+            busy = float(ours["seconds"].sum()) / (elapsed * leg["ranks"])
+            progress = progress._replace(rate=len(ours) / elapsed, busy=busy)
+        progress = self._in_phase(progress, ours, elapsed)
+        if silent and news.status.state == "running":
+            progress = progress._replace(note=silence(changed, now), left=None)
+        return progress
+
+    def _best(self) -> Best | None:
+        if not len(self.news.generations):
+            return None
+        row = self.news.generations[-1]
+        names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
+        return Best(*(row[name].item() for name in names))
+
+    def _in_phase(self, progress: Progress, ours: np.ndarray, elapsed: float) -> Progress:
+        """Say how far the search is or, once it is over, what comes after it."""
+        final, frames = self._campaign.final, self._campaign.output.frames
+        fresh = self.news.samples["sample"] >= self._file.fresh_from
+        if not self._searched(fresh):
+            return self._in_search(progress, elapsed)
+        total, done = 0, int(fresh.sum())
+        if final is not None:
+            room = self._file.max_samples - self._file.fresh_from
+            total = final.strings * min(final.samples, room)
+        if done < total or frames is None:
+            left = self._of_fresh(ours, total - done)
+            return progress._replace(
+                done=min(done, total), total=total, unit="fresh samples", left=left
+            )
+        strings, samples = self._campaign.most_framed
+        total = strings * samples * frames.count
+        return progress._replace(done=self.news.pictures, total=total, unit="pictures")
+
+    def _searched(self, fresh: np.ndarray) -> bool:
+        """Whether the search is over; if --generations ended it, only fresh samples say so."""
+        generations, samples = self.news.generations, self.news.samples
+        if not len(generations):
+            return False
+        target = self._campaign.stopping.target
+        if target is not None and generations[-1]["mean_of_top"] <= target.objective:
+            return True
+        finished = samples["finished"]
+        later = fresh.any() and finished[fresh].max() >= finished[~fresh].max(initial=0.0)
+        return bool(later) or len(generations) == self.news.room
+
+    def _in_search(self, progress: Progress, elapsed: float) -> Progress:
+        news, done = self.news, len(self.news.generations)
+        whole = news.legs[:-1]
+        before = float(np.nansum(whole["stopped"] - whole["started"]))
+        ends = news.generations["seconds"][news.generations["seconds"] > before]
+        laps = Laps(np.diff(ends, prepend=before).tolist())
+        lap = elapsed - (float(ends[-1]) - before if len(ends) else 0.0)
+        proposed = news.strings["string"][news.strings["generation"] == done]
+        return progress._replace(
+            done=done,
+            total=news.room,
+            unit="generations",
+            strings_open=len(np.setdiff1d(proposed, news.results["string"])),
+            left=turns_left(laps, news.room - done, max(0.0, lap)),
+            at_most=self._campaign.stopping.target is not None,
+        )
+
+    def _of_fresh(self, ours: np.ndarray, rest: int) -> Left | None:
+        """Forecast the rest of the fresh samples, in the leg's own pace."""
+        mine = ours[ours["sample"] >= self._file.fresh_from]
+        if not len(mine):
+            return None
+        begun = float((mine["finished"] - mine["seconds"]).min())
+        took = float(mine["finished"].max()) - begun
+        return rest_left(Laps(mine["seconds"].tolist()), len(mine), rest, took)
+
+
+def silence(since: float, now: float) -> str:
+    """Say since when nothing has changed."""
+    clock = time.strftime(
+        "%H:%M:%S" if now - since < 43200.0 else "%Y-%m-%d %H:%M", time.localtime(since)
+    )
+    return f"nothing has changed since {clock}, for {in_units(now - since, 1)}: was it killed?"

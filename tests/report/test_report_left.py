@@ -1,0 +1,94 @@
+import math
+
+import numpy as np
+import pytest
+
+from agglom_mpi.report.left import Laps, Left, in_units, rest_left, turns_left
+
+REPEATS = 4000
+TOLERANCE = 4.0 * math.sqrt(0.95 * 0.05 / REPEATS)
+"""Four standard errors of a share of 95 %."""
+
+
+def share_inside(draw, before, after):
+    """Share of forecasts whose interval holds what the remaining turns then took."""
+    inside = 0
+    for seed in range(REPEATS):
+        durations = draw(np.random.default_rng(seed), before + after)
+        left = turns_left(Laps(durations[:before]), after)
+        inside += abs(durations[before:].sum() - left.seconds) <= left.error
+    return inside / REPEATS
+
+
+@pytest.mark.parametrize(("before", "after"), [(3, 1), (3, 30), (10, 10), (40, 5)])
+def test_the_interval_holds_the_time_left_as_often_as_it_says(before, after):
+    share = share_inside(lambda random, n: random.normal(10.0, 2.0, n), before, after)
+    assert abs(share - 0.95) < TOLERANCE
+
+
+def test_the_interval_is_not_wider_than_it_must_be():
+    """Two thirds of its width hold what a t interval of that width holds, and no more."""
+    inside = 0
+    for seed in range(REPEATS):
+        durations = np.random.default_rng(seed).normal(10.0, 2.0, 40)
+        left = turns_left(Laps(durations[:30]), 10)
+        inside += abs(durations[30:].sum() - left.seconds) <= left.error * 2.0 / 3.0
+    from scipy import stats
+
+    wanted = 1.0 - 2.0 * stats.t.sf(2.0 / 3.0 * stats.t.ppf(0.975, 29), 29)
+    assert abs(inside / REPEATS - wanted) < 4.0 * math.sqrt(wanted * (1.0 - wanted) / REPEATS)
+
+
+def test_the_pace_of_many_pieces_tells_when_the_rest_is_done():
+    """Pieces of gamma-distributed cost on eight ranks that are never idle."""
+    done, rest, ranks, inside = 200, 400, 8, 0
+    for seed in range(REPEATS):
+        costs = np.random.default_rng(seed).gamma(4.0, 0.25, done + rest)
+        left = rest_left(Laps(costs[:done]), done, rest, costs[:done].sum() / ranks)
+        inside += abs(costs[done:].sum() / ranks - left.seconds) <= left.error
+    assert abs(inside / REPEATS - 0.95) < TOLERANCE
+
+
+def test_what_the_present_turn_has_taken_is_not_left_any_more():
+    laps = Laps([10.0, 12.0, 14.0])
+    assert turns_left(laps, 5).seconds == pytest.approx(60.0)
+    assert turns_left(laps, 5, 7.0).seconds == pytest.approx(53.0)
+    assert turns_left(laps, 5, 700.0).seconds == pytest.approx(48.0), "the others are still to come"
+
+
+def test_nothing_is_said_while_nothing_is_known():
+    assert turns_left(Laps([10.0, 12.0]), 5) is None
+    assert turns_left(Laps([10.0, 12.0, 11.0]), 0) is None
+    assert rest_left(Laps(), 0, 10, 0.0) is None
+    assert rest_left(Laps([1.0, 1.0]), 2, 10, 1.0) is None
+
+
+def test_laps_have_the_mean_and_the_deviation_of_their_durations():
+    durations = np.random.default_rng(1).normal(1e6, 1.0, 100)
+    laps = Laps(durations)
+    assert laps.count == 100
+    assert laps.mean == pytest.approx(durations.mean(), rel=1e-14)
+    assert laps.deviation == pytest.approx(durations.std(ddof=1), rel=1e-9)
+    assert math.isnan(Laps([1.0]).deviation)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "error", "text"),
+    [
+        (187.0, 23.0, "3 min ± 20 s"),
+        (195.0, 12.0, "3 min 20 s ± 10 s"),
+        (4.4, 0.3, "4 s ± 1 s"),
+        (3700.0, 250.0, "1 h 2 min ± 4 min"),
+        (86400.0 * 3.2, 7300.0, "3 d 4 h ± 2 h"),
+        (5.0, 40.0, "0 s ± 30 s"),
+        (59.7, 0.0, "1 min ± 1 s"),
+    ],
+)
+def test_a_time_is_rounded_to_what_its_error_leaves_of_it(seconds, error, text):
+    assert str(Left(seconds, error)) == text
+
+
+def test_a_time_is_said_in_two_units():
+    assert in_units(90061.0, 1) == "1 d 1 h"
+    assert in_units(3601.0, 1) == "1 h"
+    assert in_units(-3.0, 1) == "0 s"

@@ -1,0 +1,143 @@
+import time
+
+import pytest
+from screens import screen
+from test_report_progress import FULL, shown
+
+from agglom_mpi.report.live import Live
+from agglom_mpi.report.terminal import Terminal
+
+
+@pytest.fixture(params=[120, 80, 40])
+def opened(request):
+    with screen(request.param, 20) as opened:
+        yield opened
+
+
+def live_on(opened, in_foreground=lambda: True, encoding="utf-8"):
+    stream = open(opened.slave, "w", encoding=encoding, closefd=False)  # noqa: SIM115
+    return Live(Terminal(stream, in_foreground))
+
+
+def columns(opened):
+    return len(opened._screen.display[0])
+
+
+def test_the_lines_are_shown_below_two_empty_ones_and_messages_above(opened):
+    live = live_on(opened)
+    live.show(FULL)
+    live.show(FULL._replace(done=13))
+    live.say("a message")
+    wanted = shown(FULL._replace(done=13), columns(opened))
+    assert opened.read() == ["a message", "", "", *wanted]
+    assert opened.cursor == (0, 1)
+
+
+def test_fewer_lines_than_before_leave_nothing_behind(opened):
+    live = live_on(opened)
+    live.show(FULL)
+    less = FULL._replace(best=None, failed=0, left=None, note="")
+    live.show(less)
+    assert opened.read() == ["", "", *shown(less, columns(opened))]
+
+
+def test_nothing_is_left_when_it_stops(opened):
+    live = live_on(opened)
+    live.say("before")
+    live.show(FULL)
+    live.stop()
+    live.say("after")
+    assert opened.read() == ["before", "after"]
+
+
+def test_a_message_that_is_too_long_breaks_between_words(opened):
+    live = live_on(opened)
+    live.show(FULL)
+    live.say(" ".join(["word"] * 40))
+    said = opened.read()[: -len(shown(FULL, columns(opened))) - 2]
+    assert len(said) > 1
+    assert {word for line in said for word in line.split()} == {"word"}
+
+
+@pytest.mark.parametrize("width", [100, 60, 25, 119])
+def test_after_a_resize_there_is_nothing_but_the_lines(width):
+    with screen(80, 20) as opened:
+        live = live_on(opened)
+        live.say("before")
+        live.show(FULL)
+        opened.read()
+        opened.resize(width, 20)
+        live.show(FULL)
+        assert opened.read() == ["before", "", "", *shown(FULL, width)]
+
+
+def test_lines_that_a_terminal_has_broken_are_overwritten():
+    """A terminal that reflows keeps the cursor where it is: at the beginning of the first line."""
+    with screen(40, 20) as opened:
+        live = live_on(opened)
+        live.say("before")
+        for line in ["", "", *shown(FULL, 80)]:
+            live._write(f"{line}\r\n")
+        opened.read()
+        live._write("\x1b[8A\r")  # two empty lines, and three of two rows each
+        live.show(FULL)
+        assert opened.read() == ["before", "", "", *shown(FULL, 40)]
+
+
+def test_what_others_write_stays(opened):
+    live = live_on(opened)
+    live.show(FULL)
+    live._write("^C[launcher] Sending Ctrl-C\r\n")
+    live.show(FULL)
+    live.stop()
+    assert opened.read() == ["^C[launcher] Sending Ctrl-C"]
+
+
+def test_a_low_terminal_shows_what_fits():
+    with screen(40, 5) as opened:
+        live = live_on(opened)
+        for _ in range(3):
+            live.show(FULL)
+        assert opened.read() == ["", "", *shown(FULL, 40)[:2]]
+
+
+def test_in_the_background_nothing_is_drawn_and_messages_are_lines():
+    with screen(80) as opened:
+        live = live_on(opened, in_foreground=lambda: False)
+        live.show(FULL)
+        live.say("a message")
+        live.stop()
+        assert opened.read() == ["a message"]
+
+
+def test_ascii_is_enough():
+    with screen(80) as opened:
+        live = live_on(opened, encoding="ascii")
+        live.show(FULL)
+        opened.read()
+        assert opened.raw.isascii()
+        assert opened.lines == ["", "", *shown(FULL, 80, "ascii")]
+
+
+def test_a_terminal_that_is_gone_does_not_end_the_run():
+    with screen(80) as opened:
+        live = live_on(opened)
+        live.show(FULL)
+        live._terminal.stream.close()
+        live.show(FULL)
+        live.stop()
+
+
+def test_a_refresh_takes_less_than_a_thousandth_of_the_time_between_two():
+    """Rank 0 draws twice a second, and serves all other ranks; processor time, of the best try."""
+    with screen(120) as opened:
+        live = live_on(opened)
+        taken = []
+        for _ in range(20):
+            begun = time.process_time()
+            for _ in range(10):
+                live.show(FULL)
+            taken.append((time.process_time() - begun) / 10)
+            opened.read()
+        print(f"{1e6 * min(taken):.0f} us")
+        assert min(taken) < 0.5e-3

@@ -1,0 +1,79 @@
+import math
+
+import pytest
+
+from agglom_mpi.report.left import Left
+from agglom_mpi.report.progress import Best, Progress, clock, in_words, lines, per_second
+
+FULL = Progress(
+    done=12,
+    total=100,
+    unit="generations",
+    elapsed=201.0,
+    samples=129619,
+    rate=705.2,
+    busy=0.974,
+    strings_open=5,
+    in_flight=24,
+    failed=3,
+    best=Best(762, 0.01234, 0.0045, 0.0201),
+    left=Left(187.0, 23.0),
+    at_most=True,
+    note="a note",
+)
+
+
+def shown(progress, width, encoding="utf-8"):
+    return [line.plain for line in lines(progress, width, encoding)]
+
+
+def test_all_that_is_known_is_said():
+    assert in_words(FULL) == (
+        "12/100 generations, 3:21, left at most 3 min ± 20 s, best 0.0123 ± 0.0045 (string 762), "
+        "mean of top 0.0201, 3 samples failed, 129619 samples, 705/s, 97% busy, 5 strings open, "
+        "24 in flight, a note"
+    )
+
+
+def test_nothing_is_said_of_what_is_not_known():
+    assert in_words(Progress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
+    worst = FULL._replace(best=Best(3, math.inf, math.nan, math.inf))
+    assert "best no result (string 3), 3 samples failed" in in_words(worst)
+    assert "left 3 min ± 20 s" in in_words(FULL._replace(at_most=False))
+
+
+@pytest.mark.parametrize("width", [*range(1, 130), 500])
+def test_no_line_is_as_wide_as_the_terminal_and_nothing_is_lost_where_there_is_room(width):
+    found = shown(FULL, width)
+    assert max(map(len, found)) < max(2, width)
+    if width > 40:
+        for words in in_words(FULL).split(", "):
+            assert any(words in line for line in found)
+
+
+@pytest.mark.parametrize(("width", "rows"), [(120, 3), (80, 3), (40, 6)])
+def test_a_wider_terminal_needs_fewer_lines(width, rows):
+    assert len(shown(FULL, width)) == rows
+
+
+@pytest.mark.parametrize(("done", "full"), [(0, 0), (50, 20), (100, 40), (130, 40)])
+def test_the_bar_shows_how_much_is_done(done, full):
+    found = shown(FULL._replace(done=done), 120)[0]
+    assert (found.count("━"), found.count("─")) == (full, 40 - full)
+
+
+def test_ascii_is_enough():
+    found = shown(FULL, 80, "ascii")
+    assert "left at most 3 min +- 20 s" in found[0]
+    assert "#" in found[0]
+    assert all(line.isascii() for line in found)
+    assert max(map(len, found)) < 80
+
+
+def test_a_rate_has_two_digits():
+    rates = (705.4, 10.0, 1.34, 0.0251)
+    assert [per_second(rate) for rate in rates] == ["705/s", "10/s", "1.3/s", "0.025/s"]
+
+
+def test_a_clock_shows_hours_when_there_are_any():
+    assert [clock(s) for s in (7.9, 61.0, 3723.0)] == ["0:07", "1:01", "1:02:03"]
