@@ -223,21 +223,46 @@ def _is_hdf5(path: str) -> bool:
 
 @main.command(
     epilog="Examples:  agglom report accretion_2003.h5   "
-    "agglom report accretion_2003.h5 --sensitivity"
+    "agglom report accretion_2003.h5 --out report"
 )
 @click.argument("file")
+@click.option(
+    "--out",
+    type=_PATH,
+    metavar="DIR",
+    help="Write a web page, report.html, and its figures instead, as PNG and SVG.",
+)
+@click.option(
+    "--stored-only",
+    is_flag=True,
+    help="With --out: particles that are not stored are not simulated again.",
+)
 @click.option(
     "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
 )
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
-def report(file: str, sensitivity: bool, as_json: bool) -> None:
+def report(
+    file: str, out: Path | None, stored_only: bool, sensitivity: bool, as_json: bool
+) -> None:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
-    They are ranked by their re-estimates on fresh samples, where there are any.
+    They are ranked by their re-estimates on fresh samples, where there are any. The web page needs
+    nothing but itself; existing files are replaced only if they have the names of its own.
     """
+    if out is None and stored_only:
+        raise click.UsageError("--stored-only is for --out DIR")
+    if out is not None and as_json:
+        raise click.UsageError("give --out or --json, not both")
 
     def run() -> int:
         from agglom_mpi.database.reader import open_inversion
+
+        if out is not None:
+            from agglom_mpi.report.page import write_report
+
+            for line in write_report(open_inversion(file), out, not stored_only, sensitivity):
+                click.echo(line)
+            return 0
         from agglom_mpi.report.summary import as_text, collect_summary, summarise
 
         opened, more = open_inversion(file), None

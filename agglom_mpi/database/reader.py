@@ -12,6 +12,7 @@ from agglom_mpi.database import dataframes
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.bulk import final_of, frames_of
 from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.plots import Plots
 from agglom_mpi.database.schema import INVERSION, fresh_from
 from agglom_mpi.database.table import Believed, Rows, Table, joined
 from agglom_mpi.simulation.outcome import FinalParticles
@@ -31,7 +32,7 @@ class Status(NamedTuple):
     reason: str
 
 
-class CampaignFile:
+class CampaignFile(Plots):
     """What is in a campaign file now.
 
     Every call opens the file, reads what it needs and closes it. A row counts only if it is

@@ -21,6 +21,7 @@ COLUMNS: Final = 3
 """Panels in a row."""
 PANEL: Final = 2.8
 """Inches of a panel, wide and high."""
+COLOUR_MAP: Final = "viridis"
 MANY: Final = 5000
 """Particles beyond which an SVG holds pixels instead of circles."""
 
@@ -62,6 +63,8 @@ def draw_cloud(
     numpy.ndarray
         The F axes, shape (F,).
     """
+    from matplotlib.cm import ScalarMappable
+
     columns = min(len(times), COLUMNS)
     rows = -(-len(times) // columns)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -69,16 +72,17 @@ def draw_cloud(
         unused.remove()
     axes = grid[: len(times)]
     colour = _colour(radii, temperature)
-    norm, spheres = _norm(colour.values), None
+    norm = _norm(colour.values)
     reach = _reach(half_width, positions, radii)
     for ax, time, place, radius, value in zip(
         axes, times, positions, radii, colour.values, strict=True
     ):
         _draw_box(ax, half_width, reach)
-        spheres = _draw_spheres(ax, place, radius, value, norm)
+        _draw_spheres(ax, place, radius, value, norm)
         ax.set_title(f"t = {with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9)
     _label_side(axes[0], half_width)
-    figure.colorbar(spheres, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
+    scale = ScalarMappable(norm, COLOUR_MAP)
+    figure.colorbar(scale, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
     return axes
 
 
@@ -115,7 +119,7 @@ def _norm(values: Sequence[Floats]) -> Any:
 
 
 def _view() -> Floats:
-    """Unit vectors to the right, up and towards the eye, as rows of a (3, 3) matrix."""
+    """Return unit vectors to the right, up and towards the eye, as rows of a (3, 3) matrix."""
     around, above = np.radians(-62.0), np.radians(22.0)
     right = np.array([-np.sin(around), np.cos(around), 0.0])
     eye = np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
@@ -171,7 +175,7 @@ def _label_side(ax: Any, half_width: float) -> None:
     )
 
 
-def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: Any) -> Any:
+def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: Any) -> None:
     """Draw spheres as circles of their radius, the far ones first."""
     from matplotlib.collections import EllipseCollection
 
@@ -188,11 +192,10 @@ def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: A
         offset_transform=ax.transData,
         array=np.asarray(value, float)[order],
         norm=norm,
-        cmap="viridis",
+        cmap=COLOUR_MAP,
         edgecolors="0.15",
         linewidths=0.25,
         zorder=2,
         rasterized=len(order) > MANY,
     )
     ax.add_collection(spheres, autolim=False)
-    return spheres
