@@ -144,7 +144,7 @@ class Plots:
         film = None if string is None else again.film(found, string)
         if film is None:
             raise ValueError(f"{self}: no pictures of a sample, and none can be made in a second")
-        figure = axes.figure_for(figure, cloud.cloud_size(len(again.evenly(film.frames))))
+        figure = axes.figure_for(figure, cloud.cloud_size(len(again.telling(film.frames))))
         return again.draw_film(figure, film, float(found.identity["scene.half_width"]))
 
     def plot_search_paths(self, figure: Any = None) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.campaign import CampaignError
-from agglom_mpi.physics.scales import grain_radius
+from agglom_mpi.physics.scales import end_time, grain_radius
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.radii import Radii
 from agglom_mpi.report.material import Material
@@ -16,6 +16,7 @@ from agglom_mpi.report.picture import Picture
 from agglom_mpi.search.running import PooledMoments
 from agglom_mpi.simulation.outcome import COMPLETED, measured
 from agglom_mpi.simulation.snapshots import Frames
+from agglom_mpi.variables import NAMES
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +26,8 @@ SAMPLES: Final = 200
 """Samples whose particles are shown at most."""
 FRAMES: Final = 6
 """Pictures of a sample that are shown."""
+TIMES: Final = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
+"""When they are taken, if they are not stored, over the end time: particles bond early."""
 GRAINS: Final = 200_000
 """Grains of a sample beyond which it is not simulated again."""
 
@@ -141,7 +144,9 @@ def film(material: Material, string: int, seconds: float = SECONDS) -> Film | No
     sample = int(rows["sample"][0])
     campaign = material.campaign
     number = campaign.first_sample(string) + sample
-    outcome = campaign.simulate(material.parameters(string), number, frames=FRAMES)
+    parameters = material.parameters(string)
+    end = end_time(campaign.scene, dict(zip(NAMES, parameters.tolist(), strict=True)))
+    outcome = campaign.simulate(parameters, number, frames=end * np.array(TIMES))
     if outcome.frames is None:
         return None
     return Film(string, sample, outcome.frames, "simulated again")
@@ -151,7 +156,7 @@ def cloud_pictures(material: Material, found: Film | None) -> Iterator[Picture]:
     """Yield the picture of a cloud of particles, if there is a film."""
     if found is None:
         return
-    at = evenly(found.frames)
+    at = telling(found.frames)
     half_width = float(material.identity["scene.half_width"])
 
     def draw(figure: object) -> None:
@@ -168,7 +173,7 @@ def cloud_pictures(material: Material, found: Film | None) -> Iterator[Picture]:
 
 def draw_film(figure: object, found: Film, half_width: float) -> NDArray[np.object_]:
     """Draw some frames of a film into a figure, box from −D to D in m, and return the axes."""
-    frames, at = found.frames, evenly(found.frames)
+    frames, at = found.frames, telling(found.frames)
     counts = [int(frames.particles[f]) for f in at]
     pairs = list(zip(at, counts, strict=True))
     return draw_cloud(
@@ -181,8 +186,16 @@ def draw_film(figure: object, found: Film, half_width: float) -> NDArray[np.obje
     )
 
 
-def evenly(frames: Frames) -> list[int]:
-    """Places of at most six frames that have particles, evenly chosen, first and last included."""
+def telling(frames: Frames) -> list[int]:
+    """Places of at most six frames that have particles, the first and the last included.
+
+    Particles bond early: the frames are those whose numbers of particles are nearest to a geometric
+    series, and then the earliest.
+    """
     there = np.flatnonzero(frames.particles > 0)
-    picks = np.linspace(0, len(there) - 1, min(FRAMES, len(there))).round().astype(int)
-    return [int(i) for i in there[picks]]
+    counts = np.log(frames.particles[there])
+    picks = {0, len(there) - 1}
+    for wanted in np.linspace(counts[0], counts[-1], FRAMES):
+        picks.add(int(np.argmin(np.abs(counts - wanted))))
+    picks |= set([i for i in range(len(there)) if i not in picks][: FRAMES - len(picks)])
+    return there[sorted(picks)].tolist()

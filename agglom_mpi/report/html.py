@@ -10,6 +10,8 @@ from agglom_mpi.report.picture import Picture
 
 LARGEST_DRAWING: Final = 400_000
 """Bytes of an SVG beyond which a page holds the PNG instead, which opens faster."""
+PIXELS: Final = 120
+"""Of an inch of a picture, at most."""
 WIDE: Final = 8.0
 """Inches from which a picture gets the whole width of the page."""
 
@@ -20,10 +22,10 @@ h1 { line-height: 1.2; margin: 2rem 0 .3rem; } h2 { margin: 3rem 0 .6rem; }
 h2 { border-bottom: 1px solid #ccc; } h3 { margin: 1.6rem 0 .4rem; }
 nav a { margin-right: 1.2rem; white-space: nowrap; } a { color: #0072B2; }
 .state { color: #555; margin: 0 0 1rem; } .note { max-width: 62rem; }
-.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(560px, 1fr)); gap: 2rem; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(560px, 1fr)); gap: 2rem;
+  grid-auto-flow: dense; }
 figure { margin: 0; } figure.wide { grid-column: 1 / -1; }
 figure img { display: block; width: 100%; height: auto; }
-figure.narrow img { max-width: 760px; } figure.wide img { max-width: 1240px; }
 figcaption { color: #444; font-size: .875rem; max-width: 46rem; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .875rem; }
 caption { text-align: left; font-weight: 600; padding: .6rem 0 .3rem; }
@@ -69,11 +71,12 @@ def figure(directory: Path, picture: Picture) -> str:
     if len(drawing) > LARGEST_DRAWING:
         kind, content = "png", (directory / f"{picture.name}.png").read_bytes()
     data = base64.b64encode(content).decode()
-    width = "wide" if picture.size[0] >= WIDE else "narrow"
+    kind_of_figure = ' class="wide"' if picture.size[0] >= WIDE else ""
+    width = round(PIXELS * picture.size[0])
     caption = escape(picture.caption)
     return (
-        f'<figure class="{width}"><img alt="{escape(picture.caption, quote=True)}" '
-        f'src="data:image/{kind};base64,{data}"><figcaption>{caption} '
+        f'<figure{kind_of_figure}><img alt="{escape(picture.caption, quote=True)}" '
+        f'style="max-width: {width}px" src="data:image/{kind};base64,{data}"><figcaption>{caption} '
         f"<code>{picture.name}.png</code> <code>{picture.name}.svg</code></figcaption></figure>\n"
     )
 

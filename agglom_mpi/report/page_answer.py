@@ -38,7 +38,7 @@ def best_strings(material: Material) -> str:
     rows = [*_variable_rows(material, shown), *_result_rows(material, shown)]
     if any(string in again for string in shown):
         known = [again.get(string) for string in shown]
-        rows[-3:-3] = [
+        rows[-4:-4] = [
             _row("on fresh samples", known, lambda e: with_error(e.objective, e.standard_error)),
             _row("95 % from", known, lambda e: f"{e.lower:.4f}"),
             _row("95 % to", known, lambda e: f"{e.upper:.4f}"),
@@ -97,8 +97,8 @@ def tables_of_papers(material: Material) -> tuple[str, str]:
     note = (
         f"{paper}. The campaign asks what the paper asked (scene, objective, search box). "
         "Published rows are one run each, of a search that believes its luck and of time steps "
-        "that are not exact; they are what the paper prints, not a reference. Rows of this campaign: "
-        f"objectives are {fresh}."
+        "that are not exact; they are what the paper prints, not a reference. Rows of this "
+        f"campaign: objectives are {fresh}."
     )
     if paper.startswith("[A]"):
         note += " The activation energy is printed in kJ/mol, with which nothing could bond."

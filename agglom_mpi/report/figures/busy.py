@@ -135,7 +135,14 @@ def draw_busy(ax: Any, found: Load | None) -> Any:
     if found is None:
         say(ax, "no sample yet")
         return ax
-    ax.stairs(100.0 * found.mean, found.edges, color=COLOURS[0], linewidth=1.3, label="all ranks")
+    ax.stairs(
+        100.0 * found.mean,
+        found.edges,
+        color=COLOURS[0],
+        linewidth=1.3,
+        baseline=None,
+        label="all ranks",
+    )
     if (found.most > found.least).any():
         ax.fill_between(
             found.edges,

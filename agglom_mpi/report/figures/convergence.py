@@ -107,6 +107,7 @@ def draw_convergence(
     if again is not None:
         _draw_again(ax, found.generation[-1] + max(0.4, 0.015 * len(found.best)), again)
     _scale(ax, shown, again)
+    ax.set_xlim(left=1.0 - 0.03 * max(10, len(found.best)))
     whole_numbers(ax.xaxis)
     legend_below(ax, 3)
     return ax

@@ -1,7 +1,7 @@
 """How well the answer was known after how long: error against run time."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from agglom_mpi.report.picture import COLOURS, Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
+
+MANY: Final = 40
+"""Generations from which single ones are not marked."""
 
 
 def draw_cost(ax: Any, found: History) -> Any:
@@ -32,7 +36,7 @@ def draw_cost(ax: Any, found: History) -> Any:
             found.seconds[known],
             half[known],
             color=colour,
-            marker=marker,
+            marker=marker if len(half) < MANY else "",
             markersize=3.5,
             linewidth=1.0,
             label=name,

@@ -110,6 +110,10 @@ def stop(
 
 def in_words(rule: Rule) -> str:
     """Say a rule in a few words."""
+    return _said(rule).replace("e-0", "e-")
+
+
+def _said(rule: Rule) -> str:
     match rule:
         case SuccessiveDifference():
             return f"{rule.quantity.replace('_', ' ')} within {rule.tolerance:g}"

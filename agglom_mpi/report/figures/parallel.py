@@ -90,8 +90,8 @@ def _label(ax: Any, searched: Sequence[Searched]) -> None:
     ticks = []
     for at, (variable, lower, upper, logarithmic) in enumerate(searched):
         size, unit = in_unit(variable.unit, upper)
-        ax.text(at, 1.03, f"{upper / size:.4g}", ha="center", va="bottom", fontsize=8)
-        ax.text(at, -0.03, f"{lower / size:.4g}", ha="center", va="top", fontsize=8)
+        ax.text(at, 1.03, f"{upper / size:.6g}", ha="center", va="bottom", fontsize=8)
+        ax.text(at, -0.03, f"{lower / size:.6g}", ha="center", va="top", fontsize=8)
         scale = ", log" if logarithmic else ""
         ticks.append(f"{variable.name.replace('_', ' ')}\n({unit}{scale})")
     slanted = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
