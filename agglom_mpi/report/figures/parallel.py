@@ -113,7 +113,7 @@ def of_material(material: Material) -> tuple[list[Searched], Floats, list[str]]:
         f"{again.get(string, float(material.result_of[string]['objective'])):.4g}"
         for place, string in enumerate(shown[:BEST], 1)
     ]
-    return material.searched, np.array(columns, float).reshape(-1, len(shown)).T, names
+    return material.searched, np.array(columns, float).reshape(len(columns), len(shown)).T, names
 
 
 def pictures(material: Material) -> Iterator[Picture]:
