@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-COLUMNS: Final = 3
-PANEL: Final = (2.9, 2.0)
+PANEL: Final = (2.7, 2.0)
 """Inches of a panel."""
 
 
@@ -76,13 +75,18 @@ def paths(material: Material) -> list[Path]:
 
 def paths_size(count: int) -> tuple[float, float]:
     """Width and height in inches of the figure of so many variables."""
-    columns = min(count, COLUMNS)
-    return PANEL[0] * columns, PANEL[1] * -(-count // COLUMNS) + 0.7
+    columns = _columns(count)
+    return PANEL[0] * columns, PANEL[1] * -(-count // columns) + 0.7
+
+
+def _columns(count: int) -> int:
+    """Panels in a row: three, or five where there are ten variables."""
+    return min(count, 3 if count <= 9 else 5) or 1
 
 
 def draw_paths(figure: "matplotlib.figure.Figure", found: Sequence[Path]) -> Any:
     """Draw one panel for each of n variables into a figure, and return their axes, shape (n,)."""
-    columns = min(len(found), COLUMNS)
+    columns = _columns(len(found))
     rows = -(-len(found) // columns)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for unused in axes[len(found) :]:
