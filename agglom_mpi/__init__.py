@@ -4,10 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign import load_campaign
+    from agglom_mpi.coupling.box import Box
     from agglom_mpi.database.reader import open_campaign
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "load_campaign", "open_campaign"]
+__all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
 
 
 def __getattr__(name: str) -> Any:
@@ -20,4 +21,8 @@ def __getattr__(name: str) -> Any:
         from agglom_mpi.database.reader import open_campaign
 
         return open_campaign
+    if name == "Box":
+        from agglom_mpi.coupling.box import Box
+
+        return Box
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -223,9 +223,9 @@ def _is_hdf5(path: str) -> bool:
 
 @main.command(
     epilog="Examples:  agglom report accretion_2003.h5   "
-    "agglom report accretion_2003.h5 --out report"
+    "agglom report accretion_2003.h5 --out report   agglom report seed1.h5 seed2.h5"
 )
-@click.argument("file")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option(
     "--out",
     type=_PATH,
@@ -242,51 +242,71 @@ def _is_hdf5(path: str) -> bool:
 )
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 def report(
-    file: str, out: Path | None, stored_only: bool, sensitivity: bool, as_json: bool
+    files: tuple[str, ...], out: Path | None, stored_only: bool, sensitivity: bool, as_json: bool
 ) -> None:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
-    They are ranked by their re-estimates on fresh samples, where there are any. The web page needs
-    nothing but itself; existing files are replaced only if they have the names of its own.
+    They are ranked by their re-estimates on fresh samples, where there are any. Several files are
+    compared by their best strings. The web page needs nothing but itself; existing files are
+    replaced only if they have the names of its own.
     """
+    for option, given in (("--sensitivity", sensitivity), ("--out", out is not None)):
+        if len(files) > 1 and given:
+            raise click.UsageError(f"{option} is of one file")
     if out is None and stored_only:
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
 
     def run() -> int:
-        from agglom_mpi.database.reader import open_inversion
-
         if out is not None:
+            from agglom_mpi.database.reader import open_inversion
             from agglom_mpi.report.page import write_report
 
-            for line in write_report(open_inversion(file), out, not stored_only, sensitivity):
+            for line in write_report(open_inversion(files[0]), out, not stored_only, sensitivity):
                 click.echo(line)
             return 0
-        from agglom_mpi.report.summary import as_text, collect_summary, summarise
+        from agglom_mpi.report.display import print_wide
 
-        opened, more = open_inversion(file), None
-        if sensitivity:
-            from agglom_mpi.report import sensitivity as matters
-
-            more = matters.of_campaign(opened)
-        if as_json:
-            extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
-            click.echo(as_text(collect_summary(opened), extra))
-        else:
-            from agglom_mpi.report.display import print_wide
-
-            print_wide(summarise(opened))
-            if more is not None:
-                print_wide(matters.in_words(*more))
+        several = len(files) > 1
+        text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
+        click.echo(text) if as_json else print_wide(text)
         return 0
 
     sys.exit(_finish(run))
 
 
+def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
+    """Return what one file found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.summary import as_text, collect_summary, summarise
+
+    opened, more = open_inversion(file), None
+    if sensitivity:
+        from agglom_mpi.report import sensitivity as matters
+
+        more = matters.of_campaign(opened)
+    if as_json:
+        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        return as_text(collect_summary(opened), extra)
+    from rich.console import Group
+
+    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+
+
+def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
+    """Return what several files found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report import comparison
+
+    compared = comparison.compare([open_inversion(file) for file in files])
+    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
+
+
 @main.command(
     epilog="Examples:  agglom export accretion_2003.h5 --compact accretion_2003_compact.h5   "
-    "agglom export accretion_2003.h5 --csv tables"
+    "agglom export accretion_2003.h5 --csv tables   "
+    "agglom export accretion_2003.h5 --paraview best.vtkhdf"
 )
 @click.argument("file")
 @click.option("--compact", type=_PATH, metavar="OUT.h5", help="A compressed copy of the file.")
@@ -296,18 +316,55 @@ def report(
     metavar="DIR",
     help="The tables as strings.csv, samples.csv and generations.csv.",
 )
-def export(file: str, compact: Path | None, csv: Path | None) -> None:
-    """Write a campaign FILE.h5 in another form; give --compact, --csv or both.
+@click.option(
+    "--paraview",
+    type=_PATH,
+    metavar="OUT.vtkhdf",
+    help="The particles of a sample over time, for ParaView; of several samples OUT_STRING_SAMPLE "
+    "each.",
+)
+@click.option("--string", type=click.IntRange(0), help="String to show.  [default: the best]")
+@click.option(
+    "--sample",
+    "samples",
+    type=click.IntRange(0),
+    multiple=True,
+    help="Sample of it to show; may be repeated.  [default: all with stored frames, or the first]",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(1),
+    help="Simulate the sample again, and take so many frames.  [default: those stored, or 101]",
+)
+def export(
+    file: str,
+    compact: Path | None,
+    csv: Path | None,
+    paraview: Path | None,
+    string: int | None,
+    samples: tuple[int, ...],
+    frames: int | None,
+) -> None:
+    """Write a campaign FILE.h5 in another form; give --compact, --csv, --paraview or more of them.
 
     What is final is taken, also while the file is being written; no existing file is overwritten.
+    A sample that there are no stored frames of is simulated again, exactly.
     """
-    if compact is None and csv is None:
-        raise click.UsageError("nothing to write: give --compact OUT.h5, --csv DIR or both")
+    if compact is None and csv is None and paraview is None:
+        message = "nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf"
+        raise click.UsageError(message)
+    if paraview is None and (string is not None or samples or frames is not None):
+        raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
 
     def run() -> int:
         from agglom_mpi.report.export import export
 
-        for line in export(Path(file), compact, csv):
+        choice = None
+        if paraview is not None:
+            from agglom_mpi.report.paraview import Choice
+
+            choice = Choice(paraview, string, samples, frames)
+        for line in export(Path(file), compact, csv, choice):
             click.echo(line)
         return 0
 
@@ -316,7 +373,8 @@ def export(file: str, compact: Path | None, csv: Path | None) -> None:
 
 @main.command(
     epilog="Examples:  agglom simulate jobs/accretion_2003.yaml --set density=6000 --samples 100   "
-    "agglom simulate accretion_2003.h5 --string 42 --sample 17"
+    "agglom simulate accretion_2003.h5 --string 42 --sample 17   "
+    "agglom simulate jobs/accretion_2003.yaml --frames 100 --out run"
 )
 @click.argument("source")
 @click.option(
@@ -326,9 +384,7 @@ def export(file: str, compact: Path | None, csv: Path | None) -> None:
     metavar="NAME=VALUE",
     help="A variable, with or without unit.",
 )
-@click.option(
-    "--samples", type=click.IntRange(1), default=10, show_default=True, help="Samples to average."
-)
+@click.option("--samples", type=click.IntRange(1), help="Samples to average.  [default: 10]")
 @click.option(
     "--engine",
     help="event, fixed, fixed:STEPS or adaptive, instead of the scene's own; event cools exactly, "
@@ -336,28 +392,48 @@ def export(file: str, compact: Path | None, csv: Path | None) -> None:
 )
 @click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
 @click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
+@click.option(
+    "--frames",
+    type=click.IntRange(2),
+    help="Look at one sample, the first or --sample, at so many times.",
+)
+@click.option(
+    "--out",
+    type=_PATH,
+    metavar="DIR",
+    help="Directory of its pictures, PNG and SVG, and of its file for ParaView.",
+)
 @_ALLOW_CODE
 @click.option("--json", "as_json", is_flag=True, help="For machines.")
 def simulate(
     source: str,
     settings: tuple[str, ...],
-    samples: int,
+    samples: int | None,
     engine: str | None,
     string: int | None,
     sample: int | None,
+    frames: int | None,
+    out: Path | None,
     allow_code: bool,
     as_json: bool,
 ) -> None:
     """Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in FILE.h5.
 
-    Variables that are ranges and not --set take the middle of their range.
+    Variables that are ranges and not --set take the middle of their range. --frames and --out show
+    one sample: its particles at successive times (9 of them at most), how it evolves, and all
+    frames as a file for ParaView; no existing file is overwritten.
     """
+    if (frames is None) != (out is None):
+        raise click.UsageError("--frames F and --out DIR belong together")
+    if frames is not None and samples is not None:
+        raise click.UsageError("--frames shows one sample; choose it with --sample, not --samples")
 
     def run() -> int:
         from agglom_mpi.report.forward import Request, forward
 
-        values = _assignments(settings)
-        request = Request(Path(source), values, samples, engine, string, sample, allow_code)
+        values, count = _assignments(settings), samples or 10
+        look = (allow_code, frames, out)
+        request = Request(Path(source), values, count, engine, string, sample, *look)
         text, code = forward(request, as_json)
         click.echo(text)
         return code
@@ -468,6 +544,28 @@ def accuracy(settings: tuple[str, ...], **options: Any) -> None:
         return accuracy(Options(settings=_assignments(settings), **options), world)
 
     sys.exit(_connected(run))
+
+
+@main.command(epilog="Examples:  agglom doctor   agglom doctor /scratch/me")
+@click.argument(
+    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default="."
+)
+def doctor(folder: Path) -> None:
+    """Tell what this machine has to run campaigns with, and what to mend.
+
+    MPI and its launcher, HDF5, compiled kernels, processors, the file system of FOLDER, the batch
+    system. Exit code 1 if campaigns do not run like this on several ranks.
+    """
+
+    def run() -> int:
+        from agglom_mpi.doctor.run import examine, in_words
+        from agglom_mpi.report.display import print_wide
+
+        findings = list(examine(folder.resolve()))
+        print_wide(in_words(findings))
+        return FAILURE if any(finding.broken for finding in findings) else 0
+
+    sys.exit(_finish(run))
 
 
 def _assignments(settings: tuple[str, ...]) -> dict[str, float | str]:

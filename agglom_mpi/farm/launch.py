@@ -89,6 +89,6 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
         raise LaunchError(
             f"the launcher started {promised} processes, but {MPI.get_vendor()[0]}"
             f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
-            "of this library, or srun with the --mpi type it supports"
+            "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
         )
     return world

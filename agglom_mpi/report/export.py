@@ -1,4 +1,4 @@
-"""What `agglom export` writes: a compact copy of a campaign file, its tables as text, or both."""
+"""What `agglom export` writes of a campaign file: a compact copy, tables, files for ParaView."""
 
 import importlib.util
 from collections.abc import Iterator
@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.database.compact import write_compact
-from agglom_mpi.database.reader import CampaignFile, open_campaign
+from agglom_mpi.database.reader import CampaignFile, open_campaign, open_inversion
 from agglom_mpi.database.whole import refuse_existing, whole_file
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from agglom_mpi.report.paraview import Choice
 
 TABLES: Final = ("generations", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
@@ -21,23 +23,37 @@ class ExportError(ValueError):
     """The export is not possible; one line says why."""
 
 
-def export(source: Path, compact: Path | None, directory: Path | None) -> Iterator[str]:
+def export(
+    source: Path,
+    compact: Path | None,
+    directory: Path | None,
+    paraview: "Choice | None" = None,
+) -> Iterator[str]:
     """Write what is asked for, yielding a line on each file that is there; see `agglom export`.
 
     Raises
     ------
+    CampaignError
+        If the samples to show in ParaView cannot be, as from `chosen` and `write_samples`.
     ExportError
         If pandas is missing, or a name that is to be a directory is none.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
-    file = open_campaign(source)
+    file = open_campaign(source) if paraview is None else open_inversion(source)
     if directory is not None:
-        check_library()
-        if directory.exists() and not directory.is_dir():
-            raise ExportError(f"{directory}: is no directory")
+        check_library("pandas", "tables")
+        check_directory(directory)
     targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
-    for target in [compact, *targets] if compact is not None else targets:
+    if compact is not None:
+        targets.insert(0, compact)
+    shown = []
+    if paraview is not None:
+        from agglom_mpi.report.paraview import chosen, write_samples
+
+        shown = chosen(file, paraview)
+        targets += [each.path for each in shown]
+    for target in targets:
         refuse_existing(target)
     if compact is not None:
         copied = write_compact(source, compact)
@@ -47,12 +63,20 @@ def export(source: Path, compact: Path | None, directory: Path | None) -> Iterat
             yield f"{compact}: {copied.damaged} damaged rows, copied as they are"
     if directory is not None:
         yield from write_tables(file, directory)
+    if paraview is not None:
+        yield from write_samples(file, shown, paraview.frames)
 
 
-def check_library() -> None:
-    """Raise an ExportError if what makes tables is not installed."""
-    if importlib.util.find_spec("pandas") is None:
-        raise ExportError("tables need pandas: pip install 'agglom_mpi[report]'")
+def check_library(name: str, what: str) -> None:
+    """Raise an ExportError if the library that makes such a thing is not installed."""
+    if importlib.util.find_spec(name) is None:
+        raise ExportError(f"{what} need {name}: pip install 'agglom_mpi[report]'")
+
+
+def check_directory(path: Path) -> None:
+    """Raise an ExportError if there is something else under the name of a directory."""
+    if path.exists() and not path.is_dir():
+        raise ExportError(f"{path}: is no directory")
 
 
 def _sizes(copy: Path, original: Path) -> str:

@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
-from agglom_mpi.campaign.code import recorded_code
-from agglom_mpi.campaign.source import Problem
+from agglom_mpi.campaign import Campaign, load_campaign
 from agglom_mpi.report.numbers import with_error
+from agglom_mpi.report.recorded import (
+    is_same,
+    mistaken,
+    recorded_campaign,
+    recorded_parameters,
+    recorded_sample,
+)
 from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.outcome import COLUMNS
 from agglom_mpi.simulation.sample import LEDGER, Outcome
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -25,7 +29,10 @@ LEFT_OUT: Final = "objective left out: a function is never run from a campaign f
 
 
 class Request(NamedTuple):
-    """What to simulate: a campaign with `settings`, or a recorded string or sample of a file."""
+    """What to simulate: a campaign with `settings`, or a recorded string or sample of a file.
+
+    With `frames`, so many pictures of one sample are written into the directory `out`.
+    """
 
     source: Path
     settings: dict[str, float | str]
@@ -34,13 +41,21 @@ class Request(NamedTuple):
     string: int | None
     sample: int | None
     allow_code: bool = False
+    frames: int | None = None
+    out: Path | None = None
 
 
 def forward(request: Request, as_json: bool) -> tuple[str, int]:
     """Simulate; the text to print and the exit code, 1 if a sample fails or a replay differs."""
+    if request.out is not None:
+        from agglom_mpi.report.run_pictures import check_room
+
+        check_room(request.out)
+        request = request._replace(sample=request.sample or 0)
     if request.source.suffix in (".yaml", ".yml"):
         if request.string is not None:
-            raise _mistake(request, "--string", "needs a campaign file FILE.h5, not a YAML file")
+            message = "needs a campaign file FILE.h5, not a YAML file"
+            raise mistaken(request.source, "--string", message)
         campaign = load_campaign(request.source, request.allow_code)
         parameters = campaign.parameters(request.settings)
         stored, first = None, 0
@@ -48,18 +63,19 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         from agglom_mpi.database.reader import open_inversion
 
         file = open_inversion(request.source)
-        own = recorded_code(file.identity)  # which cannot be run
-        campaign = Campaign.from_text(file.campaign_text, str(request.source), own)
+        campaign = recorded_campaign(file)
         if request.settings:
-            raise _mistake(request, "--set", "is for YAML files; a recorded string is as it is")
-        parameters = _recorded(request, file)
+            message = "is for YAML files; a recorded string is as it is"
+            raise mistaken(request.source, "--set", message)
+        parameters = recorded_parameters(file, request.string)
         stored, first = _stored_sample(request, file), campaign.first_sample(request.string or 0)
     numbers = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + number for number in numbers]
     engine = campaign.engine(request.engine)
     try:
-        campaign.simulate(parameters, numbers[0], engine)  # compiles, so that seconds are true
-        outcomes = [campaign.simulate(parameters, number, engine) for number in numbers]
+        seen = request.frames
+        campaign.simulate(parameters, numbers[0], engine, seen)  # compiles: seconds are true then
+        outcomes = [campaign.simulate(parameters, number, engine, seen) for number in numbers]
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report = _report(campaign, parameters, outcomes)
@@ -67,46 +83,30 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         report["note"] = LEFT_OUT
     code = 0
     if stored is not None and request.engine is None:
-        same = _same(stored, outcomes[0].record)
+        same = is_same(stored, outcomes[0].record)
         report["replay"] = (
             "identical to the recorded sample" if same else "differs from the recorded sample"
         )
         code = 0 if same else 1
+    if request.out is not None:
+        report["files"] = _pictures(request, campaign, outcomes[0])
     return (json.dumps(report, indent=2) if as_json else _in_words(report)), code
-
-
-def _mistake(request: Request, field: str, message: str) -> CampaignError:
-    return CampaignError(Problem(str(request.source), None, field, message))
-
-
-def _recorded(request: Request, file: "CampaignFile") -> npt.NDArray[np.float64]:
-    rows = file.string_rows()
-    if request.string is None:
-        raise _mistake(request, "--string", f"is missing; allowed: 0 to {len(rows) - 1}")
-    for row in rows:
-        if row["string"] == request.string:
-            return np.array([row[name] for name in NAMES])
-    raise _mistake(request, "--string", f"is {request.string}; allowed: 0 to {len(rows) - 1}")
 
 
 def _stored_sample(request: Request, file: "CampaignFile") -> np.void | None:
     if request.sample is None or request.string is None:
         return None
-    rows = file.sample_rows(request.string)
-    for row in rows:
-        if row["sample"] == request.sample:
-            return row
-    last = int(rows["sample"].max()) if len(rows) else -1
-    message = (
-        f"is {request.sample}, which string {request.string} does not have; recorded: 0 to {last}"
-    )
-    raise _mistake(request, "--sample", message)
+    return recorded_sample(file, request.string, request.sample)
 
 
-def _same(stored: np.void, computed: np.void) -> bool:
-    return all(
-        stored[column.name].tobytes() == computed[column.name].tobytes() for column in COLUMNS
-    )
+def _pictures(request: Request, campaign: Campaign, outcome: Outcome) -> list[str]:
+    from agglom_mpi.report.run_pictures import write_run
+
+    assert request.out is not None
+    assert outcome.frames is not None
+    which = "" if request.string is None else f"string {request.string}, "
+    title = f"{campaign.title}: {which}sample {request.sample}"
+    return write_run(request.out, outcome.frames, campaign.scene.half_width, title)
 
 
 def _mean(values: list[float]) -> dict[str, float | None]:
@@ -160,4 +160,5 @@ def _in_words(report: dict[str, Any]) -> str:
     lines.append("ledger, worst sample")
     lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
     lines.extend(report[name] for name in ("note", "replay") if name in report)
+    lines.extend(report.get("files", []))
     return "\n".join(lines)

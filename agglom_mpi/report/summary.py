@@ -165,11 +165,15 @@ def _footer(summary: Summary) -> list[str]:
     return [*lines, summary.file]
 
 
-def as_text(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
-    """JSON of a summary, and of more by name; numbers that are none are null."""
+def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a summary, and more by name, for JSON; numbers that are none are None."""
     said = summary.verdict and summary.verdict._asdict()
-    everything = summary._asdict() | {"verdict": said} | dict(more or {})
-    return json.dumps(_without_nan(everything), indent=2)
+    return dict(_without_nan(summary._asdict() | {"verdict": said} | dict(more or {})))
+
+
+def as_text(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
+    """JSON of `as_dict`."""
+    return json.dumps(as_dict(summary, more), indent=2)
 
 
 def _without_nan(value: Any) -> Any:

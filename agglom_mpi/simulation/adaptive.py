@@ -13,12 +13,11 @@ from agglom_mpi.simulation.contact import (
     collide,
     merge,
 )
-from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.engines import advance, go_on
 from agglom_mpi.simulation.neighbours import (
     MOVED,
     find_partners,
     mend_partner,
-    new_neighbours,
     note_moved,
     squared_distance,
     update_neighbours,
@@ -35,6 +34,14 @@ from agglom_mpi.simulation.stepping import (
     note_new,
     shift_apart,
 )
+from agglom_mpi.simulation.steps import (
+    LENGTH,
+    end_of_step,
+    finish_step,
+    is_over,
+    new_steps,
+    note_step,
+)
 
 MOST_STEPS: Final = 10_000_000
 """Steps after which a sample fails: its floor is too small for its end time."""
@@ -42,30 +49,48 @@ MOST_STEPS: Final = 10_000_000
 
 @advance.answer(AdaptiveSteps)
 def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
-    capacity = particles.mass.size
-    partner = np.empty(capacity, np.int64)
-    squared = np.empty(capacity)
-    neighbours = new_neighbours(capacity)
-    merged = True
+    steps = new_steps(particles)
     time = 0.0
     while time < scene.end_time and not aborted(abort):
         if ledger.tally[STEPS] >= MOST_STEPS:
             ledger.tally[EXHAUSTED] = 1
             break
-        count_step(particles, ledger)
-        update_neighbours(scene, particles, neighbours, time, merged, np.inf)
-        find_partners(scene, particles, neighbours, partner, squared, np.inf)
-        merged = resolve_together(scene, particles, ledger, neighbours, partner, squared, time)
-        mend_partners(scene, particles, neighbours, partner, squared)
-        step = smallest_flight(scene, particles, partner, engine.ceiling)
-        step = min(max(engine.floor, step), scene.end_time - time)
-        if merged:
-            compact(particles)
+        step = take_contacts(engine, scene, particles, ledger, steps, time)
+        step = min(step, scene.end_time - time)
         record_step(recorder, scene, particles, time, step, time + step)
         move(scene, particles, step)
         cool(scene.cooling, scene, particles, ledger, step)
         time = scene.end_time if time + step >= scene.end_time else time + step
     return time
+
+
+@go_on.answer(AdaptiveSteps)
+def _more_steps(engine, scene, particles, ledger, kept, until, abort):  # type: ignore[no-untyped-def]
+    while is_over(kept, end_of_step(kept), kept.clock[LENGTH], until) and not aborted(abort):
+        if ledger.tally[STEPS] >= MOST_STEPS:
+            ledger.tally[EXHAUSTED] = 1
+            return end_of_step(kept)
+        finish_step(scene, particles, ledger, kept)
+        time = end_of_step(kept)
+        step = take_contacts(engine, scene, particles, ledger, kept, time)
+        note_step(kept, time, step)
+    return until
+
+
+@stage
+def take_contacts(engine, scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+    """Resolve the contacts at the beginning of a step, at `time` in s; how long it is, in s."""
+    partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
+    count_step(particles, ledger)
+    update_neighbours(scene, particles, neighbours, time, steps.merged[0], np.inf)
+    find_partners(scene, particles, neighbours, partner, squared, np.inf)
+    merged = resolve_together(scene, particles, ledger, neighbours, partner, squared, time)
+    mend_partners(scene, particles, neighbours, partner, squared)
+    step = max(engine.floor, smallest_flight(scene, particles, partner, engine.ceiling))
+    if merged:
+        compact(particles)
+    steps.merged[0] = merged
+    return step
 
 
 @allocating

@@ -2,16 +2,13 @@
 
 import math
 
-import numpy as np
-
 from agglom_mpi.compilation import stage
 from agglom_mpi.simulation.contact import BONDED, BOUNCED, collide, merge
-from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.engines import advance, go_on
 from agglom_mpi.simulation.neighbours import (
     MOVED,
     find_partners,
     mend_partner,
-    new_neighbours,
     note_moved,
     squared_distance,
     update_neighbours,
@@ -29,33 +26,50 @@ from agglom_mpi.simulation.stepping import (
     note_new,
     shift_apart,
 )
+from agglom_mpi.simulation.steps import finish_step, is_over, new_steps, note_step
 
 
 @advance.answer(FixedSteps)
 def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
-    capacity = particles.mass.size
-    partner = np.empty(capacity, np.int64)
-    squared = np.empty(capacity)
-    neighbours = new_neighbours(capacity)
+    steps = new_steps(particles)
     step = scene.end_time / engine.steps
-    reach = 0.0
-    merged = True
     for index in range(engine.steps):
         time = index * step
         if aborted(abort):
             return time
-        count_step(particles, ledger)
-        if merged:  # breaking only makes it less
-            reach = largest_radius(particles)
-        update_neighbours(scene, particles, neighbours, time, merged, 2.0 * reach)
-        find_partners(scene, particles, neighbours, partner, squared, reach)
-        merged = resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time)
-        if merged:
-            compact(particles)
+        take_contacts(scene, particles, ledger, steps, time)
         record_step(recorder, scene, particles, time, step, (index + 1) * step)
         move(scene, particles, step)
         cool(scene.cooling, scene, particles, ledger, step)
     return scene.end_time
+
+
+@go_on.answer(FixedSteps)
+def _more_steps(engine, scene, particles, ledger, kept, until, abort):  # type: ignore[no-untyped-def]
+    step = scene.end_time / engine.steps
+    while is_over(kept, kept.number[0] * step, step, until) and not aborted(abort):
+        finish_step(scene, particles, ledger, kept)
+        time = kept.number[0] * step
+        take_contacts(scene, particles, ledger, kept, time)
+        note_step(kept, time, step)
+    return until
+
+
+@stage
+def take_contacts(scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+    """Resolve the contacts at the beginning of a step, at `time` in s."""
+    partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
+    merged = steps.merged[0]
+    count_step(particles, ledger)
+    if merged:  # breaking only makes it less
+        steps.reach[0] = largest_radius(particles)
+    reach = steps.reach[0]
+    update_neighbours(scene, particles, neighbours, time, merged, 2.0 * reach)
+    find_partners(scene, particles, neighbours, partner, squared, reach)
+    merged = resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, time)
+    if merged:
+        compact(particles)
+    steps.merged[0] = merged
 
 
 @stage

@@ -4,11 +4,11 @@ It jams from a volume fraction of a third on, near 0.38 nearly always. Who finds
 the others move about: equilibrium leaves gaps for one more up to far denser packings.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, rare_stage, stage
+from agglom_mpi.compilation import Submodel, allocating, question, rare_stage, stage
 from agglom_mpi.simulation.box import distance_along, inside, is_periodic
 from agglom_mpi.simulation.cells import cell_of, wrapped_cell
 
@@ -26,9 +26,54 @@ STRIDE: Final = 0.2
 """How far a sphere tries to move along an axis at most, over its diameter."""
 
 
+class EqualSizes(NamedTuple):
+    """All spheres have one `diameter` in m."""
+
+    diameter: float
+
+
+class Sizes(NamedTuple):
+    """Each sphere has its own radius in m, shape (N,); the `largest` in m is one of them."""
+
+    radius: np.ndarray
+    largest: float
+
+
+@question
+def reach_of(sizes: Submodel, i: int, j: int) -> float:
+    """Centre distance in m at which spheres i and j touch."""
+
+
+@question
+def largest_diameter(sizes: Submodel) -> float:
+    """Diameter in m of the largest sphere."""
+
+
+@reach_of.answer(EqualSizes)
+def _one_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+    return sizes.diameter
+
+
+@reach_of.answer(Sizes)
+def _own_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+    return sizes.radius[i] + sizes.radius[j]
+
+
+@largest_diameter.answer(EqualSizes)
+def _one_diameter(sizes):  # type: ignore[no-untyped-def]
+    return sizes.diameter
+
+
+@largest_diameter.answer(Sizes)
+def _twice_the_largest(sizes):  # type: ignore[no-untyped-def]
+    return 2.0 * sizes.largest
+
+
 @allocating
-def place(random, escape, position, diameter, half_width):  # type: ignore[no-untyped-def]
-    """Place spheres of equal `diameter` in m one after another at free random places.
+def place(random, escape, position, sizes, half_width):  # type: ignore[no-untyped-def]
+    """Place spheres one after another at free random places.
+
+    It jams less if the largest come first.
 
     Cells hold the spheres placed so far, so a trial looks at its 27 cells only.
 
@@ -37,7 +82,8 @@ def place(random, escape, position, diameter, half_width):  # type: ignore[no-un
     random : numpy.random.Generator
     escape : Periodic or Reentry
     position : array, shape (3, N), m, filled
-    diameter, half_width : float, m
+    sizes : EqualSizes or Sizes
+    half_width : float, m
 
     Returns
     -------
@@ -45,29 +91,30 @@ def place(random, escape, position, diameter, half_width):  # type: ignore[no-un
         False if a sphere found no place: the packing jammed.
     """
     count = position.shape[1]
+    diameter = largest_diameter(sizes)
     width = 2.0 * half_width
     most = int((4.0 * count) ** (1.0 / 3.0)) + 1
     cells = min(most, max(1, int(min(width / diameter, 1e6))))
     head = np.full((cells, cells, cells), -1, np.int64)
     following = np.full(count, -1, np.int64)
     cell = np.empty(3, np.int64)
-    return fill(random, escape, position, cell, head, following, diameter, half_width)
+    return fill(random, escape, position, cell, head, following, sizes, half_width)
 
 
 @stage
-def fill(random, escape, position, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
+def fill(random, escape, position, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
     """Place the spheres into the cells; False if one found no place."""
     for i in range(position.shape[1]):
         free = False
         for turn in range(SHUFFLES + 1):
             if turn > 0:
-                shuffle(random, escape, position, cell, head, following, i, diameter, half_width)
+                shuffle(random, escape, position, cell, head, following, i, sizes, half_width)
             trials = ATTEMPTS if turn == 0 else ATTEMPTS_BETWEEN
             for _ in range(trials):
                 for axis in range(3):
                     position[axis, i] = 2.0 * half_width * random.random() - half_width
                 find_cell(position, i, cell, head, half_width)
-                if is_free(escape, position, i, cell, head, following, diameter, half_width):
+                if is_free(escape, position, i, cell, head, following, sizes, half_width):
                     free = True
                     break
             if free:
@@ -87,7 +134,7 @@ def find_cell(position, i, cell, head, half_width):  # type: ignore[no-untyped-d
 
 
 @rare_stage
-def shuffle(random, escape, position, cell, head, following, count, diameter, half_width):  # type: ignore[no-untyped-def]
+def shuffle(random, escape, position, cell, head, following, count, sizes, half_width):  # type: ignore[no-untyped-def]
     """Move each of the first `count` spheres a little, where it is free to go."""
     before = (0.0, 0.0, 0.0)
     for i in range(count):
@@ -96,11 +143,12 @@ def shuffle(random, escape, position, cell, head, following, count, diameter, ha
         before = (position[0, i], position[1, i], position[2, i])
         boxed = True
         for axis in range(3):
-            moved = position[axis, i] + STRIDE * diameter * (2.0 * random.random() - 1.0)
+            stride = STRIDE * reach_of(sizes, i, i)
+            moved = position[axis, i] + stride * (2.0 * random.random() - 1.0)
             boxed = boxed and (is_periodic(escape) or abs(moved) <= half_width)
             position[axis, i] = inside(escape, moved, half_width)
         find_cell(position, i, cell, head, half_width)
-        free = is_free(escape, position, i, cell, head, following, diameter, half_width)
+        free = is_free(escape, position, i, cell, head, following, sizes, half_width)
         if not (boxed and free):
             for axis in range(3):
                 position[axis, i] = before[axis]
@@ -122,11 +170,11 @@ def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
 
 
 @stage
-def is_free(escape, position, i, cell, head, following, diameter, half_width):  # type: ignore[no-untyped-def]
+def is_free(escape, position, i, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
     """Whether sphere i overlaps none of the placed ones in the cells around it."""
     cells = head.shape[0]
     if not is_free_of(
-        escape, position, i, head[cell[0], cell[1], cell[2]], following, diameter, half_width
+        escape, position, i, head[cell[0], cell[1], cell[2]], following, sizes, half_width
     ):
         return False
     around = min(1, cells - 1)
@@ -136,20 +184,21 @@ def is_free(escape, position, i, cell, head, following, diameter, half_width):  
             b = wrapped_cell(cell[1] + dy, cells)
             for dz in range(-around, around + 1):
                 j = head[a, b, wrapped_cell(cell[2] + dz, cells)]
-                if not is_free_of(escape, position, i, j, following, diameter, half_width):
+                if not is_free_of(escape, position, i, j, following, sizes, half_width):
                     return False
     return True
 
 
 @stage
-def is_free_of(escape, position, i, j, following, diameter, half_width):  # type: ignore[no-untyped-def]
+def is_free_of(escape, position, i, j, following, sizes, half_width):  # type: ignore[no-untyped-def]
     """Whether sphere i overlaps none in the list that starts with j."""
     while j >= 0:
         square = 0.0
         for axis in range(3):
             difference = position[axis, i] - position[axis, j]
             square += distance_along(escape, difference, half_width) ** 2
-        if square < diameter * diameter:
+        reach = reach_of(sizes, i, j)
+        if square < reach * reach:
             return False
         j = following[j]
     return True

@@ -111,12 +111,24 @@ def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
 @rare_stage
 def finish(recorder, scene, time):  # type: ignore[no-untyped-def]
     """Write down the copies, who are where they are at `time` in s, as a final state is left."""
-    copy, ledger, drift = recorder.copy, recorder.ledger, recorder.drift
-    compact(copy)
-    for i in range(copy.size[0]):
-        catch_up(scene.cooling, scene, copy, ledger, i, time)
-    leave_frame(scene, copy, (drift[0], drift[1], drift[2]), time)
-    write_down(recorder, scene, copy)
+    settle_copies(recorder, scene, time)
+    return_copies(recorder, scene, time)
+    write_down(recorder, scene, recorder.copy)
+
+
+@rare_stage
+def settle_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+    """Close the gaps between the copies and cool them up to `time` in s."""
+    compact(recorder.copy)
+    for i in range(recorder.copy.size[0]):
+        catch_up(scene.cooling, scene, recorder.copy, recorder.ledger, i, time)
+
+
+@rare_stage
+def return_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+    """Return the copies at `time` in s to the frame of reference of the box."""
+    drift = recorder.drift
+    leave_frame(scene, recorder.copy, (drift[0], drift[1], drift[2]), time)
 
 
 @rare_stage

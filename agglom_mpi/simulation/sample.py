@@ -27,7 +27,7 @@ from agglom_mpi.simulation.measures import (
     total_momentum,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 from agglom_mpi.simulation.recorder import new_recorder, note_drift, record_end, record_start
 from agglom_mpi.simulation.scene import Scene, build_scene
 from agglom_mpi.simulation.snapshots import Frames, new_frames
@@ -128,7 +128,8 @@ def run(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
     record = out[0]
     record["state"] = result.FAILED
     occupied = particles.position[:, : scene.particles]
-    if not place(random, scene.escape, occupied, 2.0 * scene.radius, scene.half_width):
+    sizes = EqualSizes(2.0 * scene.radius)
+    if not place(random, scene.escape, occupied, sizes, scene.half_width):
         record["reason"] = result.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])

@@ -22,7 +22,13 @@ def record_step(recorder, scene, particles, begin, step, end):  # type: ignore[n
 @rare_stage
 def take_in_step(recorder, scene, particles, flight, time):  # type: ignore[no-untyped-def]
     """Take the frame at `time` in s, to which all move for `flight` in s."""
+    copy_in_step(recorder, scene, particles, flight)
+    finish(recorder, scene, time)
+
+
+@stage
+def copy_in_step(recorder, scene, particles, flight):  # type: ignore[no-untyped-def]
+    """Copy the particles, and let the copies move for `flight` in s."""
     copy = copy_all(recorder, particles)
     move(scene, copy, flight)
     cool(scene.cooling, scene, copy, recorder.ledger, flight)
-    finish(recorder, scene, time)

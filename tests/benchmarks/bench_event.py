@@ -33,7 +33,7 @@ from agglom_mpi.simulation.particles import (
     Particles,
     new_ledger,
 )
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 from agglom_mpi.simulation.scene import EventDriven, Scene
 from agglom_mpi.simulation.velocities import SpreadVelocities, draw_velocities
 from agglom_mpi.variables import NAMES
@@ -132,7 +132,8 @@ def time_of(scene, packing, each):
 def start(scene, random):
     count = scene.particles
     particles = new_particles(scene, count, None)
-    place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
+    sizes = EqualSizes(2.0 * scene.radius)
+    place(random, scene.escape, particles.position, sizes, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles
 

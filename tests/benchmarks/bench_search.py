@@ -1,9 +1,11 @@
 """How many samples searches need, over seeds: what they find is estimated again on fresh samples.
 
 `pytest tests/benchmarks/bench_search.py -m benchmark -s` takes some hours of two cores;
-`python tests/benchmarks/bench_search.py SEEDS SAMPLES [NAME ...]` does less of it.
+`python tests/benchmarks/bench_search.py SEEDS SAMPLES [NAME ...]` does less of it, and with the
+name `doubling` the 2003 paper's question alone.
 """
 
+import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
@@ -22,13 +24,17 @@ from agglom_mpi.simulation.outcome import measured
 from agglom_mpi.simulation.sample import random_stream, simulate_scene
 from agglom_mpi.simulation.scene import build_scene
 
-JOB = Path(__file__).parents[2] / "jobs" / "agglomeration_2004.yaml"
+JOBS = Path(__file__).parents[2] / "jobs"
+JOB, DOUBLING = JOBS / "agglomeration_2004.yaml", JOBS / "accretion_2003.yaml"
 SEEDS, SAMPLES = 10, 4200
 LEVELS = (0.677, 0.64, 0.61)
 FRESH = 10**6
 """Number of the first sample that no search has seen."""
 AGAIN, FINAL = 64, 300
 """Fresh samples of each string that was ever the best, and of the last one."""
+DOUBLING_SAMPLES, FINALISTS, FINALIST, DOUBLING_FINAL = 400, 12, 500, 4000
+"""Samples of a search for strings that double the size, strings that it ends with, fresh samples
+of each of those, and others of the best of them."""
 
 PUBLISHED = "rule: successive_difference, quantity: objective, tolerance: 5e-4, max_samples: 200"
 NARROW = "rule: standard_error, tolerance: 0.02, max_samples: 200"
@@ -60,10 +66,10 @@ SEARCHES = {
 
 
 @cache
-def campaign(name, seed):
+def campaign(name, seed, job=JOB):
     """Return the job with another search, ensemble and seed."""
     search, ensemble = SEARCHES[name]
-    text = JOB.read_text().replace("seed: 2004", f"seed: {seed}")
+    text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", job.read_text())
     head = text[: text.index("search:")]
     plan = f"search: {{{search}}}\nensemble: {{{ensemble}}}\nstopping: {{generations: 5000}}\n"
     return Campaign.from_text(head + plan)
@@ -96,12 +102,12 @@ class Best:
     proposed = judged = announced
 
     def generation_done(self, summary):
-        self.best.append((summary.samples_used, summary.best))
+        self.best.append((summary.samples_used, summary.population[:FINALISTS]))
 
 
-def searched(name, seed, samples):
-    """Search with so many samples; yields samples used and the best string after generations."""
-    of, book = campaign(name, seed), Best()
+def searched(name, seed, samples, job=JOB):
+    """Search with so many samples; yields samples used and the best strings after generations."""
+    of, book = campaign(name, seed, job), Best()
     inversion = CampaignWork(of).inversion(None, book)
     inversion.start()
     used, told = 0, 0
@@ -115,7 +121,7 @@ def searched(name, seed, samples):
             if len(book.best) > told or used >= samples:
                 break
         for at, best in book.best[told:]:
-            yield at, inversion.parameters(best)
+            yield at, [inversion.parameters(int(string)) for string in best]
         told = len(book.best)
 
 
@@ -146,14 +152,14 @@ def searched_by_pymoo(name, seed, samples):
             worth.append(judging.result().objective)
         Evaluator().eval(StaticProblem(problem, F=np.array(worth)[:, None]), found)
         algorithm.tell(infills=found)
-        yield used, space.from_unit(algorithm.opt.get("X"))[0]
+        yield used, space.from_unit(algorithm.opt.get("X"))
 
 
 def measure(name, seed, samples):
     """Samples to each level, unbiased value at the end, and its error."""
     of, search = campaign(name, seed), searched_by_pymoo if "pymoo" in name else searched
     first, known, last = dict.fromkeys(LEVELS, np.inf), {}, None
-    for used, best in search(name, seed, samples):
+    for used, (best, *_) in search(name, seed, samples):
         if used > samples:
             break
         last, key = best, best.tobytes()
@@ -164,6 +170,28 @@ def measure(name, seed, samples):
                 first[level] = min(first[level], used)
     value, error = estimate(of, last, FINAL)
     return [first[level] for level in LEVELS], value, error
+
+
+def deviation(seed):
+    """Signed b^f/(2 b⁰) - 1 of the best finalist on samples of its own, and its standard error."""
+    name = "surrogate, 1 sample"
+    of = campaign(name, seed, DOUBLING)
+    *_, (_, finalists) = searched(name, seed, DOUBLING_SAMPLES, DOUBLING)
+    best = min(finalists, key=lambda string: estimate(of, string, FINALIST)[0])
+    unseen = range(FRESH + FINALIST, FRESH + FINALIST + DOUBLING_FINAL)
+    grown = np.array([simulate(of, best, i).mean_radius_ratio / 2 - 1 for i in unseen])
+    return grown.mean(), grown.std(ddof=1) / np.sqrt(DOUBLING_FINAL)
+
+
+def doubling(seeds):
+    print(f"\n2003 paper, {DOUBLING_SAMPLES} samples, then {FINALISTS} strings x {FINALIST} fresh:")
+    print(f"b^f/(2 b0) - 1 of the best of these on {DOUBLING_FINAL} others")
+    with ProcessPoolExecutor(2) as pool:
+        values, errors = np.transpose(list(pool.map(deviation, range(seeds))))
+    for value, error in zip(values, errors, strict=True):
+        print(f"{value:8.4f} ± {error:.4f}")
+    magnitudes = abs(values)
+    print(f"magnitude: median {np.median(magnitudes):.4f}, highest {magnitudes.max():.4f}")
 
 
 def table(seeds, samples, names=tuple(SEARCHES)):
@@ -187,5 +215,13 @@ def test_samples_to_levels_of_growth():
     table(SEEDS, SAMPLES)
 
 
+@pytest.mark.benchmark
+def test_strings_that_double_the_mean_size():
+    doubling(SEEDS)
+
+
 if __name__ == "__main__":
-    table(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or tuple(SEARCHES))
+    if sys.argv[3:] == ["doubling"]:
+        doubling(int(sys.argv[1]))
+    else:
+        table(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or tuple(SEARCHES))

@@ -25,7 +25,7 @@ from agglom_mpi.simulation.neighbours import (
     rebuild,
 )
 from agglom_mpi.simulation.particles import new_ledger
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
 from agglom_mpi.simulation.stepping import move
@@ -95,7 +95,8 @@ def rate(scene):
 def prepare(scene, random):
     count = scene.particles
     particles = new_particles(scene, count, None)
-    place(random, scene.escape, particles.position, 2.0 * scene.radius, scene.half_width)
+    sizes = EqualSizes(2.0 * scene.radius)
+    place(random, scene.escape, particles.position, sizes, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles, new_ledger(), new_neighbours(count)
 

@@ -100,11 +100,11 @@ def test_both_at_once(agglom, tmp_path):
     assert len(os.listdir(tmp_path)) == 4
 
 
-def test_one_of_both_must_be_given(agglom):
+def test_one_of_all_must_be_given(agglom):
     done = agglom("export", "tiny.h5")
     assert done.exit_code == 2
     assert done.stderr.endswith(
-        "Error: nothing to write: give --compact OUT.h5, --csv DIR or both\n"
+        "Error: nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf\n"
     )
 
 

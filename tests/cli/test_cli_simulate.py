@@ -125,7 +125,7 @@ def test_a_recorded_string_is_simulated_as_it_stands(agglom):
 
 
 def test_a_replay_that_differs_is_told_by_the_exit_code(agglom, monkeypatch):
-    monkeypatch.setattr(module, "_same", lambda stored, computed: False)
+    monkeypatch.setattr(module, "is_same", lambda stored, computed: False)
     done = agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "differs from the recorded sample"
@@ -135,8 +135,8 @@ def test_a_changed_row_is_not_the_same(finished):
     row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
-    assert module._same(row, row.copy())
-    assert not module._same(row, other)
+    assert module.is_same(row, row.copy())
+    assert not module.is_same(row, other)
 
 
 def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):

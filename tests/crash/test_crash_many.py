@@ -19,7 +19,7 @@ from agglom_mpi.farm.check import check_file
 PARALLEL = bool(h5py.get_config().mpi)
 SETUPS = [2, 3] if PARALLEL else [None, 2, 3]
 """Numbers of ranks; with parallel HDF5 all of them write."""
-KILLS = 25 if PARALLEL else 17
+KILLS = 12 if PARALLEL else 10
 ANY_TIME = 0.2
 """Share of kills that strike at any time, also before there is anything to write."""
 

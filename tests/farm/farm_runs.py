@@ -105,8 +105,12 @@ def _command(arguments, ranks, folder=_BIN):
     return words if ranks is None else [str(launcher), "-n", str(ranks), *words]
 
 
-def start(folder, *arguments, ranks=None, inject=None, build=_BIN, **variables):
-    """Start a run in the background, as its own group of processes."""
+def start(folder, *arguments, ranks=None, inject=SLOWLY, build=_BIN, **variables):
+    """Start a run in the background, as its own group; `SLOWLY` unless `inject` is given."""
+    if inject is SLOWLY:
+        inject = folder / "slowly"
+        inject.mkdir(exist_ok=True)
+        (inject / "sitecustomize.py").write_text(SLOWLY)
     return subprocess.Popen(
         _command(arguments, ranks, build),
         cwd=folder,
@@ -145,7 +149,7 @@ def inject(folder, text):
     return folder
 
 
-def wait_until(condition, process, seconds=60.0):
+def wait_until(condition, process, seconds=TIMEOUT):
     """Wait until the condition holds; the process must not end before."""
     end = time.monotonic() + seconds
     while not condition():
@@ -156,11 +160,7 @@ def wait_until(condition, process, seconds=60.0):
 
 @contextmanager
 def running(folder, *arguments, **options):
-    """Start a run that does not outlive the block; `SLOWLY`, unless another `inject` is given."""
-    if "inject" not in options:
-        options["inject"] = folder / "slowly"
-        if not options["inject"].exists():
-            inject(options["inject"], SLOWLY)
+    """Start a run that does not outlive the block."""
     process = start(folder, *arguments, **options)
     try:
         yield process

@@ -63,7 +63,7 @@ def mpi(monkeypatch):
     package, module = ModuleType("mpi4py"), ModuleType("mpi4py.MPI")
     package.rc, package.MPI = SimpleNamespace(thread_level="multiple"), module
     module.COMM_WORLD = SimpleNamespace(size=1)
-    module.Get_library_version = lambda: "MPICH Version: 4.3"
+    module.get_vendor = lambda: ("MPICH", (4, 3, 0))
     monkeypatch.setitem(sys.modules, "mpi4py", package)
     monkeypatch.setitem(sys.modules, "mpi4py.MPI", module)
     return module

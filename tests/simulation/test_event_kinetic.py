@@ -9,7 +9,7 @@ from event_runs import bouncing, recorded, same_place, size_ratio
 from scenes import HALF, kinetic_energy, state
 
 from agglom_mpi.compilation import kernel
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 
 NUMBER = 1000
 VOLUME = (2.0 * HALF) ** 3
@@ -17,7 +17,7 @@ VOLUME = (2.0 * HALF) ** 3
 
 @kernel
 def put(random, escape, position, diameter, half_width):
-    return place(random, escape, position, diameter, half_width)
+    return place(random, escape, position, EqualSizes(diameter), half_width)
 
 
 def gas(scene, seed):

@@ -10,13 +10,13 @@ from scipy.spatial.distance import pdist
 
 from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.outcome import FAILED, PLACEMENT_JAMMED
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 from agglom_mpi.simulation.sample import simulate_scene
 
 
 @numba.njit(error_model="numpy")
 def place_all(random, escape, position, diameter, half_width):
-    return place(random, escape, position, diameter, half_width)
+    return place(random, escape, position, EqualSizes(diameter), half_width)
 
 
 def placement(seed, escape, count, size_ratio):

@@ -131,14 +131,17 @@ def _corners(half_width: float) -> Floats:
 
 
 def _reach(half_width: float, positions: Sequence[Floats], radii: Sequence[Floats]) -> Floats:
-    """How far the box, and spheres that stick out of it, reach to the side and up, shape (2,)."""
+    """How far the box, and spheres that stick out of it, reach to the side and up, shape (2,).
+
+    And a little farther, so that no line is cut off.
+    """
     view = _view()[:2].T
-    reach = 1.03 * np.abs(_corners(half_width) @ view).max(axis=0)
+    reach = np.abs(_corners(half_width) @ view).max(axis=0)
     for place, radius in zip(positions, radii, strict=True):
         ends = np.abs(np.asarray(place, float).reshape(-1, 3) @ view)
         ends += np.asarray(radius, float)[:, None]
         reach = np.maximum(reach, ends.max(axis=0, initial=0.0))
-    return reach
+    return 1.03 * reach
 
 
 def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
@@ -157,11 +160,11 @@ def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
 
 
 def _label_side(ax: Any, half_width: float) -> None:
-    """Write how long the side is, beside the lowest edge at the right."""
+    """Write how long the side is, along the lowest edge at the left and below all spheres."""
     ends = half_width * np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]])
     (x0, y0), (x1, y1) = ends @ _view()[:2].T
     slope = float(np.degrees(np.arctan2(y1 - y0, x1 - x0)))
-    at = (0.5 * (x0 + x1), 0.5 * (y0 + y1) - 0.06 * half_width)
+    at = (0.5 * (x0 + x1), ax.get_ylim()[0])
     ax.text(
         *at,
         with_prefix(2.0 * half_width, "m"),

@@ -62,24 +62,29 @@ NO_HIT: Final = 3
 @advance.answer(EventDriven)
 def _event_driven(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
     events = new_events(particles)
-    time = run_events(engine, scene, particles, ledger, events, abort, recorder)
+    due = start_over(scene, particles, events, 0.0)
+    end = scene.end_time
+    time = run_events(engine, scene, particles, ledger, events, due, end, abort, recorder)
     settle_all(scene, particles, events, time)
     compact(particles)
     return time
 
 
 @stage
-def run_events(engine, scene, particles, ledger, events, abort, recorder):  # type: ignore[no-untyped-def]
-    """Let one event happen after another until the end; the time reached in s."""
+def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):  # type: ignore[no-untyped-def]
+    """Let one event happen after another up to `end` in s; the time reached in s.
+
+    `due` is how many have to look around first: all at the start, nobody when a run goes on.
+    """
     budget = engine.budget * particles.size[0]
     time = 0.0
-    happening = nothing_hit(start_over(scene, particles, events, 0.0), RANGE)
+    happening = nothing_hit(due, RANGE)
     while True:
         look_around(scene, events, happening, time)
         time = next_time(events)
         record_flight(recorder, scene, particles, events.movers, time)
-        if time > scene.end_time or aborted(abort):
-            return min(time, scene.end_time)
+        if time > end or aborted(abort):
+            return min(time, end)
         if ledger.tally[STEPS] >= budget:
             ledger.tally[EXHAUSTED] = 1
             return time

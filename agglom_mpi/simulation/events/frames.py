@@ -17,11 +17,17 @@ def record_flight(recorder, scene, particles, movers, following):  # type: ignor
 def take_in_flight(recorder, scene, particles, movers):  # type: ignore[no-untyped-def]
     """Take the next frame, before which nothing happens any more."""
     time = next_frame(recorder, scene.end_time)
+    copy_in_flight(recorder, scene, particles, movers, time)
+    finish(recorder, scene, time)
+
+
+@rare_stage
+def copy_in_flight(recorder, scene, particles, movers, time):  # type: ignore[no-untyped-def]
+    """Copy the particles to where they are at `time` in s, before which nothing happens."""
     copy = copy_all(recorder, particles)
     for i in range(copy.size[0]):
         if copy.mass[i] > 0.0:
             copy_position(scene, copy, movers, i, time)
-    finish(recorder, scene, time)
 
 
 @stage

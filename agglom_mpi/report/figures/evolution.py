@@ -1,0 +1,136 @@
+"""How one run evolves: number and size of the particles, granular temperature, temperature."""
+
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.report.picture import COLOURS
+from agglom_mpi.simulation.snapshots import Frames
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+Floats = NDArray[np.float64]
+
+FEW: Final = 40
+"""Frames up to which each is marked: between them nothing is known."""
+LOGARITHMIC: Final = 15.0
+"""Ratio of the largest to the smallest granular temperature from which its axis is logarithmic."""
+PANEL: Final = 1.5
+"""Inches of a panel, high."""
+
+
+class Evolution(NamedTuple):
+    """A run at the times of its F frames, arrays of shape (F,).
+
+    Attributes
+    ----------
+    times
+        s.
+    particles
+        Particles there are.
+    mean_radius_ratio
+        Mean of b/b⁰ over them.
+    granular_temperature
+        A third of the mean squared velocity about that of the mean flow, by mass:
+        Σ m|v − V|²/(3 Σ m), m²/s²; 0 of a single one.
+    mean_temperature
+        By mass, K.
+    """
+
+    times: Floats
+    particles: NDArray[np.int64]
+    mean_radius_ratio: Floats
+    granular_temperature: Floats
+    mean_temperature: Floats
+
+
+_LABELS: Final = {
+    "particles": "particles",
+    "mean_radius_ratio": "mean radius\n$b/b^0$",
+    "granular_temperature": "granular\ntemperature\n(m²/s²)",
+    "mean_temperature": "mean\ntemperature\n(K)",
+}
+
+
+def evolution(frames: Frames) -> Evolution:
+    """Return how the particles in frames evolve, of which the first shows the equal grains."""
+    there = frames.grains > 0
+    mass = np.where(there, frames.masses, 0.0)
+    total = mass.sum(axis=1)
+    velocity = np.where(there[..., None], frames.velocities, 0.0)
+    flow = np.einsum("fn,fnk->fk", mass, velocity) / total[:, None]
+    square = np.sum((velocity - flow[:, None]) ** 2, axis=2)
+    square[frames.particles == 1] = 0.0  # but for rounding
+    heat = mass * np.where(there, frames.temperatures, 0.0)
+    return Evolution(
+        times=frames.times,
+        particles=frames.particles,
+        mean_radius_ratio=np.nanmean(frames.radii, axis=1) / frames.radii[0, 0],
+        granular_temperature=np.sum(mass * square, axis=1) / (3.0 * total),
+        mean_temperature=heat.sum(axis=1) / total,
+    )
+
+
+def changing(run: Evolution) -> list[str]:
+    """Name what to show: the temperature only where it changes by more than rounding."""
+    low, high = run.mean_temperature.min(), run.mean_temperature.max()
+    return [name for name in _LABELS if name != "mean_temperature" or high - low > 1e-9 * high]
+
+
+def evolution_size(run: Evolution) -> tuple[float, float]:
+    """Width and height in inches of the figure of a run."""
+    return 6.0, PANEL * len(changing(run)) + 0.5
+
+
+def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
+    """Draw a run against time, one panel below the other.
+
+    Parameters
+    ----------
+    figure
+        An empty figure; `evolution_size` suits it.
+    run
+
+    Returns
+    -------
+    numpy.ndarray
+        The axes, of as many panels as `changing` names.
+    """
+    names = changing(run)
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
+    size, unit = _time_unit(run.times[-1])
+    mark = "o" if len(run.times) <= FEW else None
+    for ax, name, colour in zip(axes, names, COLOURS, strict=False):
+        values = getattr(run, name)
+        ax.plot(run.times / size, values, color=colour, marker=mark, markersize=4, clip_on=False)
+        ax.set_ylabel(_LABELS[name])
+        ax.grid(True, color="0.9", linewidth=0.6)
+        ax.spines[["top", "right"]].set_visible(False)
+        _scale(ax, name, values)
+    axes[-1].set_xlabel(f"time ({unit})")
+    figure.align_ylabels(axes)
+    return axes
+
+
+def _scale(ax: Any, name: str, values: Floats) -> None:
+    """Choose the vertical axis of a panel."""
+    from matplotlib.ticker import MaxNLocator
+
+    positive = values[values > 0.0]
+    wide = len(positive) and positive.max() > LOGARITHMIC * positive.min()
+    if name == "granular_temperature" and wide:
+        ax.set_yscale("log")
+        return
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], integer=name == "particles"))
+    if name in ("particles", "granular_temperature"):
+        ax.set_ylim(bottom=0.0)
+
+
+def _time_unit(last: float) -> tuple[float, str]:
+    """Size in s and name of the multiple of a second that suits times up to the last."""
+    from matplotlib.ticker import EngFormatter
+
+    power = int(np.clip(3 * np.floor(np.log10(last) / 3), -24, 0)) if last > 0.0 else 0
+    return 10.0**power, f"{EngFormatter.ENG_PREFIXES[power]}s"

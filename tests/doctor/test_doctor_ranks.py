@@ -1,0 +1,76 @@
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from farm_runs import environment, need_mpirun
+
+from agglom_mpi.doctor import ranks
+
+
+@pytest.fixture
+def launcher(tmp_path):
+    """Return a function that makes a mpirun of a shell script; the environment that finds it."""
+
+    def made(script):
+        path = tmp_path / "mpirun"
+        path.write_text(f"#!/bin/sh\n{script}\n")
+        path.chmod(0o755)
+        return environment() | {"PATH": f"{tmp_path}:/usr/bin:/bin"}
+
+    need_mpirun()  # where there is a launcher there is a library
+    return made
+
+
+def last(environment):
+    return list(ranks.look(environment))[-1]
+
+
+def test_two_ranks_of_this_machine_find_each_other():
+    need_mpirun()
+    library, found = ranks.look(environment())
+    assert "thread level" in library.found
+    assert "2 ranks find each other" in found.found, found
+    assert not found.advice
+
+
+def test_a_launcher_of_another_library_is_recognised(launcher):
+    alone = f'shift 2; {sys.executable} "$2" "$3"; exec {sys.executable} "$2" "$3"'
+    found = last(launcher(alone))
+    assert "2 processes that do not find each other" in found.found
+    assert found.broken
+    assert "first on PATH" in found.advice
+
+
+def test_a_launcher_that_refuses_root_is_told_how(launcher):
+    found = last(launcher("echo 'mpirun has detected an attempt to run as root.' >&2; exit 1"))
+    assert found.broken
+    assert "attempt to run as root" in found.found
+    assert "OMPI_ALLOW_RUN_AS_ROOT=1" in found.advice
+
+
+def test_a_launcher_that_hangs_is_given_up(launcher, monkeypatch):
+    where = launcher("sleep 30")
+    monkeypatch.setattr(ranks, "TRIED_FOR", 5.0)
+    found = last(where)
+    assert found.broken
+    assert "no answer in 5 s" in found.found
+
+
+def test_no_launcher_is_told_where_to_get_one():
+    need_mpirun()
+    found = last(environment() | {"PATH": os.devnull})
+    assert (found.topic, found.found, found.broken) == ("mpirun", "not found", True)
+
+
+def test_no_library_is_told_in_one_line(tmp_path):
+    (tmp_path / "mpi4py.py").write_text("raise RuntimeError('cannot load MPI library')")
+    (found,) = ranks.look(environment(tmp_path))
+    assert found.broken
+    assert found.found == "cannot be loaded: RuntimeError: cannot load MPI library"
+    assert "agglom_mpi[mpi]" in found.advice
+
+
+def test_a_rank_does_not_start_others():
+    (found,) = ranks.look({"PMI_SIZE": "4", "PATH": str(Path(sys.executable).parent)})
+    assert found.found == "4 ranks"

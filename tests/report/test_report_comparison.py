@@ -1,0 +1,88 @@
+import io
+import json
+
+import numpy as np
+import pytest
+from farm_runs import SMALL, write_campaign
+from rich.console import Console
+
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.store import leg_fields, prepare
+from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.report.comparison import as_text, best_objectives, compare, in_words
+
+
+def file_of(folder, name, objectives, seed=1, changed=("", "")):
+    """Return the file of a campaign that was killed when so many strings were judged."""
+    text = write_campaign(folder / f"{name}.yaml", **SMALL | {"seed": seed}).read_text()
+    assert changed[0] in text
+    (folder / f"{name}.yaml").write_text(text.replace(*changed))
+    path = folder / f"{name}.h5"
+    work = CampaignWork(load_campaign(folder / f"{name}.yaml"))
+    prepare(path, work, accept_code_change=False)
+    count = len(objectives)
+    parameters = np.full((count, 10), 2.0)
+    with CampaignWriter(path) as writer:
+        writer.begin_leg(**leg_fields(1, ""))
+        none = np.full((count, 2), -1)
+        writer.put_strings(0, 0, np.arange(count), np.zeros(count, int), none, parameters)
+        for string, objective in enumerate(objectives):
+            growth = {"mean_radius_ratio": 1.9, "mean_grains": 7.0, "growth_number": 6.9}
+            writer.put_result(
+                string,
+                objective=objective,
+                standard_error=0.01,
+                samples_used=10,
+                failed=0,
+                hit_maximum=False,
+                **growth,
+            )
+    return open_campaign(path)
+
+
+def said(files):
+    out = io.StringIO()
+    Console(file=out, width=200).print(in_words(compare(files)))
+    return out.getvalue()
+
+
+def test_the_best_strings_of_seeds_have_a_median_and_a_range(tmp_path):
+    files = [
+        file_of(tmp_path, f"seed{seed}", values, seed)
+        for seed, values in [(1, [0.3, 0.1]), (2, [0.4, 0.2]), (3, [0.5])]
+    ]
+    found = compare(files)
+    assert [value for value, _ in best_objectives(found)] == [0.1, 0.2, 0.5]
+    assert found.comparable
+    assert found.differences == {"seed": [1, 2, 3]}
+    text = said(files)
+    assert "best strings: median 0.2000, from 0.1000 to 0.5000" in text
+    assert "seed: 1, 2, 3\n" in text
+    assert "0.1000 ± 0.0100" in text
+
+
+def test_other_questions_are_not_compared(tmp_path):
+    changed = ("growth_target, ratio: 2", "growth_target, ratio: 3")
+    files = [file_of(tmp_path, "two", [0.1]), file_of(tmp_path, "three", [0.2], changed=changed)]
+    assert not compare(files).comparable
+    assert "not of the same question" in said(files)
+    assert "median" not in said(files)
+
+
+def test_a_file_without_a_result_is_a_row_without_a_value(tmp_path):
+    files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "none", [], seed=2)]
+    assert len(best_objectives(compare(files))) == 1
+    assert str(files[1].path) in said(files)
+    assert json.loads(as_text(compare(files)))["files"][1]["best"] == []
+
+
+def test_json_has_every_summary_and_difference(tmp_path):
+    files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "two", [0.1], seed=2)]
+    everything = json.loads(as_text(compare(files)))
+    assert [file["best"][0]["objective"] for file in everything["files"]] == pytest.approx(
+        [0.1] * 2
+    )
+    assert everything["differences"] == {"seed": [1, 2]}
+    assert everything["comparable"] is True
