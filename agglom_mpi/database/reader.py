@@ -12,6 +12,7 @@ from agglom_mpi.database import dataframes
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.bulk import final_of, frames_of
 from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.plots import Plots
 from agglom_mpi.database.schema import INVERSION, fresh_from
 from agglom_mpi.database.table import Believed, Rows, Table, joined
 from agglom_mpi.simulation.outcome import FinalParticles
@@ -31,7 +32,7 @@ class Status(NamedTuple):
     reason: str
 
 
-class CampaignFile:
+class CampaignFile(Plots):
     """What is in a campaign file now.
 
     Every call opens the file, reads what it needs and closes it. A row counts only if it is
@@ -151,14 +152,35 @@ class CampaignFile:
 
     @property
     def strings(self) -> "pd.DataFrame":
-        """One row for each string: origin, parameters, judgement and processor time."""
+        """One row for each string: origin, parameters, judgement and processor time.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> strings = agglom_mpi.open_campaign("quickstart.h5").strings
+        >>> strings.attrs["units"]["hardness"]
+        'Pa'
+        >>> bool((strings["samples_used"] <= 30).all())
+        True
+        """
         return dataframes.strings(
             self.string_rows(), self.result_rows(), self.variable_rows(), self.all_sample_rows()
         )
 
     @property
     def samples(self) -> "pd.DataFrame":
-        """One row for each sample; `used` says whether it was judged, `fresh` if none ever is."""
+        """One row for each sample; `used` says whether it was judged, `fresh` if none ever is.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> samples = agglom_mpi.open_campaign("quickstart.h5").samples
+        >>> sorted(set(samples["state"]))
+        ['completed']
+        >>> ratios = samples[samples["fresh"]].groupby("string")["mean_radius_ratio"]
+        >>> len(ratios.mean())
+        6
+        """
         return dataframes.samples(self.all_sample_rows(), self.result_rows(), self.fresh_from)
 
     @property
@@ -172,7 +194,15 @@ class CampaignFile:
 
     @property
     def generations(self) -> "pd.DataFrame":
-        """One row for each generation."""
+        """One row for each generation.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> generations = agglom_mpi.open_campaign("quickstart.h5").generations
+        >>> generations["generation"].tolist()
+        [0, 1, 2]
+        """
         return dataframes.generations(self.generation_rows())
 
     @property
@@ -186,6 +216,15 @@ class CampaignFile:
         Those that were estimated again come in the order of that, and all others after them in
         the order of the search's own `objective`, which is biased; ties by number. If the search
         has gone on, and its best was not estimated yet, the order is its own.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> best = agglom_mpi.open_campaign("quickstart.h5").best(6)
+        >>> bool(best["estimate"].is_monotonic_increasing)
+        True
+        >>> best.attrs["units"]["relative_speed"]
+        'm/s'
         """
         samples = self.all_sample_rows()
         table = dataframes.strings(
@@ -226,6 +265,15 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
         If it is something else, truncated, damaged or of a newer format version.
     OSError
         If it is missing or cannot be read.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> file = agglom_mpi.open_campaign("quickstart.h5")
+    >>> file.status().state
+    'finished'
+    >>> len(file.best(3))
+    3
     """
     path = Path(path)
     with open_file(path) as file:

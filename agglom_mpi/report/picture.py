@@ -1,9 +1,10 @@
 """A figure as every report of this package draws and writes it."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -40,21 +41,33 @@ class Picture(NamedTuple):
 def write_picture(directory: Path, picture: Picture) -> None:
     """Write a picture into a directory as PNG and SVG, each whole under its name or not there."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=picture.size, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=picture.size, dpi=DOTS_PER_INCH, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
     picture.draw(figure)
-    for suffix in ("png", "svg"):
-        path = directory / f"{picture.name}.{suffix}"
-        temporary = path.with_name(f".{path.name}.new")
-        metadata: dict[str, Any] = {"Date": None} if suffix == "svg" else {}
-        figure.savefig(temporary, format=suffix, dpi=DOTS_PER_INCH, metadata=metadata)
-        os.replace(temporary, path)
+    # `savefig` draws everything twice, and lays it out anew each time.
+    with _renamed(directory / f"{picture.name}.png") as path:
+        canvas.print_png(path)
+    figure.set_layout_engine("none")
+    with _renamed(directory / f"{picture.name}.svg") as path:
+        FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
 
 
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file, which is whole under its name or what it was before."""
+    with _renamed(path) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def _renamed(path: Path) -> Iterator[Path]:
+    """Yield a name beside `path`; what is written there is renamed to it, or removed on failure."""
     temporary = path.with_name(f".{path.name}.new")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,105 @@
+"""Parts of the page on what a campaign found: the best strings, and what the paper found."""
+
+from typing import Any, Final
+
+from agglom_mpi.database.dataframes import processor_seconds
+from agglom_mpi.report.figures.axes import in_unit
+from agglom_mpi.report.finalists import in_words, verdict
+from agglom_mpi.report.html import listed, paragraph, table
+from agglom_mpi.report.material import Material
+from agglom_mpi.report.numbers import duration, with_error
+from agglom_mpi.report.published import paper_of, tables
+from agglom_mpi.variables import VARIABLES
+
+BEST: Final = 6
+
+
+def head(material: Material) -> str:
+    """Return what is said under the title: state and figures of the campaign."""
+    status, results = material.status, material.results
+    simulated = len(material.samples)
+    state = f"{status.state}: {status.reason}" if status.reason else status.state
+    counts = (
+        f"{len(material.generations)} generations, {len(results)} strings judged by "
+        f"{int(results['samples_used'].sum())} samples of {simulated} simulated"
+    )
+    text = paragraph(f"{material.file.path.name}: {state}. {counts}.", "state")
+    if status.state == "running":
+        text += paragraph("The file was being written when this was made.", "warning")
+    return text
+
+
+def best_strings(material: Material) -> str:
+    """Return the table of the best strings, and what may be said of their order."""
+    shown = material.best[:BEST]
+    if not shown:
+        return paragraph("No string is judged yet." if not len(material.results) else NOTHING)
+    again = {estimate.string: estimate for estimate in material.estimates}
+    rows = [*_variable_rows(material, shown), *_result_rows(material, shown)]
+    if any(string in again for string in shown):
+        known = [again.get(string) for string in shown]
+        rows[-4:-4] = [
+            _row("on fresh samples", known, lambda e: with_error(e.objective, e.standard_error)),
+            _row("95 % from", known, lambda e: f"{e.lower:.4f}"),
+            _row("95 % to", known, lambda e: f"{e.upper:.4f}"),
+            _row("fresh samples", known, lambda e: str(e.samples)),
+        ]
+    headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]
+    estimated = sum(string in again for string in shown)
+    said = in_words(verdict(material.estimates), shown, estimated)
+    return table(headings, rows) + listed(said)
+
+
+NOTHING: Final = "No string has a result: too many of their samples failed."
+
+
+def _row(name: str, entries: list[Any], text: Any) -> list[str]:
+    return [name, *("" if entry is None else text(entry) for entry in entries)]
+
+
+def _variable_rows(material: Material, shown: list[int]) -> list[list[str]]:
+    rows = [["string", *map(str, shown)]]
+    for variable, row in zip(VARIABLES, material.variables, strict=True):
+        if row["lower"] == row["lower"]:  # nan: the campaign does not use it
+            size, unit = in_unit(variable.unit, float(row["upper"]))
+            values = material.values(shown, variable.name) / size
+            fixed = "" if row["searched"] else ", fixed"
+            name = f"{variable.name.replace('_', ' ')} ({unit}{fixed})"
+            rows.append([name, *(f"{value:.5g}" for value in values)])
+    return rows
+
+
+def _result_rows(material: Material, shown: list[int]) -> list[list[str]]:
+    results: list[Any] = [material.result_of[string] for string in shown]
+    cost = processor_seconds(material.samples, max(shown) + 1)
+    return [
+        _row(
+            "objective, as searched",
+            results,
+            lambda r: with_error(float(r["objective"]), float(r["standard_error"])),
+        ),
+        _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}"),
+        _row("grains per particle (1)", results, lambda r: f"{r['mean_grains']:.4g}"),
+        _row("samples used", results, lambda r: str(r["samples_used"])),
+        ["processor time", *(duration(float(cost[string])) for string in shown)],
+    ]
+
+
+def tables_of_papers(material: Material) -> tuple[str, str]:
+    """Return heading and body of the part with the tables in the layout of the papers."""
+    paper = paper_of(material.identity)
+    if not material.best:
+        return "Tables of the papers", paragraph("No string has a result yet.")
+    fresh = "on fresh samples" if material.estimates else "as searched, biased low"
+    if paper is None:
+        note = f"This is not one of the papers' campaigns. Objectives are {fresh}."
+        return "Table of the best strings", paragraph(note) + tables(material)
+    note = (
+        f"{paper}. The campaign asks what the paper asked (scene, objective, search box). "
+        "Published rows are one run each, of a search that believes its luck and of time steps "
+        "that are not exact; they are what the paper prints, not a reference. Rows of this "
+        f"campaign: objectives are {fresh}."
+    )
+    if paper.startswith("[A]"):
+        note += " The activation energy is printed in kJ/mol, with which nothing could bond."
+    return "Beside the published tables", paragraph(note) + tables(material)

@@ -1,0 +1,167 @@
+"""Parts of the page on how a campaign ran, what it left out, and what went wrong."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.campaign import CampaignError
+from agglom_mpi.campaign.describe import sections
+from agglom_mpi.database.timeouts import timed_out
+from agglom_mpi.report.html import folded, listed, paragraph, table
+from agglom_mpi.report.material import Material
+from agglom_mpi.report.numbers import duration
+from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, FAILED, REASONS
+from agglom_mpi.words import counted
+
+LEDGER: Final = (
+    "momentum_error",
+    "energy_error",
+    "capped_iterations",
+    "largest_residual",
+    "floored_temperatures",
+    "overlaps",
+)
+SHOWN: Final = 20
+"""Legs and exceptions that are listed, the last ones."""
+
+
+def legs(material: Material) -> str:
+    """Return the table of the starts of the program."""
+    rows = material.legs[-SHOWN:]
+    if not len(rows):
+        return paragraph("The campaign has not been started yet.")
+    first = len(material.legs) - len(rows)
+    lines = [[str(first + i), *_leg(row)] for i, row in enumerate(rows, 1)]
+    headings = (
+        "leg",
+        "started (UTC)",
+        "lasted",
+        "ranks",
+        "machines",
+        "samples",
+        "busy",
+        "writing",
+        "written by",
+        "exit code",
+        "on",
+        "agglom_mpi",
+    )
+    return table(headings, lines, "Starts of the program", texts=(1, 8, 10, 11))
+
+
+def _leg(row: np.void) -> Iterator[str]:
+    lasted = float(row["stopped"] - row["started"])
+    ended = np.isfinite(lasted)
+    available = lasted * row["ranks"] if ended and lasted > 0.0 else np.nan
+    yield datetime.fromtimestamp(float(row["started"]), UTC).strftime("%Y-%m-%d %H:%M:%S")
+    yield duration(lasted) if ended else "no end"
+    yield str(row["ranks"])
+    yield str(row["nodes"])
+    yield str(row["samples"]) if ended else ""
+    yield f"{row['busy_seconds'] / available:.1%}" if ended else ""
+    yield f"{row['database_seconds'] / available:.2%}" if ended else ""
+    yield _text(row["database"])
+    yield str(row["exit_code"]) if ended else ""
+    yield f"{_text(row['host'])}, {_text(row['processor'])}"
+    yield f"{_text(row['code_version'])} {_text(row['git_revision'])[:10]}".strip()
+
+
+def _text(value: bytes) -> str:
+    return value.decode(errors="replace")
+
+
+def left_out(material: Material) -> str:
+    """Return what the scene has and what it leaves out, and the rest of the campaign folded up."""
+    try:
+        found = sections(material.campaign)
+    except CampaignError as error:
+        return paragraph(f"The campaign's text in the file cannot be read: {error}", "warning")
+    named = dict(found[1:])
+    text = "<h3>Left out</h3>" + listed(named.pop("Left out"))
+    text += "<h3>Submodels in use</h3>" + listed(named.pop("Submodels"))
+    rest = [found[0], *named.items()]
+    lines = [line for heading, own in rest for line in (heading, *(f"  {x}" for x in own))]
+    return text + folded("The campaign in words", "\n".join(lines))
+
+
+def ledger(material: Material) -> str:
+    """Return the worst sample of each column of the ledger, and how to look at it again."""
+    rows = material.samples[material.samples["state"] == COMPLETED]
+    if not len(rows):
+        return paragraph("No sample is completed yet.")
+    meanings = {column.name: column.meaning for column in COLUMNS}
+    lines = []
+    for name in LEDGER:
+        size = np.abs(np.nan_to_num(rows[name].astype(float)))
+        worst = rows[int(np.argmax(size))]
+        whole = rows[name].dtype.kind == "i"
+        what = f"{int(np.count_nonzero(size))}" if whole else ""
+        where = ["", "", ""]
+        if size.max() > 0.0:
+            where = [str(worst["string"]), str(worst["sample"]), _replay(material, worst)]
+        shown = str(worst[name]) if whole else f"{worst[name]:.3g}"
+        lines.append([meanings[name], shown, what, *where])
+    headings = ("", "worst", "samples with any", "string", "sample", "to simulate it again")
+    return table(headings, lines, texts=(5,)) + paragraph(
+        f"Over {len(rows)} completed samples. Nothing is clipped in silence: what a submodel "
+        "capped or refused is counted here."
+    )
+
+
+def _replay(material: Material, row: np.void) -> str:
+    name = material.file.path.name
+    return f"agglom simulate {name} --string {row['string']} --sample {row['sample']}"
+
+
+def failures(material: Material) -> str:
+    """Return the samples that failed, why, and rows that are damaged."""
+    samples = material.samples
+    failed = samples[samples["state"] == FAILED]
+    late = timed_out(material.failures, samples)
+    damaged = material.file.damaged
+    text = ""
+    if damaged:
+        said = f"{counted(damaged, 'row')} marked final with a wrong checksum, left out here; "
+        text += paragraph(f"{said}agglom check {material.file.path.name} names them.", "warning")
+    if not len(failed) and not late:
+        return text + paragraph(f"None of {len(samples)} samples failed.")
+    reasons = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
+    lines = [f"{n} of {len(samples)} samples: {_reason(i)}" for i, n in enumerate(reasons) if n]
+    if late:
+        lines.append(f"{counted(len(late), 'sample')} without a row: took longer than max_seconds")
+    text += listed(lines) + _failing_strings(failed)
+    if len(material.failures):
+        text += folded(
+            f"Last {min(SHOWN, len(material.failures))} of {len(material.failures)} texts",
+            "\n\n".join(_failure(row) for row in material.failures[-SHOWN:]),
+        )
+    return text
+
+
+def _reason(code: int) -> str:
+    return REASONS[code] if 0 < code < len(REASONS) else f"unknown reason ({code})"
+
+
+def _failing_strings(failed: np.ndarray) -> str:
+    strings, counts = np.unique(failed["string"], return_counts=True)
+    worst = np.argsort(-counts, kind="stable")[:6]
+    named = ", ".join(f"string {strings[i]} ({counts[i]})" for i in worst)
+    return paragraph(f"Most failures: {named}.") if len(strings) else ""
+
+
+def _failure(row: np.void) -> str:
+    place = f"string {row['string']} sample {row['sample']}, rank {row['rank']}"
+    return f"{place} on {_text(row['host'])}:\n{_text(row['text'])}"
+
+
+def provenance(material: Material) -> str:
+    """Return where the numbers are from: seed, digests, and the text of the campaign."""
+    about = material.file.attributes
+    lines = [
+        f"{name.replace('_', ' ')}: {about[name]}"
+        for name in ("seed", "created", "code_version", "campaign_sha256", "sources_sha256")
+        if name in about
+    ]
+    return listed(lines) + folded("The campaign file", material.file.campaign_text)

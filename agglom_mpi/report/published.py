@@ -1,0 +1,230 @@
+"""The papers' tables of best strings, in their layout, beside those of a campaign."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from agglom_mpi.report.figures.axes import in_unit
+from agglom_mpi.report.html import table
+from agglom_mpi.report.material import Material
+from agglom_mpi.report.numbers import with_error
+from agglom_mpi.simulation.outcome import COMPLETED
+
+
+class Column(NamedTuple):
+    """A column of a paper's table: its heading, a variable or result, over what, and digits."""
+
+    heading: str
+    name: str
+    scale: float
+    style: str
+
+
+class Published(NamedTuple):
+    """A table of a paper, the best string first."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+
+def _rows(text: str) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(map(float, line.split())) for line in text.strip().splitlines())
+
+
+ACCRETION: Final = (
+    Published(
+        "[A] table 1: best starting-state vectors after 22 generations",
+        (
+            Column("v0 (m/s)", "relative_speed", 1.0, ".3f"),
+            Column("s", "size_ratio", 1.0, ".3f"),
+            Column("ρ (kg/m³)", "density", 1.0, ".3f"),
+            Column("H0 (MPa)", "hardness", 1e6, ".3f"),
+            Column("C (J/kg/K)", "heat_capacity", 1.0, ".3f"),
+            Column("μ0", "friction", 1.0, ".3f"),
+            Column("θ0 (K)", "temperature", 1.0, ".3f"),
+            Column("U (J/mol)", "activation_energy", 1.0, ".3f"),
+            Column("κ (J/m²)", "reaction_heat", 1.0, ",.3f"),
+            Column("Λ", "objective", 1.0, ".8f"),
+        ),
+        _rows("""
+            4.326 0.633 6141.898 67.188 1279.542 0.307 330.652 707.351 5940883.989 0.00013602
+            4.746 0.638 5579.604 60.730 1170.780 0.283 353.865 598.416 2347406.359 0.00036241
+            4.434 0.637 5921.768 62.759 1310.642 0.292 349.057 578.921 3157762.434 0.00036671
+            3.412 0.621 6436.049 76.611 1339.450 0.308 327.914 573.144 3864868.553 0.00039773
+            3.074 0.626 5292.318 60.678 1114.462 0.311 335.793 751.632 6910186.063 0.00050522
+            4.257 0.632 6124.641 62.269 1265.586 0.308 335.316 709.750 6790030.553 0.00070812
+        """),
+    ),
+)
+AGGLOMERATION: Final = (
+    Published(
+        "[B] table 1: best (normalised) starting-state vectors after 25 generations",
+        (
+            Column("v0 (m/s) / 200", "relative_speed", 200.0, ".5f"),
+            Column("L", "size_ratio", 1.0, ".5f"),
+            Column("ρ (kg/m³) / 10⁴", "density", 1e4, ".5f"),
+            Column("H0 (Pa) / 10⁶", "hardness", 1e6, ".5f"),
+            Column("C (J/kg/K) / 2000", "heat_capacity", 2e3, ".5f"),
+        ),
+        _rows("""
+            0.92344 0.79041 0.66527 0.26548 0.89815
+            0.99307 0.79510 0.90509 0.49048 0.94075
+            0.96042 0.79726 0.66773 0.39772 0.34235
+            0.93911 0.79280 0.53228 0.20459 0.98942
+            0.84977 0.79226 0.91791 0.15671 0.96995
+            0.16761 0.79362 0.93962 0.10877 0.95669
+        """),
+    ),
+    Published(
+        "[B] table 2: best (normalised) starting-state vectors after 25 generations",
+        (
+            Column("μ0 / 10⁻²", "friction", 1e-2, ".5f"),
+            Column("θ0 (K) / 10³", "temperature", 1e3, ".5f"),
+            Column("Ω (J/mol) / 10³", "activation_energy", 1e3, ".5f"),
+            Column("α (J/m²) / 10⁷", "reaction_heat", 1e7, ".5f"),
+            Column("γ (J/m²) / 10¹⁶", "surface_energy", 1e16, ".5f"),
+        ),
+        _rows("""
+            0.13456 0.50218 0.35241 0.17765 0.83685
+            0.17535 0.62494 0.12457 0.20836 0.85267
+            0.11000 0.21911 0.19785 0.19901 0.93462
+            0.15624 0.90323 0.38558 0.15209 0.91321
+            0.10455 0.36270 0.32326 0.20403 0.80388
+            0.15099 0.52338 0.29311 0.11186 0.25457
+        """),
+    ),
+    Published(
+        "[B] table 3: cost, size and particles of the agglomerates of tables 1 and 2",
+        (
+            Column("Π", "objective", 1.0, ".5f"),
+            Column("b/b0", "mean_radius_ratio", 1.0, ".4f"),
+            Column("n^f = (b/b0)³", "growth_number", 1.0, ".4f"),
+        ),
+        _rows("""
+            0.67708 3.2292 33.6732
+            0.79078 2.0922 9.1581
+            0.79636 2.0394 8.4821
+            0.79957 2.0043 8.0517
+            0.80036 1.9964 7.9568
+            0.80691 1.9309 7.1991
+        """),
+    ),
+)
+ASKED: Final[dict[str, tuple[dict[str, Any], tuple[Published, ...]]]] = {
+    "[A] Accretion of fine grains (2003)": (
+        {
+            "objective.law": "growth_target",
+            "objective.ratio": 2.0,
+            "scene.particles": 100,
+            "scene.duration.law": "mean_speed",
+            "variables.relative_speed": (0.1, 30.0),
+            "variables.size_ratio": (0.4, 0.8),
+            "variables.density": (1e3, 1e4),
+            "variables.hardness": (1e7, 2e8),
+            "variables.heat_capacity": (10.0, 1500.0),
+            "variables.friction": (0.01, 0.5),
+            "variables.temperature": (273.13, 373.13),
+            "variables.activation_energy": (10.0, 1000.0),
+            "variables.reaction_heat": (0.0, 1e7),
+        },
+        ACCRETION,
+    ),
+    "[B] Agglomeration in thermochemically reacting flow (2004)": (
+        {
+            "objective.law": "maximum_growth",
+            "scene.particles": 1000,
+            "scene.duration.law": "compression_recovery",
+            "variables.relative_speed": (20.0, 200.0),
+            "variables.size_ratio": (0.4, 0.8),
+            "variables.density": (1e3, 1e4),
+            "variables.hardness": (1e5, 1e6),
+            "variables.heat_capacity": (200.0, 2000.0),
+            "variables.friction": (1e-3, 1e-2),
+            "variables.temperature": (100.0, 1000.0),
+            "variables.activation_energy": (100.0, 1000.0),
+            "variables.reaction_heat": (1e6, 1e7),
+            "variables.surface_energy": (1e15, 1e16),
+        },
+        AGGLOMERATION,
+    ),
+}
+"""What each paper asked, by the entries of a campaign's identity, and what it found."""
+
+RANKS: Final = 6
+
+
+def paper_of(identity: Mapping[str, Any]) -> str | None:
+    """Return the paper that asked what a campaign asks: scene, objective and search box."""
+    for paper, (asked, _) in ASKED.items():
+        if all(_entry(identity, name, value) == value for name, value in asked.items()):
+            return paper
+    return None
+
+
+def _entry(identity: Mapping[str, Any], name: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(identity.get(f"{name}.{i}") for i in range(len(value)))
+    return identity.get(name)
+
+
+def tables(material: Material) -> str:
+    """Return the tables of a campaign's best strings as HTML, the paper's own beside them."""
+    paper, best = paper_of(material.identity), material.best[:RANKS]
+    if paper is None:
+        columns = (*_variables(material), *AGGLOMERATION[2].columns)
+        heading = (*columns[:-3], columns[-3]._replace(heading=material.objective_label))
+        return _own("Best strings", (*heading, *columns[-2:]), material, best)
+    return "".join(_beside(found, material, best) for found in ASKED[paper][1])
+
+
+def _variables(material: Material) -> tuple[Column, ...]:
+    columns = []
+    for variable, _, upper, _ in material.searched:
+        size, unit = in_unit(variable.unit, upper)
+        words = variable.name.replace("_", " ")
+        columns.append(Column(f"{words} ({unit})", variable.name, size, ".5g"))
+    return tuple(columns)
+
+
+def _own(caption: str, columns: Sequence[Column], material: Material, best: Sequence[int]) -> str:
+    rows = [[str(i), *_cells(material, string, columns)] for i, string in enumerate(best, 1)]
+    return table(["rank", *(column.heading for column in columns)], rows, caption)
+
+
+def _beside(found: Published, material: Material, best: Sequence[int]) -> str:
+    rows: list[list[str]] = []
+    classes: list[str] = []
+    for place, printed in enumerate(found.rows):
+        cells = [format(v, c.style) for v, c in zip(printed, found.columns, strict=True)]
+        rows.append([str(place + 1), "published", *cells])
+        classes.append("published first")
+        if place < len(best):
+            rows.append(["", "here", *_cells(material, best[place], found.columns)])
+            classes.append("here")
+    headings = ["rank", "", *(column.heading for column in found.columns)]
+    return table(headings, rows, found.caption, classes, (1,))
+
+
+def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[str]:
+    """Return what a campaign has of one of its strings: on fresh samples, if there are any."""
+    result = material.result_of[string]
+    value, error = float(result["objective"]), float(result["standard_error"])
+    ratio = float(result["mean_radius_ratio"])
+    again = {estimate.string: estimate for estimate in material.estimates}.get(string)
+    if again is not None and again.known:
+        rows = material.samples_of(string)
+        fresh = rows[(rows["sample"] >= material.fresh) & (rows["state"] == COMPLETED)]
+        value, error = again.objective, again.standard_error
+        ratio = float(fresh["mean_radius_ratio"].mean())
+    found = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
+    cells = []
+    for column in columns:
+        if column.name == "objective":
+            cells.append(with_error(value, error))
+            continue
+        if column.name in found:
+            known = found[column.name]
+        else:
+            known = float(material.values([string], column.name)[0])
+        cells.append(format(known / column.scale, column.style))
+    return cells

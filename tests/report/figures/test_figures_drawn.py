@@ -1,0 +1,131 @@
+"""Figures are drawn into the axes that are given, to scale, and say so when they are empty."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.report.figures import busy, convergence, counts, ensembles, finalists, parallel
+from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
+from agglom_mpi.report.figures.radii import draw_radii
+from agglom_mpi.report.material import gather
+from agglom_mpi.report.page import Writer
+from agglom_mpi.report.picture import Picture, write_picture
+
+PLOTS = ("convergence", "cost", "radii", "best", "ensembles", "finalists", "samples", "busy")
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_a_plot_draws_into_the_axes_that_are_given_and_returns_them(finished, name):
+    ax = Figure().subplots()
+    assert getattr(open_campaign(finished), f"plot_{name}")(ax=ax) is ax
+    assert ax.has_data()
+    if name not in ("best",):
+        assert ax.get_xlabel()
+
+
+@pytest.mark.parametrize("name", ["cloud", "search_paths"])
+def test_a_plot_of_panels_draws_into_the_figure_that_is_given(finished, name):
+    figure = Figure(layout="constrained")
+    panels = getattr(open_campaign(finished), f"plot_{name}")(figure=figure)
+    assert all(ax.figure is figure for ax in panels)
+
+
+def test_a_string_that_is_not_judged_is_refused_in_one_message(finished):
+    with pytest.raises(ValueError, match="string is 99999, which is not judged"):
+        open_campaign(finished).plot_radii(99999)
+
+
+def test_without_matplotlib_a_plot_says_what_to_install(finished, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"pip install 'agglom_mpi\[report\]'"):
+        open_campaign(finished).plot_busy(ax=object())
+
+
+def drawn(place, radius, **more):
+    figure = Figure(figsize=cloud_size(1), layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    [ax] = draw_cloud(figure, [0.0], [np.array(place)], [np.array(radius)], 0.01, **more)
+    canvas.draw()
+    [spheres] = [c for c in ax.collections if isinstance(c, EllipseCollection)]
+    return ax, spheres
+
+
+def test_spheres_are_circles_of_their_own_radius_to_scale():
+    ax, spheres = drawn([[0.0, 0.0, 0.0], [0.004, 0.0, 0.0]], [0.001, 0.002])
+    per_metre = ax.transData.transform([[1.0, 0.0]])[0, 0] - ax.transData.transform([[0, 0]])[0, 0]
+    seen = [path.get_extents(transform) for path, transform in circles(spheres)]
+    widths = [extent.width for extent in seen]
+    np.testing.assert_allclose([extent.height for extent in seen], widths, rtol=1e-6)
+    np.testing.assert_allclose(sorted(widths), [0.002 * per_metre, 0.004 * per_metre], rtol=0.01)
+
+
+def circles(spheres):
+    from matplotlib.transforms import Affine2D
+
+    to_pixels = spheres.get_transform()
+    return [(spheres.get_paths()[0], Affine2D(m) + to_pixels) for m in spheres.get_transforms()]
+
+
+def test_spheres_in_front_are_drawn_last():
+    _, spheres = drawn([[0.0, -0.009, 0.0], [0.0, 0.009, 0.0]], [0.001, 0.002])
+    assert spheres.get_array().tolist() == [2.0, 1.0]  # the eye is at negative y
+
+
+def test_particles_are_coloured_by_temperature_where_it_differs():
+    _, spheres = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 400.0])])
+    assert sorted(spheres.get_array().tolist()) == [300.0, 400.0]
+    _, same = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 300.0])])
+    assert same.get_array().tolist() == [1.0, 1.0]
+
+
+def test_empty_figures_say_why():
+    ax = Figure().subplots()
+    none = np.zeros(0)
+    empty = convergence.History(none, none, none, none, none, none, 0)
+    for draw, words in (
+        (lambda: convergence.draw_convergence(ax, empty), "no generation"),
+        (lambda: ensembles.draw_ensembles(ax, [], []), "no string"),
+        (lambda: counts.draw_counts(ax, np.zeros(0, int), np.zeros(0, bool)), "no string"),
+        (lambda: busy.draw_busy(ax, None), "no sample"),
+        (lambda: finalists.draw_finalists(ax, [], none), "no string"),
+        (lambda: parallel.draw_parallel(ax, [], np.zeros((0, 0)), []), "no string"),
+        (lambda: draw_radii(ax, None), "no completed sample"),
+    ):
+        ax.clear()
+        assert draw() is ax
+        assert words in " ".join(text.get_text() for text in ax.texts)
+
+
+def test_no_label_of_a_figure_is_clipped(finished, tmp_path, monkeypatch):
+    outside = []
+
+    def check(directory, picture):
+        figure = Figure(figsize=picture.size, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        picture.draw(figure)
+        canvas.draw()
+        found = figure.get_tightbbox(canvas.get_renderer())
+        slack = 0.02  # inches, less than a letter's side
+        if min(found.x0, found.y0) < -slack or np.any(
+            np.array([found.x1, found.y1]) > np.array(picture.size) + slack
+        ):
+            outside.append((picture.name, found))
+        write_picture(directory, picture)
+
+    monkeypatch.setattr("agglom_mpi.report.page.write_picture", check)
+    writer = Writer(gather(open_campaign(finished)), tmp_path)
+    assert list(writer.sections(simulate=True, sensitivity=False))
+    assert writer.count == 10
+    assert outside == []
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_nothing(tmp_path):
+    def fail(figure):
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        write_picture(tmp_path, Picture("bad", "", fail))
+    assert list(tmp_path.iterdir()) == []

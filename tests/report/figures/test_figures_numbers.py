@@ -1,0 +1,189 @@
+"""What the figures show is what the file says, and what can be counted by hand."""
+
+import numpy as np
+import pytest
+
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.report import again
+from agglom_mpi.report.figures import busy, convergence, ensembles, paths
+from agglom_mpi.report.figures.axes import in_unit
+from agglom_mpi.report.material import gather
+from agglom_mpi.report.numbers import with_prefix
+from agglom_mpi.report.published import ACCRETION, AGGLOMERATION, paper_of
+from agglom_mpi.search.student import t_95
+
+
+@pytest.fixture(scope="module")
+def material(finished):
+    return gather(open_campaign(finished))
+
+
+def test_the_history_is_that_of_the_generations(material):
+    found = convergence.history(material)
+    rows, results = material.generations, material.result_of
+    assert found.generation.tolist() == [1, 2, 3]
+    assert found.best.tolist() == rows["best_objective"].tolist()
+    for g, row in enumerate(rows):
+        top = [results[i] for i in row["population"][: row["top"]].tolist()]
+        assert found.top[g] == pytest.approx(np.mean([r["objective"] for r in top]), rel=1e-12)
+        error = np.sqrt(sum(r["standard_error"] ** 2 for r in top)) / len(top)
+        assert found.top_half[g] == pytest.approx(1.96 * error, rel=1e-12)
+        best = results[int(row["best_string"])]
+        half = t_95(int(best["samples_used"]) - 1) * best["standard_error"]
+        assert found.best_half[g] == pytest.approx(half, rel=1e-12)
+
+
+def test_a_running_objective_passes_through_what_the_search_decided(material):
+    for string in material.best:
+        result = material.result_of[string]
+        course = ensembles.course(material, string)
+        at = course.seen - 1
+        assert course.seen == result["samples_used"] - result["failed"]
+        assert course.value[at] == pytest.approx(result["objective"], rel=1e-12)
+
+
+def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(material):
+    checked = 0
+    for string in material.best:
+        result = material.result_of[string]
+        own = ensembles.stops(material, string)[0]
+        assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
+        if not result["hit_maximum"]:
+            assert own.samples == result["samples_used"] - result["failed"]
+            checked += 1
+    assert checked >= 3
+
+
+def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(material):
+    for path in paths.paths(material):
+        ids = material.generations["best_string"]
+        assert path.best.tolist() == [material.string_of[int(i)][path.name] for i in ids]
+        assert (path.least <= path.best).all()
+        assert (path.best <= path.most).all()
+        assert path.lower <= path.tried.min() <= path.tried.max() <= path.upper
+
+
+def test_samples_simulated_again_are_the_recorded_ones(material):
+    string = material.best[0]
+    found = again.final_radii(material, string)
+    assert "identical to the recorded ones" in found.source
+    rows = again.chosen(material, string)
+    assert (rows["sample"] >= material.fresh).all()
+    assert found.samples == len(rows) == 12
+    assert len(found.values) == rows["particles"].sum()
+    away = found.values - found.values.mean()
+    for order, moment in zip((2, 3, 4), found.central, strict=True):
+        assert moment == pytest.approx(np.mean(away**order), rel=1e-10)
+
+
+def test_pictures_are_taken_of_a_sample_from_its_start_to_its_end(material):
+    film = again.film(material, material.best[0])
+    rows = material.samples_of(film.string)
+    [row] = rows[rows["sample"] == film.sample]
+    assert film.frames.times[0] == 0.0
+    assert film.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
+    assert film.frames.particles[-1] == row["particles"]
+    shown = again.telling(film.frames)
+    assert shown == [0, 1, 2, 3, 4, 5]
+
+
+def test_pictures_that_are_shown_of_many_are_where_particles_bond():
+    counts = np.array([1000, 500, 100, 11, *[10] * 96])
+    frames = type("Frames", (), {"particles": counts})
+    shown = again.telling(frames)
+    assert shown[:4] == [0, 1, 2, 3]
+    assert shown[-1] == 99
+    assert len(shown) == again.FRAMES
+
+
+def test_busy_time_is_the_time_in_which_work_overlaps_each_interval():
+    edges = 1.7e9 + np.array([0.0, 1.0, 3.0, 4.0])
+    begin, end = 1.7e9 + np.array([0.5, 0.0, 2.0]), 1.7e9 + np.array([2.5, 1.0, 6.0])
+    found = busy.busy_time(edges, begin, end)
+    np.testing.assert_allclose(found, [0.5 + 1.0, 1.5 + 1.0, 1.0], atol=1e-5)
+
+
+def test_ranks_that_always_work_are_busy_all_the_time():
+    legs = [busy.Leg(100.0, 200.0, 2), busy.Leg(500.0, 520.0, 2)]
+    finished = np.concatenate([np.arange(101.0, 201.0), np.arange(501.0, 521.0)])
+    both, rank = np.tile(finished, 2), np.repeat([0, 1], len(finished))
+    found = busy.load(legs, both, np.ones(len(both)), rank)
+    for share in (found.mean, found.least, found.most):
+        np.testing.assert_allclose(share, 1.0, atol=1e-9)
+    assert found.share == pytest.approx(1.0)
+    assert found.seams == [100.0]
+    assert found.edges[-1] == pytest.approx(120.0)
+    half = busy.load(legs, finished, np.ones(len(finished)), np.zeros(len(finished), int))
+    np.testing.assert_allclose(half.mean, 0.5, atol=1e-9)
+    np.testing.assert_allclose(half.least, 0.0, atol=1e-9)
+
+
+def test_a_leg_that_was_killed_lasts_until_its_last_sample():
+    rows = np.array(
+        [(10.0, np.nan, 2), (50.0, 60.0, 4)],
+        [("started", float), ("stopped", float), ("ranks", int)],
+    )
+    legs = busy.legs_of(rows, np.array([12.0, 31.0, 55.0]))
+    assert legs == [busy.Leg(10.0, 31.0, 2), busy.Leg(50.0, 60.0, 4)]
+
+
+def test_the_busy_share_is_that_of_the_recorded_legs(material):
+    found = busy.of_material(material)
+    [leg] = material.legs
+    recorded = leg["busy_seconds"] / (leg["stopped"] - leg["started"]) / leg["ranks"]
+    assert found.share == pytest.approx(recorded, rel=0.01)
+    assert 0.0 < found.share <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("job", "paper"),
+    [("accretion_2003", "[A]"), ("agglomeration_2004", "[B]"), ("quickstart", None)],
+)
+def test_the_papers_campaigns_are_recognised(job, paper):
+    found = paper_of(load_campaign(f"jobs/{job}.yaml").identity())
+    assert found is None if paper is None else found.startswith(paper)
+
+
+def test_a_scene_of_another_size_is_not_the_papers():
+    identity = load_campaign("jobs/accretion_2003.yaml").identity()
+    assert paper_of(identity | {"scene.particles": 101}) is None
+    assert paper_of(identity | {"variables.density.1": 2e4}) is None
+
+
+def test_the_published_numbers_agree_with_each_other_as_the_paper_prints_them():
+    """Π = 1 - b/b* with b* = 10 b0, and n^f = (b/b0)³; row 3 has a misprint (2.0364)."""
+    results = np.array(AGGLOMERATION[2].rows)
+    objective, ratio, number = results.T
+    right = np.arange(6) != 2
+    np.testing.assert_allclose(10.0 * (1.0 - objective[right]), ratio[right], atol=1.01e-4)
+    np.testing.assert_allclose(ratio**3, number, rtol=2e-4)
+    assert (np.diff(objective) > 0.0).all()
+
+
+def test_the_published_strings_lie_in_the_papers_boxes():
+    for tables, job in ((ACCRETION, "accretion_2003"), (AGGLOMERATION[:2], "agglomeration_2004")):
+        identity = load_campaign(f"jobs/{job}.yaml").identity()
+        for table in tables:
+            for place, column in enumerate(table.columns):
+                if column.name == "objective":
+                    continue
+                low, high = (identity[f"variables.{column.name}.{end}"] for end in (0, 1))
+                values = [row[place] * column.scale for row in table.rows]
+                slack = 1.0 + 1e-9
+                assert low / slack <= min(values), column
+                assert max(values) <= high * slack, column
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0.0, "0 s"), (0.0123, "12.3 ms"), (999.7, "1 ks"), (1e-6, "1 µs"), (3e-20, "3e-20 s")],
+)
+def test_a_quantity_is_said_in_the_multiple_that_suits_it(value, said):
+    assert with_prefix(value, "s") == said
+
+
+def test_only_joules_and_pascals_get_a_prefix():
+    assert in_unit("J/m^2", 1e7) == (1e6, "MJ/m²")
+    assert in_unit("K", 1e7) == (1.0, "K")
+    assert in_unit("J/mol", 1000.0) == (1.0, "J/mol")

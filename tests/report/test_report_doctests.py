@@ -1,0 +1,38 @@
+"""The examples in the docstrings of the public Python interface run."""
+
+import doctest
+import shutil
+
+import pytest
+
+from agglom_mpi.database import plots, reader
+from agglom_mpi.report.figures import axes
+from agglom_mpi.search import objectives
+
+pytest.importorskip("matplotlib")
+
+OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+
+
+@pytest.mark.parametrize("module", [reader, plots, axes, objectives])
+def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, monkeypatch):
+    from matplotlib import pyplot
+
+    shutil.copy(finished, tmp_path / "quickstart.h5")
+    monkeypatch.chdir(tmp_path)
+    tried = doctest.testmod(module, optionflags=OPTIONS)
+    pyplot.close("all")
+    assert tried.failed == 0
+    assert tried.attempted > 0
+
+
+def test_every_plot_and_table_has_an_example():
+    public = [
+        value
+        for owner in (reader.CampaignFile, plots.Plots)
+        for name, value in vars(owner).items()
+        if name.startswith("plot_") or name in ("best", "strings", "samples", "generations")
+    ]
+    texts = [getattr(value, "fget", None) or value for value in public]
+    assert len(texts) == 14
+    assert [text.__name__ for text in texts if ">>>" not in (text.__doc__ or "")] == []

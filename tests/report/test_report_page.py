@@ -1,0 +1,282 @@
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from farm_runs import SMALL, finish, write_campaign
+
+from agglom_mpi.campaign import load_campaign
+from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.farm.store import leg_fields, prepare
+from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.report import again
+from agglom_mpi.report import page as page_module
+from agglom_mpi.report.export import ExportError
+from agglom_mpi.report.material import gather
+from agglom_mpi.report.page import write_report
+
+FIGURES = {
+    "best_strings",
+    "busy",
+    "cloud",
+    "convergence",
+    "cost",
+    "ensembles",
+    "finalists",
+    "radii",
+    "samples_per_string",
+    "search_paths",
+}
+
+
+def report(path, directory, **options):
+    """Write the report of a file; its page."""
+    options = {"simulate": False} | options
+    lines = list(write_report(open_campaign(path), directory, **options))
+    assert lines[-1].startswith(f"{directory / 'report.html'}: ")
+    return (directory / "report.html").read_text()
+
+
+def names(directory):
+    return {path.name for path in directory.iterdir()}
+
+
+def figures(page):
+    return set(re.findall(r"<code>(\w+)\.png</code>", page))
+
+
+@pytest.fixture
+def waiting(tmp_path):
+    """Return the file of a campaign that has not begun."""
+    write_campaign(tmp_path / "small.yaml", **SMALL)
+    work = CampaignWork(load_campaign(tmp_path / "small.yaml"))
+    prepare(tmp_path / "small.h5", work, accept_code_change=False)
+    return tmp_path / "small.h5"
+
+
+def begin(path, failed=0):
+    """Let a campaign judge three strings by ten samples each, the first by some that fail."""
+    parameters = np.full((3, 10), 2.0)
+    parameters[:, 9] = np.nan
+    with CampaignWriter(path) as writer:
+        writer.begin_leg(**leg_fields(1, ""))
+        writer.set_status("running")
+        writer.put_strings(0, 0, np.arange(3), np.zeros(3, int), np.full((3, 2), -1), parameters)
+        for string in range(3):
+            rows = np.zeros(10, sample_dtype)
+            rows["string"], rows["sample"], rows["state"] = string, np.arange(10), 1
+            rows["mean_radius_ratio"], rows["particles"] = 1.5 + 0.1 * np.arange(10), 20
+            rows["seconds"], rows["energy_error"] = 0.25, 1e-12
+            if string == 0:
+                rows["state"][:failed], rows["reason"][:failed] = 2, 3
+            writer.put_samples(rows)
+        for string in range(3):
+            bad = string == 0 and failed > 1
+            writer.put_result(
+                string,
+                objective=np.inf if bad else 0.1 + 0.1 * string,
+                standard_error=0.01,
+                mean_radius_ratio=1.9,
+                mean_grains=7.0,
+                growth_number=6.859,
+                samples_used=10,
+                failed=failed if string == 0 else 0,
+                hit_maximum=False,
+            )
+
+
+@pytest.fixture
+def sketched(monkeypatch):
+    """Draw all figures, and write something much smaller than them."""
+    from matplotlib.figure import Figure
+
+    def write(directory, picture):
+        picture.draw(Figure(figsize=picture.size))
+        for suffix in ("png", "svg"):
+            (directory / f"{picture.name}.{suffix}").write_text(picture.name)
+
+    monkeypatch.setattr(page_module, "write_picture", write)
+
+
+@pytest.mark.parametrize("simulate", [True, False])
+def test_the_page_and_its_figures_are_complete_and_need_nothing_else(finished, tmp_path, simulate):
+    page = report(finished, tmp_path / "out", simulate=simulate)
+    wanted = FIGURES if simulate else FIGURES - {"cloud"}
+    assert figures(page) == wanted
+    written = {f"{name}.{suffix}" for name in wanted for suffix in ("png", "svg")}
+    assert names(tmp_path / "out") == {"report.html", *written}
+    sources = re.findall(r'src="([^"]{0,30})', page)
+    assert len(sources) == len(wanted)
+    assert all(source.startswith("data:image/") for source in sources)
+    assert "<script" not in page
+    assert all(link.startswith("#") for link in re.findall(r'href="([^"]*)"', page))
+    assert "url(" not in page
+    assert "identical to the recorded ones" in page or not simulate
+
+
+@pytest.mark.usefixtures("sketched")
+def test_without_particles_the_mean_radii_of_samples_are_shown_and_said(finished, tmp_path):
+    page = report(finished, tmp_path / "out")
+    assert "particles are not stored" in page
+    assert "No cloud of particles" in page
+
+
+@pytest.mark.usefixtures("sketched")
+def test_the_page_names_what_the_scene_leaves_out_and_the_worst_samples(finished, tmp_path):
+    page = report(finished, tmp_path / "out")
+    samples = open_campaign(finished).all_sample_rows()
+    worst = samples[np.argmax(samples["energy_error"])]
+    assert "fragmentation" in page
+    replay = f"agglom simulate quickstart.h5 --string {worst['string']} --sample {worst['sample']}"
+    assert replay in page
+    assert f"None of {len(samples)} samples failed." in page
+
+
+def test_a_campaign_that_has_not_begun_has_a_page_without_figures(waiting, tmp_path):
+    page = report(waiting, tmp_path / "out", sensitivity=True)
+    assert names(tmp_path / "out") == {"report.html"}
+    assert "not started yet" in page
+    assert "No string is judged yet." in page
+    assert "too few strings" in page
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_path):
+    begin(waiting)
+    page = report(waiting, tmp_path / "out")
+    assert "The file was being written when this was made." in page
+    assert "3 strings judged by 30 samples of 30 simulated" in page
+    assert figures(page) == {"best_strings", "ensembles", "radii", "samples_per_string"}
+
+
+@pytest.mark.usefixtures("sketched")
+def test_failed_samples_are_counted_by_reason(waiting, tmp_path):
+    begin(waiting, failed=4)
+    page = report(waiting, tmp_path / "out")
+    assert "4 of 30 samples: budget of steps or events exceeded" in page
+    assert "Most failures: string 0 (4)." in page
+    shown = page[page.index('id="answer"') : page.index('id="search"')]
+    assert re.search(r"<td>string</td><td>1</td><td>2</td>", shown)
+
+
+@pytest.mark.usefixtures("sketched")
+@pytest.mark.parametrize("table", ["strings", "results", "generations", "samples"])
+def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
+    best = int(open_campaign(copy).best()["string"][0])
+    place = {"generations": 1, "samples": best * open_campaign(copy).max_samples}.get(table, best)
+    with h5py.File(copy, "r+") as file:
+        row = file[table][place]
+        row["crc"] ^= 1
+        file[table][place] = row
+    page = report(copy, tmp_path / "out", simulate=True)
+    assert "1 row marked final with a wrong checksum" in page
+    assert "convergence" in figures(page)
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_damaged_campaign_text_is_said(copy, tmp_path):
+    with h5py.File(copy, "r+") as file:
+        file.attrs["campaign"] = "scene: [nonsense"
+    page = report(copy, tmp_path / "out", simulate=True)
+    assert "text in the file cannot be read" in page
+    assert "convergence" in figures(page)
+
+
+@pytest.mark.usefixtures("sketched")
+def test_a_title_is_shown_as_it_is_written(copy, tmp_path):
+    with h5py.File(copy, "r+") as file:
+        file.attrs["title"] = "<script>alert(1)</script> & co"
+    page = report(copy, tmp_path / "out")
+    assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt; &amp; co</h1>" in page
+
+
+@pytest.mark.usefixtures("sketched")
+def test_other_files_in_the_directory_stay_and_the_page_is_replaced(finished, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("notes.txt", "report.html", "convergence.pdf"):
+        (out / name).write_text("mine")
+    assert report(finished, out) != "mine"
+    assert (out / "notes.txt").read_text() == (out / "convergence.pdf").read_text() == "mine"
+
+
+def test_a_report_that_fails_leaves_the_old_page_and_no_pieces(finished, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("old")
+
+    def fail(*arguments):
+        raise OSError(28, "No space left on device", "busy.png")
+
+    monkeypatch.setattr(page_module.busy, "draw_busy", fail)
+    with pytest.raises(OSError, match="No space left"):
+        report(finished, out)
+    assert (out / "report.html").read_text() == "old"
+    assert not [name for name in names(out) if name.startswith(".") or name.endswith(".new")]
+
+
+def test_what_is_no_directory_is_refused(finished, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(ExportError, match="is no directory"):
+        report(finished, tmp_path / "out")
+
+
+def test_without_matplotlib_one_message_says_what_to_install(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr(page_module.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ExportError, match=re.escape("pip install 'agglom_mpi[report]'")):
+        report(finished, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def agglom(*arguments):
+    command = [str(Path(sys.executable).parent / "agglom"), "report", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_the_command_writes_the_page_and_says_where(finished, tmp_path):
+    done = agglom(finished, "--out", tmp_path / "out", "--stored-only")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"{tmp_path / 'out' / 'report.html'}: 9 figures as PNG and SVG")
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--stored-only"], "--stored-only is for --out DIR"),
+        (["--out", "x", "--json"], "give --out or --json, not both"),
+        (["--out", __file__], "is no directory"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(finished, words, message):
+    done = agglom(finished, *words)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
+    path = write_campaign(
+        tmp_path / "kept.yaml", generations=1, max_samples=5, population=4, parents=2
+    )
+    kept = "output: {final_particles: true, frames: {count: 5, strings: 1}}\n"
+    path.write_text(path.read_text() + kept)
+    finish(tmp_path, "kept.yaml")
+    page = report(tmp_path / "kept.h5", tmp_path / "out")
+    assert {"radii", "cloud"} <= figures(page)
+    assert "as stored" in page
+    material = gather(open_campaign(tmp_path / "kept.h5"))
+    stored = again.final_radii(material, material.best[0])
+    plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
+    with h5py.File(plain, "r+") as file:
+        file["final_particles_done"][:] = 0
+    simulated = again.final_radii(gather(open_campaign(plain)), material.best[0])
+    assert "identical to the recorded" in simulated.source
+    np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
+    assert simulated.central == stored.central
