@@ -102,14 +102,18 @@ class SceneModel(Part):
             return data
         restitution = data.get("restitution")
         law = restitution.get("law") if isinstance(restitution, dict) else restitution
-        return {**data, "hardness": "constant" if law == "constant" else "arrhenius"}
+        needed = law in (None, "pressure")
+        return {**data, "hardness": "arrhenius" if needed else "constant"}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         problems: list[tuple[Path, str]] = []
-        if self.restitution.law == "constant":
+        if self.restitution.law != "pressure":
             if self.hardness.law == "arrhenius":
-                message = "is 'arrhenius', but constant restitution has no hardness; leave it out"
+                message = (
+                    f"is 'arrhenius', but {self.restitution.law} restitution has no hardness; "
+                    "leave it out"
+                )
                 problems.append((("hardness",), message))
             if self.end_time == "characteristic":
                 message = (
