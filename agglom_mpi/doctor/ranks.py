@@ -22,7 +22,7 @@ from mpi4py import MPI
 world = MPI.COMM_WORLD
 levels = ("single", "funneled", "serialized", "multiple")
 if world.rank == 0:
-    version = " ".join(MPI.Get_library_version().split()[:3])
+    version = " ".join(MPI.Get_library_version().split()[:3]).rstrip(",")
     print(f"{world.size};{levels[MPI.Query_thread()]};{version}", flush=True)
 """
 """What each rank runs: size of the world, thread level, library."""

@@ -105,16 +105,22 @@ def _command(arguments, ranks, folder=_BIN):
     return words if ranks is None else [str(launcher), "-n", str(ranks), *words]
 
 
+def _folder_of(folder, inject):
+    """Return where the sitecustomize is: that of `SLOWLY` is made here."""
+    if inject is not SLOWLY:
+        return inject
+    slow = folder / "slowly"
+    slow.mkdir(exist_ok=True)
+    (slow / "sitecustomize.py").write_text(SLOWLY)
+    return slow
+
+
 def start(folder, *arguments, ranks=None, inject=SLOWLY, build=_BIN, **variables):
     """Start a run in the background, as its own group; `SLOWLY` unless `inject` is given."""
-    if inject is SLOWLY:
-        inject = folder / "slowly"
-        inject.mkdir(exist_ok=True)
-        (inject / "sitecustomize.py").write_text(SLOWLY)
     return subprocess.Popen(
         _command(arguments, ranks, build),
         cwd=folder,
-        env=environment(inject, **variables),
+        env=environment(_folder_of(folder, inject), **variables),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -127,7 +133,7 @@ def invert(folder, *arguments, ranks=None, inject=None, **variables):
     return subprocess.run(
         _command(arguments, ranks),
         cwd=folder,
-        env=environment(inject, **variables),
+        env=environment(_folder_of(folder, inject), **variables),
         capture_output=True,
         text=True,
         timeout=TIMEOUT,

@@ -11,6 +11,7 @@ from bulk_runs import (
     write_bulk_campaign,
 )
 from farm_runs import (
+    SLOWLY,
     assert_same,
     assert_sound,
     decisions,
@@ -45,7 +46,7 @@ def able(database):
 @pytest.mark.parametrize(("database", "ranks"), RANKS)
 def test_ranks_leave_the_particles_that_the_campaign_computes(bare, tmp_path, database, ranks):
     campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **TWO), tmp_path / "kept.h5"
-    finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
+    finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks, inject=SLOWLY)
     assert_same(path, bare)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
     rows = open_campaign(path).all_sample_rows()

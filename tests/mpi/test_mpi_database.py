@@ -115,9 +115,8 @@ def test_what_this_build_cannot_do_is_one_message_and_no_file(tmp_path):
 def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parallel, ranks):
     for database in (PARALLEL, GATHERED):
         path = tmp_path / f"{database}.h5"
-        done = finish(
-            small, "small.yaml", "-o", path, "--database", database, "--quiet", ranks=ranks
-        )
+        about = ("-o", path, "--database", database, "--quiet")
+        done = finish(small, "small.yaml", *about, ranks=ranks, inject=SLOWLY)
         assert done.stdout == done.stderr == ""
         assert_same(path, decisions(small / "small.h5"))
         assert_sound(path)

@@ -4,7 +4,15 @@ import os
 
 import h5py
 import pytest
-from farm_runs import assert_same, assert_sound, decisions, finish, need_mpirun, write_campaign
+from farm_runs import (
+    SLOWLY,
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    need_mpirun,
+    write_campaign,
+)
 from final_runs import assert_fresh_are_those_of_the_best, fresh_bytes, fresh_rows
 
 SIZE = {"generations": 2, "max_samples": 12, "final": "{strings: 3, samples: 40}"}
@@ -27,7 +35,7 @@ def test_ranks_share_the_fresh_samples(plain, tmp_path, database, ranks):
         pytest.skip("this build of h5py is serial; the other one runs these tests")
     write_campaign(tmp_path / "final.yaml", **SIZE)
     path, options = tmp_path / "final.h5", ["--database", database]
-    finish(tmp_path, "final.yaml", *options, ranks=ranks)
+    finish(tmp_path, "final.yaml", *options, ranks=ranks, inject=SLOWLY)
     assert_same(path, decisions(plain))
     assert fresh_bytes(path) == fresh_bytes(plain)
     assert set(fresh_rows(path)["rank"]) == set(range(ranks))

@@ -3,6 +3,7 @@
 import pytest
 from farm_runs import (
     SLOW,
+    SLOWLY,
     TINY,
     assert_same,
     assert_sound,
@@ -34,7 +35,7 @@ sys.meta_path.insert(0, Refuse())
 @pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
 def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     need_mpirun()
-    finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
+    finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks, inject=SLOWLY)
     assert_same(tmp_path / "ranks.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "ranks.h5")
     file = open_campaign(tmp_path / "ranks.h5")
