@@ -26,6 +26,7 @@ class SimulatorThread:
         self._watch = simulator.watch
         self._batches: queue.SimpleQueue[NDArray[np.void] | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._arrived = threading.Event()
         self._thread = threading.Thread(target=self._work, name="simulator", daemon=True)
         self._thread.start()
 
@@ -36,8 +37,12 @@ class SimulatorThread:
     def take(self, timeout: float) -> Batch | None:
         """Next finished batch, waiting at most `timeout` in s; None if there is none."""
         self._watch.look()
+        if timeout and self._results.empty():
+            # Not the queue's own `get(timeout)`: preempted for longer than that, it waits for ever.
+            self._arrived.wait(timeout)
+        self._arrived.clear()  # before looking: what comes later is announced again
         try:
-            item = self._results.get(timeout=timeout) if timeout else self._results.get_nowait()
+            item = self._results.get_nowait()
         except queue.Empty:
             return None
         if isinstance(item, BaseException):
@@ -59,7 +64,7 @@ class SimulatorThread:
             while (tasks := self._batches.get()) is not None:
                 self._carry_out(tasks)
         except BaseException as error:
-            self._results.put(error)
+            self._give(error)
 
     def _carry_out(self, tasks: NDArray[np.void]) -> None:
         batch, begun = Batch([], [], [], []), time.monotonic()
@@ -68,10 +73,14 @@ class SimulatorThread:
             while job.go_on():
                 if time.monotonic() - begun > HELD_BACK:
                     job.take(batch)
-                    self._results.put(batch)
+                    self._give(batch)
                     batch, begun = Batch([], [], [], []), time.monotonic()
             job.take(batch)
             if self._watch.stopped:
                 break
         if any(batch):
-            self._results.put(batch)
+            self._give(batch)
+
+    def _give(self, item: Batch | BaseException) -> None:
+        self._results.put(item)
+        self._arrived.set()

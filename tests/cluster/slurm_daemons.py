@@ -111,7 +111,7 @@ class Slurm:
         """Whether a job will not run any more."""
         return self.state(job) not in ("PENDING", "RUNNING", "COMPLETING", "REQUEUED")
 
-    def wait(self, condition, complaint, seconds=120.0):
+    def wait(self, condition, complaint, seconds=400.0):
         """Wait until a condition holds."""
         end = time.monotonic() + seconds
         while not condition():

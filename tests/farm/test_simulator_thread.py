@@ -1,3 +1,4 @@
+import signal
 import threading
 import time
 from collections import deque
@@ -250,3 +251,26 @@ def test_of_a_long_traceback_the_end_travels():
     stored = record["text"].item().decode()
     assert stored.endswith("\nValueError: the end")
     assert set(stored[: -len("\nValueError: the end")]) == {"ä"}
+
+
+def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever():
+    """`queue.SimpleQueue.get` waits for ever if it is away for longer than its timeout just then.
+
+    Here timer signals take it away, on a busy machine other processes do.
+    """
+    thread, end = SimulatorThread(Fake()), time.monotonic() + 60.0
+
+    def interrupt(number, frame):
+        assert time.monotonic() < end, "waits for ever"
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 1e-4, 1e-4)
+    try:
+        for _ in range(20_000):
+            thread.put(some(1))
+            while thread.take(1e-6) is None:
+                pass
+            assert thread.take(1e-6) is None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
