@@ -13,6 +13,7 @@ def pytest_addoption(parser):
     )
 
 
+@pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in its own
 def pytest_collection_modifyitems(items):
     """With `-n 2 --dist loadgroup` a file stays on one core, and so do all those with ranks."""
     for item in items:
