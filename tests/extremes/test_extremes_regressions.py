@@ -15,7 +15,7 @@ from agglom_mpi.simulation.box import Periodic, Reentry
 from agglom_mpi.simulation.contact import merged_radius
 from agglom_mpi.simulation.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED, OUTCOME
 from agglom_mpi.simulation.particles import BREAKUPS, EXHAUSTED, STEPS
-from agglom_mpi.simulation.placement import place
+from agglom_mpi.simulation.placement import EqualSizes, place
 from agglom_mpi.simulation.sample import random_stream, simulate_scene
 from agglom_mpi.simulation.scene import EventDriven, build_scene
 
@@ -232,8 +232,8 @@ def test_cooling_by_steps_that_are_too_long_closes_its_ledger():
 
 
 @kernel
-def place_all(random, escape, position, diameter, half_width):
-    return place(random, escape, position, diameter, half_width)
+def place_all(random, escape, position, sizes, half_width):
+    return place(random, escape, position, sizes, half_width)
 
 
 @pytest.mark.parametrize("escape", [Periodic(), Reentry()])
@@ -243,7 +243,8 @@ def test_a_place_is_found_for_all_up_to_the_largest_size_ratio(count, escape):
     diameter = 2.0 * 0.8986 / count ** (1.0 / 3.0)
     for seed in range(5):
         position = np.full((3, count), np.nan)
-        assert place_all(np.random.default_rng(seed), escape, position, diameter, 1.0)
+        sizes = EqualSizes(diameter)
+        assert place_all(np.random.default_rng(seed), escape, position, sizes, 1.0)
         assert np.all(np.abs(position) <= 1.0)
         low, high = np.triu_indices(count, 1)
         away = position[:, high] - position[:, low]
