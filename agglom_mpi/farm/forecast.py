@@ -51,6 +51,11 @@ class Forecast(NamedTuple):
         return self.bound / self.seconds
 
     @property
+    def needed(self) -> float:
+        """Share of the ranks' time that goes into samples which decisions rest on."""
+        return self.work / (self.seconds * self.ranks)
+
+    @property
     def wasted(self) -> float:
         """Share of the samples that no decision rests on."""
         return 1.0 - self.used / self.simulated

@@ -1,7 +1,8 @@
 """How long a campaign would take on so many ranks: what `agglom plan` finds out."""
 
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -17,6 +18,18 @@ from agglom_mpi.farm.virtual import Costs, TooManySamples, VirtualCluster, Workl
 from agglom_mpi.farm.work import CampaignWork, Work
 from agglom_mpi.search import Batch, Inversion
 from agglom_mpi.simulation.outcome import FAILED
+
+WELL_USED: Final = 0.5
+"""Share of the ranks' time that has to go into needed samples for so many ranks to be advised."""
+
+MARGIN: Final = 2.0
+"""Times that is asked for a forecast one: other strings than random ones take longer or shorter."""
+
+START_SECONDS: Final = 300.0
+"""Time to start, to compile kernels and to stop before the walltime, s."""
+
+ROUND_SECONDS: Final = 300.0
+"""Walltimes are multiples of this, s."""
 
 
 class Options(NamedTuple):
@@ -50,10 +63,18 @@ class Saturation(NamedTuple):
     mean_seconds: float
 
 
+class Advice(NamedTuple):
+    """What to ask a batch system for: number of ranks, and time in s."""
+
+    ranks: int
+    walltime: float
+
+
 class Plan(NamedTuple):
     """Forecasts of a campaign; `refused` are numbers of ranks that would take too many samples."""
 
     campaign: Campaign
+    path: str
     basis: Basis
     costs: Costs
     forecasts: list[Forecast]
@@ -66,6 +87,17 @@ class Plan(NamedTuple):
             return None
         last = self.forecasts[-1]
         return saturation(last.work / last.used, self.costs)
+
+    @property
+    def advice(self) -> Advice | None:
+        """The most ranks that are still well used, else the fewest; None without a forecast."""
+        if not self.forecasts:
+            return None
+        fewest = min(self.forecasts, key=lambda f: f.ranks)
+        used = [f for f in self.forecasts if f.needed >= WELL_USED]
+        best = max(used, key=lambda f: f.ranks, default=fewest)
+        seconds = MARGIN * (best.seconds + best.again) + START_SECONDS
+        return Advice(best.ranks, ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS))
 
 
 def saturation(mean_seconds: float, costs: Costs) -> Saturation:
@@ -109,7 +141,7 @@ def forecasts(
     """Let the campaign run on every number of ranks that was asked for."""
     work = CampaignWork(campaign, strings_to_begin_with(campaign))
     rehearsal, costs = Rehearsal(recorded, campaign), Costs()
-    made = Plan(campaign, basis(recorded, options.source), costs, [], [])
+    made = Plan(campaign, options.campaign, basis(recorded, options.source), costs, [], [])
     for ranks in options.ranks:
         tell(f"forecasting {ranks} ranks")
         cluster = VirtualCluster(

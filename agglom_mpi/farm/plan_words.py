@@ -1,29 +1,31 @@
 """What `agglom plan` says: forecasts as a table or as JSON."""
 
 import json
+from shlex import quote
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from agglom_mpi.farm.plan import Plan
+from agglom_mpi.farm.plan import WELL_USED, Plan
 from agglom_mpi.farm.rehearsal import LEAST_SAMPLES
 from agglom_mpi.farm.virtual import MOST_SIMULATED
 from agglom_mpi.report.numbers import forecast_time
 
 MEANINGS = (
-    "busy: share of the ranks' time in which they simulate; wasted: share of the samples that are\n"
-    "simulated before it is known that they are not needed. best possible: no order of work could\n"
-    "beat it; reached: share of that speed. limit, what takes longest: work, all that is needed,\n"
-    "evenly spread; chain, generations that each wait for their longest sample; rank 0, messages."
+    "busy: share of the ranks' time in which they simulate; wasted: share of the\n"
+    "samples that are simulated before it is known that they are not needed.\n"
+    "at best: no order of work could beat it; reached: share of that speed.\n"
+    "limit, what takes longest: work, all that is needed, evenly spread; chain,\n"
+    "generations that each wait for their longest sample; rank 0, messages."
 )
 
-AGAIN = "again: when the search is over, to estimate the best strings again on fresh samples."
+AGAIN = "again: at the end, to estimate the best strings on fresh samples."
 
 
 def as_text(plan: Plan) -> str:
     """JSON of a plan; all times in s."""
-    properties = ("bound", "reached", "wasted", "limit")
+    properties = ("bound", "reached", "needed", "wasted", "limit")
     made = [
         forecast._asdict() | {name: getattr(forecast, name) for name in properties}
         for forecast in plan.forecasts
@@ -37,14 +39,15 @@ def as_text(plan: Plan) -> str:
         "forecasts": made,
         "not_forecast": plan.refused,
         "saturation": plan.saturation and plan.saturation._asdict(),
+        "advice": plan.advice and plan.advice._asdict(),
     }
     return json.dumps(said, indent=2)
 
 
 def in_words(plan: Plan) -> RenderableType:
     """Table of the forecasts, with what they rest on and what they mean."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for name in ("ranks", "time", "busy", "simulated", "used", "wasted", "best possible"):
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for name in ("ranks", "time", "busy", "simulated", "used", "wasted", "at best"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("reached", justify="right", no_wrap=True)
     table.add_column("limit", no_wrap=True)
@@ -97,8 +100,19 @@ def _footer(plan: Plan) -> list[str]:
     if (full := plan.saturation) is not None:
         lines.append(
             f"rank 0 is saturated near {max(1.0, full.ranks):.0f} ranks: it serves "
-            f"{full.samples_per_second:.0f} samples/s, and one takes "
-            f"{forecast_time(full.mean_seconds)} on average"
+            f"{full.samples_per_second:.0f} samples/s of {forecast_time(full.mean_seconds)}"
         )
     again = any(f.again for f in plan.forecasts)
-    return [*lines, MEANINGS, *([AGAIN] if again else [])]
+    return [*lines, MEANINGS, *([AGAIN] if again else []), *_advice(plan)]
+
+
+def _advice(plan: Plan) -> list[str]:
+    """How to submit it to a batch system."""
+    if (advice := plan.advice) is None:
+        return []
+    minutes = round(advice.walltime / 60.0)
+    wall = f"{minutes // 60:02d}:{minutes % 60:02d}:00"
+    return [
+        f"for the most ranks that spend {WELL_USED:.0%} of their time or more on needed samples:",
+        f"  sbatch --ntasks={advice.ranks} --time={wall} slurm/campaign.sbatch {quote(plan.path)}",
+    ]

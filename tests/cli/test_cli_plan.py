@@ -44,9 +44,20 @@ def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
     assert one["again"] / 4 <= four["again"] <= one["again"] / 4 + mean.max()
     done = agglom(*words).stdout.splitlines()
     assert done[3].endswith("+ again")
-    assert done[-1].startswith("again: when the search is over")
+    assert any(line.startswith("again: at the end") for line in done)
+    assert len(max(done[3:-1], key=len)) < 80
     bare = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1").stdout
     assert "again" not in bare
+
+
+def test_a_plan_ends_with_the_command_that_submits_it(agglom):
+    words = ("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4")
+    advice = json.loads(agglom(*words, "--json").stdout)["advice"]
+    last = agglom(*words).stdout.splitlines()[-1].split()
+    assert last[-2:] == ["slurm/campaign.sbatch", "tiny.yaml"]
+    assert last[:2] == ["sbatch", f"--ntasks={advice['ranks']}"]
+    minutes, hours = last[2].removeprefix("--time=").split(":")[1::-1]
+    assert 3600 * int(hours) + 60 * int(minutes) == advice["walltime"]
 
 
 @pytest.mark.parametrize("ranks", ["", "0", "1,,2", "ten", "1.5", "-1", "1;2", "2000000"])

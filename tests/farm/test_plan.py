@@ -1,0 +1,35 @@
+import pytest
+
+from agglom_mpi.farm.forecast import Forecast
+from agglom_mpi.farm.plan import Plan
+from agglom_mpi.farm.virtual import Costs
+
+
+def planned(*forecasts):
+    return Plan(None, "a.yaml", None, Costs(), list(forecasts), [])
+
+
+def forecast(ranks, seconds, work=100.0, again=0.0):
+    return Forecast(ranks, seconds, 1.0, 10, 10, work, 1.0, 0.0, again)
+
+
+def test_the_most_ranks_that_are_well_used_are_advised():
+    plan = planned(forecast(1, 100.0), forecast(4, 30.0), forecast(8, 25.0), forecast(16, 15.0))
+    assert [f.needed for f in plan.forecasts] == pytest.approx([1.0, 0.83, 0.5, 0.42], abs=0.004)
+    assert plan.advice.ranks == 8
+    backwards = planned(*plan.forecasts[::-1])
+    assert backwards.advice == plan.advice
+
+
+def test_the_fewest_ranks_are_advised_if_none_are_well_used():
+    assert planned(forecast(64, 20.0), forecast(16, 19.0)).advice.ranks == 16
+
+
+def test_the_walltime_is_twice_the_forecast_and_a_start_in_whole_five_minutes():
+    assert planned(forecast(1, 100.0)).advice.walltime == 600.0
+    assert planned(forecast(1, 140.0, 140.0, again=20.0)).advice.walltime == 900.0
+    assert planned(forecast(1, 36_000.0, 36_000.0)).advice.walltime == 72_300.0
+
+
+def test_nothing_is_advised_without_a_forecast():
+    assert planned().advice is None
