@@ -1,4 +1,4 @@
-"""Mean growth over speed and size ratio, the line where it is one half, and what the search found."""
+"""Mean growth over speed and size ratio, the line of growth by half, and what the search found."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -24,7 +24,8 @@ figure.colorbar(filled, label="mean $b/b_0$")
 line = ax.contour(speeds, ratios, grown, [1.5], colors="white")
 ax.clabel(line, fmt="%.1f")
 best = file.best(6)
-ax.plot(best["relative_speed"], best["size_ratio"], "o", color="tab:red", mec="white", label="found")
+found = best["relative_speed"], best["size_ratio"]
+ax.plot(*found, "o", color="tab:red", markeredgecolor="white", label="found")
 ax.set(xscale="log", xlabel="relative speed (m/s)", ylabel="size ratio")
 ax.set_xticks([1, 3, 10, 30], ["1", "3", "10", "30"])
 ax.legend(loc="lower left")
