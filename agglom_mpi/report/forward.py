@@ -18,7 +18,8 @@ from agglom_mpi.report.recorded import (
     recorded_sample,
 )
 from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.sample import LEDGER, Outcome
+from agglom_mpi.simulation.outcome import LEDGER
+from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
