@@ -2,7 +2,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from agglom_mpi.cli import _seconds, invert_command, main
+from agglom_mpi.cli import main
+from agglom_mpi.cli.inversion import invert_command
+from agglom_mpi.cli.options import read_duration
 
 
 @pytest.mark.parametrize(
@@ -23,11 +25,11 @@ from agglom_mpi.cli import _seconds, invert_command, main
     ],
 )
 def test_a_walltime_is_read(text, seconds):
-    assert _seconds(None, None, text) == seconds
+    assert read_duration(None, None, text) == seconds
 
 
 def test_no_walltime_is_none():
-    assert _seconds(None, None, None) is None
+    assert read_duration(None, None, None) is None
 
 
 @pytest.mark.parametrize(
@@ -36,7 +38,7 @@ def test_no_walltime_is_none():
 )
 def test_nonsense_is_no_walltime(text):
     with pytest.raises(click.BadParameter, match=r"is no duration; allowed: 90, 90s, 30m"):
-        _seconds(None, None, text)
+        read_duration(None, None, text)
 
 
 COMMANDS = [(invert_command, []), *((main, [name]) for name in sorted(main.commands))]
@@ -49,6 +51,13 @@ def test_the_help_of_every_command_has_an_example_that_it_understands(command, w
     _, found, example = result.stdout.partition("Example")
     assert found
     assert " ".join(["agglom", *words] if words else ["agglom-invert"]) in example
+
+
+@pytest.mark.parametrize("name", sorted(main.commands))
+def test_the_list_of_commands_says_what_the_help_of_each_begins_with(name):
+    _, command, _ = main.resolve_command(click.Context(main), [name])
+    assert command.name == name
+    assert main.commands[name].help == command.help.partition("\n")[0]
 
 
 def test_the_version_is_the_packages():
