@@ -4,6 +4,7 @@ import click
 
 from agglom_mpi.cli.launch import exits
 from agglom_mpi.cli.options import examples
+from agglom_mpi.database.signature import is_hdf5
 
 
 @click.command(
@@ -18,7 +19,7 @@ def check(file: str) -> int:
     numbers agree, and the search decides again from the samples what it decided. Exit codes of
     that: 0 sound, 1 damaged, 2 no campaign file or one of a newer version.
     """
-    if _is_hdf5(file):
+    if is_hdf5(file):
         from agglom_mpi.farm.check import check_file
 
         text, code = check_file(file)
@@ -33,14 +34,3 @@ def check(file: str) -> int:
         loaded.check_searchable()
     click.echo(loaded.describe())
     return 0
-
-
-def _is_hdf5(path: str) -> bool:
-    """Whether a path is to be read as HDF5: by what the file begins with, or by its name."""
-    if path.endswith(".h5"):
-        return True
-    try:
-        with open(path, "rb") as file:
-            return file.read(8) == b"\x89HDF\r\n\x1a\n"
-    except OSError:
-        return False
