@@ -7,6 +7,7 @@ import click
 
 from agglom_mpi import __version__
 from agglom_mpi.cli.launch import launch
+from agglom_mpi.cli.options import examples
 
 COMMANDS: Final = {
     "accuracy": "Measure error against run time, and write a report with figures and tables.",
@@ -39,6 +40,11 @@ class _Commands(click.Group):
     "agglom",
     cls=_Commands,
     commands=[click.Command(name, help=line) for name, line in COMMANDS.items()],
+    epilog=examples(
+        "agglom check jobs/quickstart.yaml",
+        "agglom-invert jobs/quickstart.yaml",
+        "agglom report quickstart.h5",
+    ),
     context_settings={"max_content_width": 100},
 )
 @click.version_option(__version__)

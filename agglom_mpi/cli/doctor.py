@@ -9,7 +9,7 @@ from agglom_mpi.cli.options import examples
 from agglom_mpi.exit_codes import FAILURE
 
 
-@click.command(epilog=examples("agglom doctor", "agglom doctor /scratch/me"))
+@click.command(epilog=examples("agglom doctor", "agglom doctor /tmp"))
 @click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default="."
 )

@@ -10,8 +10,9 @@ PATH: Final = click.Path(path_type=Path)
 
 
 def examples(*commands: str) -> str:
-    """Return what the help of a command ends with."""
-    return f"Example{'s' if len(commands) > 1 else ''}:  {'   '.join(commands)}"
+    """Return what the help of a command ends with: one a line, to be copied."""
+    heading = "Examples:" if len(commands) > 1 else "Example:"
+    return "\n  ".join([f"\b\n{heading}", *commands])  # \b: click does not wrap what follows
 
 
 def read_duration(

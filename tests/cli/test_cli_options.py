@@ -1,3 +1,6 @@
+import shlex
+from pathlib import Path
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -5,6 +8,8 @@ from click.testing import CliRunner
 from agglom_mpi.cli import main
 from agglom_mpi.cli.inversion import invert_command
 from agglom_mpi.cli.options import read_duration
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(
@@ -41,16 +46,35 @@ def test_nonsense_is_no_walltime(text):
         read_duration(None, None, text)
 
 
-COMMANDS = [(invert_command, []), *((main, [name]) for name in sorted(main.commands))]
+COMMANDS = [
+    (invert_command, []),
+    (main, []),
+    *((main, [name]) for name in sorted(main.commands)),
+]
+
+
+def understand(line):
+    """Read an example as its command does, which runs nothing."""
+    program, *words = shlex.split(line.removeprefix("mpirun -n 2 "))
+    for word in words:
+        assert not word.startswith("jobs/") or (ROOT / word).is_file(), word
+    if program == invert_command.name:
+        return invert_command.make_context(program, words)
+    assert program == main.name
+    name, command, words = main.resolve_command(click.Context(main), words)
+    return command.make_context(name, words)
 
 
 @pytest.mark.parametrize(("command", "words"), COMMANDS, ids=lambda item: str(item))
-def test_the_help_of_every_command_has_an_example_that_it_understands(command, words):
+def test_the_help_of_every_command_ends_with_examples_that_it_understands(command, words):
     result = CliRunner().invoke(command, [*words, "--help"])
     assert result.exit_code == 0
-    _, found, example = result.stdout.partition("Example")
-    assert found
-    assert " ".join(["agglom", *words] if words else ["agglom-invert"]) in example
+    heading, *lines = result.stdout.rpartition("\n\n")[2].splitlines()
+    assert heading == ("  Examples:" if len(lines) > 1 else "  Example:")
+    assert lines
+    for line in lines:
+        understand(line.strip())
+        assert " ".join(["agglom", *words]) in line
 
 
 @pytest.mark.parametrize("name", sorted(main.commands))
