@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.database.signature import is_hdf5
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.report.recorded import (
     is_same,
@@ -53,7 +54,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
 
         check_room(request.out)
         request = request._replace(sample=request.sample or 0)
-    if request.source.suffix in (".yaml", ".yml"):
+    if not is_hdf5(request.source):
         if request.string is not None:
             message = "needs a campaign file FILE.h5, not a YAML file"
             raise mistaken(request.source, "--string", message)
