@@ -1,7 +1,6 @@
-"""What strings are worth on fresh samples, which no decision has seen, and their order by that."""
+"""What strings are worth on fresh samples, which no decision has seen."""
 
 import math
-from collections.abc import Iterable, Mapping
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,6 +28,8 @@ class Estimate(NamedTuple):
         95 % interval of the objective, Student's t; nan below two samples.
     samples, failed
         Fresh samples, failed ones included, and those that failed: they are left out of the mean.
+    mean_radius_ratio
+        Mean b/b⁰ of the fresh samples that were completed.
     searched_objective, searched_standard_error
         The search's own, of the samples that it was chosen by, hence biased low.
     """
@@ -40,6 +41,7 @@ class Estimate(NamedTuple):
     upper: float
     samples: int
     failed: int
+    mean_radius_ratio: float
     searched_objective: float
     searched_standard_error: float
 
@@ -96,7 +98,8 @@ def estimate(result: np.void, rows: np.ndarray, late: int, law: "Objective") -> 
         value = math.inf
     own = float(result["objective"]), float(result["standard_error"])
     ends = interval(value, error, len(completed), law.least)
-    return Estimate(int(result["string"]), value, error, *ends, samples, failed, *own)
+    grown = float(completed["mean_radius_ratio"].mean()) if len(completed) else math.nan
+    return Estimate(int(result["string"]), value, error, *ends, samples, failed, grown, *own)
 
 
 def objective_of(file: "CampaignFile") -> "Objective":
@@ -114,47 +117,3 @@ def objective_of(file: "CampaignFile") -> "Objective":
             case ["objective", entry]:
                 setattr(model, entry, value)
     return make_objective(model, int(identity["scene.particles"]))  # type: ignore[arg-type]
-
-
-def ranks_itself(identity: Mapping[str, object]) -> bool:
-    """Tell whether a search knows better than the objectives of all strings which are the best.
-
-    That is by a model of all samples, or as parents got more samples under other numbers.
-    """
-    return identity.get("search.method") == "surrogate" or "search.more_samples" in identity
-
-
-def own_order(file: "CampaignFile", results: np.ndarray) -> list[int]:
-    """Order judged strings, rows of `/results`, as the search has them, the best first.
-
-    That is by their objectives, but the last ranks of a search come first that knows better.
-    """
-    order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
-    if not ranks_itself(file.identity):
-        return order
-    generations, judged = file.generation_rows(), set(order)
-    ranked = generations["population"][-1].tolist() if len(generations) else []
-    ranked = [string for string in ranked if string in judged]
-    return [*ranked, *(string for string in order if string not in set(ranked))]
-
-
-def ranking(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
-    """Order judged strings, the best first; those without a finite objective come last.
-
-    Own objectives are too low for those that were lucky, so they are not compared with estimates:
-    strings that were estimated again come in the order of that, and all others after them as the
-    search has them. But where the search has gone on and the string that it likes best was not
-    estimated yet, the order is the search's own.
-
-    Parameters
-    ----------
-    own
-        All of them, in the search's own order.
-    estimates
-        Of some of them.
-    """
-    again = {estimate.string: estimate.objective for estimate in estimates}
-    if not own or own[0] not in again:
-        return own
-    first = sorted((string for string in own if string in again), key=lambda i: (again[i], i))
-    return [*first, *(string for string in own if string not in again)]

@@ -11,8 +11,9 @@ import numpy as np
 from agglom_mpi.database import dataframes
 from agglom_mpi.database.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.database.bulk import final_of, frames_of
-from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.estimates import estimates_in
 from agglom_mpi.database.plots import Plots
+from agglom_mpi.database.ranking import own_order, ranking
 from agglom_mpi.database.schema import INVERSION, fresh_from
 from agglom_mpi.database.table import Believed, Rows, Table, joined
 from agglom_mpi.simulation.outcome import FinalParticles

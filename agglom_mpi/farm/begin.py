@@ -10,7 +10,7 @@ from agglom_mpi.campaign.search import EarlierCampaign
 from agglom_mpi.campaign.source import Problem, parse
 from agglom_mpi.database.access import NotACampaign
 from agglom_mpi.database.contents import given_rows, named, strings_of
-from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.ranking import ranked
 from agglom_mpi.database.reader import open_campaign, open_inversion
 
 
@@ -53,14 +53,11 @@ def strings_to_begin_with(campaign: Campaign, output: Path | None = None) -> NDA
 def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
     """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
     file = open_inversion(start.file)
-    results, strings = file.result_rows(), file.string_rows()
-    known = np.isin(results["string"], strings["string"])  # a damaged row is absent
-    finite = results[known & np.isfinite(results["objective"])]
-    again = [e for e in estimates_in(file, file.all_sample_rows()) if e.string in finite["string"]]
-    ranked = ranking(own_order(file, finite), again)
-    if len(ranked) < start.strings:
-        raise ValueError(f"has {len(ranked)} judged strings; {start.strings} are asked for")
-    return strings_of(strings[np.searchsorted(strings["string"], ranked[: start.strings])])
+    strings = file.string_rows()
+    order = ranked(file, file.result_rows(), strings, file.all_sample_rows()).order
+    if len(order) < start.strings:
+        raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
+    return strings_of(strings[np.searchsorted(strings["string"], order[: start.strings])])
 
 
 def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:

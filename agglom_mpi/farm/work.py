@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import Engine
-from agglom_mpi.database.estimates import ranks_itself
+from agglom_mpi.database.ranking import ranks_itself
 from agglom_mpi.database.schema import INVERSION
 from agglom_mpi.search import (
     Batch,

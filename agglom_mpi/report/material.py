@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglom_mpi.database.estimates import (
-    Estimate,
-    estimates_in,
-    objective_of,
-    own_order,
-    ranking,
-)
+from agglom_mpi.database.estimates import Estimate, objective_of
+from agglom_mpi.database.ranking import Ranked, ranked
 from agglom_mpi.database.reader import CampaignFile, Status
 from agglom_mpi.search.stopping import Rule, make_rule
 from agglom_mpi.search.student import t_95
@@ -81,28 +76,28 @@ class Material:
         return make_rule(SimpleNamespace(**entries))  # type: ignore[arg-type]
 
     @cached_property
+    def _ranked(self) -> Ranked:
+        return ranked(self.file, self.results, self.strings, self.samples)
+
+    @property
     def estimates(self) -> list[Estimate]:
         """Strings that were estimated again on fresh samples, in order of rank."""
-        return [e for e in estimates_in(self.file, self.samples) if e.string in self.result_of]
+        return self._ranked.estimates
 
-    @cached_property
+    @property
     def result_of(self) -> dict[int, np.void]:
         """Judgements with a finite objective of strings that are there, by string."""
-        known = np.isin(self.results["string"], self.strings["string"])
-        rows = self.results[known & np.isfinite(self.results["objective"])]
-        return {int(row["string"]): row for row in rows}
+        return self._ranked.results
 
     @cached_property
     def string_of(self) -> dict[int, np.void]:
         """Parameter strings by number."""
         return {int(row["string"]): row for row in self.strings}
 
-    @cached_property
+    @property
     def best(self) -> list[int]:
         """Strings that were judged, the best first; by re-estimates where there are any."""
-        rows = [self.result_of[string] for string in sorted(self.result_of)]
-        finite = np.array(rows, self.results.dtype)
-        return ranking(own_order(self.file, finite), self.estimates)
+        return self._ranked.order
 
     def judged(self, string: int | None) -> int | None:
         """Return a string that is judged, the best one for None; None if there is none at all.

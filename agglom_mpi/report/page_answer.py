@@ -43,6 +43,7 @@ def best_strings(material: Material) -> str:
             _row("on fresh samples", known, lambda e: with_error(e.objective, e.standard_error)),
             _row("95 % from", known, lambda e: f"{e.lower:.4f}"),
             _row("95 % to", known, lambda e: f"{e.upper:.4f}"),
+            _row("mean b/b0 (1)", known, lambda e: f"{e.mean_radius_ratio:.4g}"),
             _row("fresh samples", known, lambda e: str(e.samples)),
         ]
     headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]

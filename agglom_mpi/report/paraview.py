@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from agglom_mpi.database.estimates import estimates_in, own_order, ranking
+from agglom_mpi.database.ranking import ranked
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.recorded import (
     is_same,
@@ -73,7 +73,7 @@ def chosen(file: CampaignFile, choice: Choice) -> list[Shown]:
 
 
 def _best(file: CampaignFile) -> int:
-    order = ranking(own_order(file, file.result_rows()), estimates_in(file, file.all_sample_rows()))
+    order = ranked(file, file.result_rows(), file.string_rows(), file.all_sample_rows()).order
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]

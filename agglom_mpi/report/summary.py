@@ -11,7 +11,8 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from agglom_mpi.database.dataframes import processor_seconds
-from agglom_mpi.database.estimates import Estimate, estimates_in, own_order, ranking
+from agglom_mpi.database.estimates import Estimate
+from agglom_mpi.database.ranking import ranked
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.finalists import Verdict, in_words, verdict
 from agglom_mpi.report.numbers import duration
@@ -20,7 +21,15 @@ from agglom_mpi.variables import NAMES, VARIABLES
 
 _WIDE: Final = 10_000
 
-REESTIMATED: Final = ("objective", "standard_error", "lower", "upper", "samples", "failed")
+REESTIMATED: Final = (
+    "objective",
+    "standard_error",
+    "lower",
+    "upper",
+    "samples",
+    "failed",
+    "mean_radius_ratio",
+)
 """What is told of an `Estimate`."""
 
 
@@ -52,13 +61,10 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
     """
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
-    parameters = {int(row["string"]): row for row in file.string_rows()}
-    known = np.isin(results["string"], list(parameters))  # a damaged row is absent
-    finite = results[known & np.isfinite(results["objective"])]
-    rows = {int(row["string"]): row for row in finite}
-    estimates = [estimate for estimate in estimates_in(file, samples) if estimate.string in rows]
+    strings = file.string_rows()
+    parameters = {int(row["string"]): row for row in strings}
+    rows, estimates, order = ranked(file, results, strings, samples)
     again = {estimate.string: estimate for estimate in estimates}
-    order = ranking(own_order(file, finite), estimates)
     fresh = int((samples["sample"] >= file.fresh_from).sum())
     cost = processor_seconds(samples, max(parameters, default=-1) + 1)
     generations = file.generation_rows()
@@ -152,7 +158,7 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
     if again:
         _add_estimates(table, best)
     for name, label, style in (
-        ("mean_radius_ratio", "mean b/b0", ".4g"),
+        ("mean_radius_ratio", f"mean b/b0{', as searched' if again else ''}", ".4g"),
         ("growth_number", "(mean b/b0)^3", ".4g"),
         ("mean_grains", "grains per particle", ".4g"),
         ("samples", "samples", "d"),
@@ -171,6 +177,7 @@ def _add_estimates(table: Table, best: list[dict[str, Any]]) -> None:
         ("objective", "re-estimate", ".4f"),
         ("lower", "95 % from", ".4f"),
         ("upper", "95 % to", ".4f"),
+        ("mean_radius_ratio", "mean b/b0", ".4g"),
         ("samples", "fresh samples", "d"),
     ):
         values = [entry["reestimate"] and entry["reestimate"][name] for entry in best]

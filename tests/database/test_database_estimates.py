@@ -7,7 +7,8 @@ import pytest
 from database_helpers import make, put_result, put_strings, sample_rows
 from scipy import stats
 
-from agglom_mpi.database.estimates import interval, objective_of, ranking
+from agglom_mpi.database.estimates import interval, objective_of
+from agglom_mpi.database.ranking import ranking
 from agglom_mpi.database.reader import open_campaign
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
@@ -126,6 +127,10 @@ def test_estimates_are_of_fresh_samples_alone_in_order_of_rank(path):
     table = file.estimates
     assert table["string"].tolist() == [2, 1, 0]
     assert table["samples"].tolist() == [FRESH] * 3
+    middle = 0.01 * (FRESH - 1)
+    assert table["mean_radius_ratio"].tolist() == pytest.approx(
+        [2.0 + middle, 2.2 + middle, 1.3 + middle]
+    )
     deviations = (2.0 + 0.02 * np.arange(FRESH)) / 2.0 - 1.0
     error = deviations.std(ddof=1) / math.sqrt(FRESH)
     best = table.iloc[0]

@@ -10,7 +10,7 @@ from agglom_mpi.report.finalists import in_words, verdict
 
 def estimate(string, objective, error=0.01, own=0.2, samples=100):
     lower, upper = objective - 2 * error, objective + 2 * error
-    return Estimate(string, objective, error, lower, upper, samples, 0, own, 0.02)
+    return Estimate(string, objective, error, lower, upper, samples, 0, 2.0, own, 0.02)
 
 
 def said(estimates, shown, estimated=None):

@@ -81,7 +81,7 @@ def test_the_error_of_the_average_counts_what_strings_have_in_common():
     errors = [law.of_rows(rows_of(row))[1] for row in ratios]
     assert average.error > 1.5 * np.linalg.norm(errors) / 4
     found = [
-        Estimate(i, *law.of_rows(rows_of(row)), 0.0, 1.0, 100, 0, 0.2, 0.02)
+        Estimate(i, *law.of_rows(rows_of(row)), 0.0, 1.0, 100, 0, 2.0, 0.2, 0.02)
         for i, row in enumerate(ratios)
     ]
     assert verdict(found, Paired(samples)).standard_error == average.error
