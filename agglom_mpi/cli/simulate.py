@@ -11,7 +11,7 @@ from agglom_mpi.cli.options import ALLOW_CODE, JSON, PATH, SETTINGS, examples
 @click.command(
     epilog=examples(
         "agglom simulate jobs/accretion_2003.yaml --set density=6000 --samples 100",
-        "agglom simulate accretion_2003.h5 --string 42 --sample 17",
+        "agglom simulate accretion_2003.h5 --string 107 --sample 3",
         "agglom simulate jobs/accretion_2003.yaml --frames 100 --out run",
     )
 )
