@@ -102,7 +102,8 @@ sample_dtype: Final = SAMPLES.dtype
 
 FAILURES: Final = Layout(
     "failures",
-    "exceptions of failed samples; when the table is full the last row is overwritten",
+    "exceptions of failed samples; when the table is full the last row is overwritten, unless that "
+    "sample took too long",
     "row = order of arrival",
     (
         Field("string", "i8", "", "number of the string"),

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from agglom_mpi.database.access import NotACampaign, open_file
 from agglom_mpi.database.samples import SampleWriter, sync_descriptor
-from agglom_mpi.database.schema import CAMPAIGN_STATES, VERSIONS
+from agglom_mpi.database.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
 from agglom_mpi.database.stopwatch import Stopwatch
 from agglom_mpi.database.table import Rows, Table
 from agglom_mpi.variables import NAMES
@@ -182,19 +182,25 @@ class CampaignWriter:
             hit_maximum=hit_maximum,
         )
 
-    def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> None:
-        """Store the exception of a failed sample; of a long text the end, which names the error."""
+    @property
+    def has_room_for_failures(self) -> bool:
+        """Whether no failure needs to be overwritten by the next one."""
         table = self._tables["failures"]
+        return table.end() < table.capacity
+
+    def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> bool:
+        """Store the exception of a failed sample; of a long text the end, which names the error.
+
+        Without room the last one is overwritten. But where that is all there is of a sample that
+        took too long, it stays; say whether this one was stored.
+        """
+        table = self._tables["failures"]
+        place = table.following()
+        if any(row["text"].startswith(TOOK_TOO_LONG.encode()) for row in table.read(place, 1).rows):
+            return False
         end = text.encode()[-table.rows.dtype["text"].itemsize :].decode(errors="ignore")
-        self._put(
-            "failures",
-            table.following(),
-            string=string,
-            sample=sample,
-            rank=rank,
-            host=host,
-            text=end,
-        )
+        self._put("failures", place, string=string, sample=sample, rank=rank, host=host, text=end)
+        return True
 
     def put_generation(
         self,

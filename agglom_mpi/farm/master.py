@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.database.schema import TOOK_TOO_LONG
+from agglom_mpi.database.schema import FAILURE_CAPACITY, TOOK_TOO_LONG
 from agglom_mpi.database.table import unbroken
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
@@ -67,6 +67,8 @@ class Master:
         self._stored = Stored(file)
         self._fresh = file.fresh_from, file.max_samples
         self._failing: set[int] = set()
+        self._told_full = False
+        self._forgotten = False  # whether samples took too long that the file cannot tell of
         self._ticked, self._news = time.monotonic(), True
         self.silent: set[int] = set()
         self.books = Books(writer, self._stored, watcher, work.top, work.room.generations)
@@ -119,11 +121,14 @@ class Master:
         """Why to end before all is done, if there is a reason."""
         if stop.reason:
             return End(STOPPED, "stopped", stop.reason)
-        if self.books.failures >= self._work.max_failures:
+        if self._forgotten or self.books.failures >= self._work.max_failures:
             return self._failed()
         return None
 
     def _failed(self) -> End:
+        if self._forgotten:
+            why = "samples took too long, and the file has no room left to tell of them"
+            return End(FAILURE, "failed", why)
         return End(FAILURE, "failed", f"{self.books.failures} samples failed with errors")
 
     def _carry_out(self, chore: Chore, stop: StopRequest) -> End | None:
@@ -210,7 +215,8 @@ class Master:
             for part in parts:
                 self.books.counted(results[part])
                 first = int(results["sample"][part][0])
-                self.inversion.accept(piece.string, first, outcomes[part])
+                if not self._forgotten:
+                    self.inversion.accept(piece.string, first, outcomes[part])
                 self._count_failures(results[part])
             self._scheduler.judged(piece.string)
 
@@ -219,7 +225,8 @@ class Master:
         for _, parts in first_returns(self.reestimation.errands, rank, results):
             for part in parts:
                 self.books.estimated(results[part])
-                self.reestimation.take(results[part])
+                if not self._forgotten:
+                    self.reestimation.take(results[part])
                 self._count_failures(results[part])
 
     def _count_failures(self, rows: NDArray[np.void]) -> None:
@@ -238,7 +245,8 @@ class Master:
 
     def _report_exception(self, failure) -> None:  # type: ignore[no-untyped-def]
         host, text = failure["host"].decode(), failure["text"].decode()
-        self._writer.put_failure(
+        room = self._writer.has_room_for_failures
+        kept = self._writer.put_failure(
             int(failure["string"]),
             int(failure["sample"]),
             rank=int(failure["rank"]),
@@ -250,6 +258,13 @@ class Master:
             f"rank {failure['rank']} on {host}: string {failure['string']} sample "
             f"{failure['sample']} {says}"
         )
+        if not (room or self._told_full):
+            self._told_full = True
+            self._watcher.error(
+                f"{self._writer.path}: has room for {FAILURE_CAPACITY} failures; "
+                "more texts are lost"
+            )
+        self._forgotten |= not kept and text.startswith(TOOK_TOO_LONG)
 
     @property
     def finished_because(self) -> str:

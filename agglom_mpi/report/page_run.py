@@ -8,6 +8,7 @@ import numpy as np
 
 from agglom_mpi.campaign import CampaignError
 from agglom_mpi.campaign.describe import sections
+from agglom_mpi.database.schema import FAILURE_CAPACITY
 from agglom_mpi.database.timeouts import timed_out
 from agglom_mpi.report.html import folded, listed, paragraph, table
 from agglom_mpi.report.material import Material
@@ -125,8 +126,9 @@ def failures(material: Material) -> str:
         lines.append(f"{counted(len(late), 'sample')} without a row: took longer than max_seconds")
     text += listed(lines) + _failing_strings(failed)
     if len(material.failures):
+        full = ", for more there is no room" * (len(material.failures) == FAILURE_CAPACITY)
         text += folded(
-            f"Last {min(SHOWN, len(material.failures))} of {len(material.failures)} texts",
+            f"Last {min(SHOWN, len(material.failures))} of {len(material.failures)} texts{full}",
             "\n\n".join(_failure(row) for row in material.failures[-SHOWN:]),
         )
     return text

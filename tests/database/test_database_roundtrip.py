@@ -17,7 +17,12 @@ from database_helpers import (
 from agglom_mpi.database.access import open_file
 from agglom_mpi.database.buffer import FLUSH_AGE, FLUSH_ROWS
 from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.schema import LEG_CAPACITY, sample_dtype
+from agglom_mpi.database.schema import (
+    FAILURE_CAPACITY,
+    LEG_CAPACITY,
+    TOOK_TOO_LONG,
+    sample_dtype,
+)
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
@@ -124,6 +129,28 @@ def test_a_full_table_of_legs_keeps_its_last_row_current(path, writer):
     legs = open_campaign(path).legs()
     assert index == LEG_CAPACITY - 1
     assert legs["started"][-2:].tolist() == [LEG_CAPACITY - 2, LEG_CAPACITY + 2]
+
+
+def test_a_full_table_of_failures_keeps_its_last_row_current(path, writer):
+    room = []
+    for sample in range(FAILURE_CAPACITY + 3):
+        room.append(writer.has_room_for_failures)
+        assert writer.put_failure(3, sample, rank=1, host="a", text=f"number {sample}")
+    assert room == [True] * FAILURE_CAPACITY + [False] * 3
+    rows = open_campaign(path).failures()
+    assert len(rows) == FAILURE_CAPACITY
+    assert rows["sample"][-2:].tolist() == [FAILURE_CAPACITY - 2, FAILURE_CAPACITY + 2]
+    assert rows["text"][-1] == f"number {FAILURE_CAPACITY + 2}".encode()
+
+
+def test_all_there_is_of_a_sample_that_took_too_long_is_not_overwritten(path, writer):
+    for sample in range(FAILURE_CAPACITY):
+        writer.put_failure(3, sample, rank=1, host="a", text="an exception")
+    late = f"{TOOK_TOO_LONG} 3 s"
+    assert writer.put_failure(4, 0, rank=1, host="a", text=late)
+    assert not writer.put_failure(4, 1, rank=1, host="a", text=late)
+    assert not writer.put_failure(4, 2, rank=1, host="a", text="an exception")
+    assert open_campaign(path).failures()[["string", "sample"]].tolist()[-1] == (4, 0)
 
 
 def test_failures_keep_the_end_of_a_long_text(path, writer):

@@ -201,6 +201,19 @@ def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
     assert_sound(tmp_path / "final.h5")
 
 
+def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
+    write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 4, samples: 4}")
+    full = "import agglom_mpi.database.create as create\ncreate.FAILURE_CAPACITY = 2\n"
+    folder = inject(tmp_path / "inject", SAMPLE_13_RAISES + full)
+    said = finish(tmp_path, "final.yaml", inject=folder).stderr
+    assert said.count("ArithmeticError: injected") == 4
+    assert said.count("failures; more texts are lost") == 1
+    assert len(open_campaign(tmp_path / "final.h5").failures()) == 2
+    rows = fresh_rows(tmp_path / "final.h5")
+    assert (rows["state"] == 2).sum() == 4, "what failed is still in the samples"
+    assert_sound(tmp_path / "final.h5")
+
+
 def test_too_many_fresh_samples_that_raise_end_the_run(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final=FINAL, max_failures=2)
     folder = inject(tmp_path / "inject", SAMPLE_13_RAISES)

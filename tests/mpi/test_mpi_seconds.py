@@ -81,6 +81,28 @@ def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
     assert_sound(tmp_path / "small.h5")
 
 
+ROOM_FOR_ONE = """
+import agglom_mpi.database.create as create
+
+create.FAILURE_CAPACITY = 1
+"""
+
+
+def test_a_run_ends_before_it_judges_by_a_sample_that_the_file_cannot_tell_of(tmp_path):
+    write(tmp_path / "small.yaml", generations=2)
+    hangs = HANGS.replace("{pairs}", str(set(PAIRS)))
+    folder = inject(tmp_path / "inject", hangs + ROOM_FOR_ONE)
+    done = invert(tmp_path, "small.yaml", inject=folder)
+    assert done.returncode == 1
+    why = "samples took too long, and the file has no room left to tell of them"
+    assert state(tmp_path / "small.h5") == ("failed", why)
+    [told] = open_campaign(tmp_path / "small.h5").failures()[["string", "sample"]].tolist()
+    assert told in PAIRS
+    assert_sound(tmp_path / "small.h5")
+    finish(tmp_path, "small.yaml")  # on a machine that has the time
+    assert_sound(tmp_path / "small.h5")
+
+
 def test_without_max_seconds_nothing_is_cut_short(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL | {"generations": 1})
     text = HANGS.replace("{pairs}", "{(0, 1)}").replace("20.0", "1.0")
