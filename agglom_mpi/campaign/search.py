@@ -12,7 +12,7 @@ from agglom_mpi.campaign.variables import read_named
 
 
 class EarlierCampaign(Part):
-    """The best strings of a campaign file."""
+    """The best strings of a campaign file, by re-estimates first where it has some."""
 
     file: Annotated[Line, Field(min_length=1, description="a campaign file")]
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 1

@@ -19,12 +19,14 @@ class Backlog:
         self._written: Counter[int] = Counter()
         self._taken_over: Counter[int] = Counter()
         self._rows: dict[int, deque[NDArray[np.void]]] = {}
+        self._kept: Counter[int] = Counter()  # samples in them
         self._entries: deque[tuple[dict[int, int], Callable[[], None]]] = deque()
 
     def delivered(self, rank: int, rows: NDArray[np.void]) -> None:
         """Take note of samples, (n,), that a rank writes itself."""
         self._delivered[rank] += len(rows)
         self._rows.setdefault(rank, deque()).append(rows)
+        self._kept[rank] += len(rows)
         self._forget_written(rank)
 
     def written(self, rank: int, count: int) -> None:
@@ -41,6 +43,7 @@ class Backlog:
         Whoever calls this writes them, and then calls `taken_over`.
         """
         rows = list(self._rows.pop(rank, ()))
+        self._kept[rank] = 0
         waiting = max(0, self._delivered[rank] - self._written[rank])
         self._taken_over[rank] += waiting
         self._written[rank] += waiting
@@ -53,8 +56,8 @@ class Backlog:
     def _forget_written(self, rank: int) -> None:
         rows = self._rows.get(rank, deque())
         missing = self._delivered[rank] - self._written[rank]
-        while rows and sum(map(len, rows)) - len(rows[0]) >= missing:
-            rows.popleft()
+        while rows and self._kept[rank] - len(rows[0]) >= missing:
+            self._kept[rank] -= len(rows.popleft())
 
     def store(self, action: Callable[[], None]) -> None:
         """Store something after all samples delivered so far, and after what waits already."""

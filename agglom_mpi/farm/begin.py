@@ -9,7 +9,8 @@ from agglom_mpi.campaign import Campaign, CampaignError
 from agglom_mpi.campaign.search import EarlierCampaign
 from agglom_mpi.campaign.source import Problem, parse
 from agglom_mpi.database.access import NotACampaign
-from agglom_mpi.database.contents import given_rows, strings_of
+from agglom_mpi.database.contents import given_rows, named, strings_of
+from agglom_mpi.database.estimates import estimates_in, own_order, ranking
 from agglom_mpi.database.reader import open_campaign, open_inversion
 
 
@@ -26,35 +27,58 @@ def strings_to_begin_with(campaign: Campaign, output: Path | None = None) -> NDA
     Raises
     ------
     CampaignError
-        If the earlier campaign's file is none, cannot be read, or has too few strings.
+        If the earlier campaign's file is none, cannot be read, has too few strings, or is needed
+        for a lost row and has other best strings by now.
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
         return campaign.given_strings()
+    begun = None
     if output is not None and output.exists():
-        begun = strings_of(given_rows(open_campaign(output).string_rows()))
+        begun = given_rows(open_campaign(output).string_rows())
         if len(begun) == start.strings:
-            return begun
+            return strings_of(begun)
     try:
-        best = _best_strings(start)
+        strings = _in_the_box(campaign, _best_strings(start))
+        if begun is not None:
+            _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
         line = parse(campaign.text, campaign.name).line(("search", "start"))
         said = (isinstance(error, OSError) and error.strerror) or str(error)
         message = said if isinstance(error, NotACampaign) else f"{start.file}: {said}"
         raise CampaignError(Problem(campaign.name, line, "search.start", message)) from None
-    strings = np.tile(campaign.parameters(), (start.strings, 1))
+    return strings
+
+
+def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
+    """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
+    file = open_inversion(start.file)
+    results, strings = file.result_rows(), file.string_rows()
+    known = np.isin(results["string"], strings["string"])  # a damaged row is absent
+    finite = results[known & np.isfinite(results["objective"])]
+    again = [e for e in estimates_in(file, file.all_sample_rows()) if e.string in finite["string"]]
+    ranked = ranking(own_order(file, finite), again)
+    if len(ranked) < start.strings:
+        raise ValueError(f"has {len(ranked)} judged strings; {start.strings} are asked for")
+    return strings_of(strings[np.searchsorted(strings["string"], ranked[: start.strings])])
+
+
+def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return strings, (n, 10), with what is searched taken from others, and clipped to the box."""
+    strings = np.tile(campaign.parameters(), (len(best), 1))
     searched = campaign.variables.lower < campaign.variables.upper
     known = searched & np.isfinite(best)
     strings[known] = best[known]
     return np.clip(strings, campaign.variables.lower, campaign.variables.upper)
 
 
-def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
-    """Return the best strings of the last generation of another campaign, shape (n, 10)."""
-    file = open_inversion(start.file)
-    generations, strings = file.generation_rows(), file.string_rows()
-    ranked = generations["population"][-1] if len(generations) else []
-    if len(ranked) < start.strings:
-        raise ValueError(f"has {len(ranked)} ranked strings; {start.strings} are asked for")
-    rows = strings[np.searchsorted(strings["string"], ranked[: start.strings])]
-    return strings_of(rows)
+def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:
+    """Make sure that lost rows of the strings to begin with can be made again.
+
+    The earlier campaign may have gone on since, or have estimated its best again.
+    """
+    if not np.array_equal(strings_of(begun), strings[begun["slot"]], equal_nan=True):
+        lost = named(set(range(len(strings))) - set(begun["slot"].tolist()))
+        raise ValueError(
+            f"has other best strings now than this campaign began with, of which {lost} is lost"
+        )

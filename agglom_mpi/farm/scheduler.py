@@ -5,6 +5,7 @@ Events go in (`returned`, `heard`, `clock`), assignments come out.
 
 import heapq
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -78,6 +79,14 @@ class Needs(Protocol):
         """
 
 
+@dataclass(slots=True)
+class Doubled:
+    """A sample that a rank fell silent with: who still holds it, and whether it was returned."""
+
+    holders: int = 1
+    returned: bool = False
+
+
 class Scheduler:
     """Hand out samples to ranks, those first that are most likely to be needed soonest.
 
@@ -116,7 +125,7 @@ class Scheduler:
         self._queue: list[tuple[float, int]] = []
         self._score: dict[int, float] = {}
         self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
-        self._doubled: dict[tuple[int, int], bool] = {}
+        self._doubled: dict[tuple[int, int], Doubled] = {}  # as long as a rank holds them
         self._pace = Pace()
         self._most_judged = 0
         for string, sample in known:
@@ -152,9 +161,13 @@ class Scheduler:
         fresh = np.ones(piece.size, np.bool_)
         for place in range(piece.size) if self._doubled else ():
             pair = piece.string, piece.first + place
-            if pair in self._doubled:
-                fresh[place] = not self._doubled[pair]
-                self._doubled[pair] = True
+            doubled = self._doubled.get(pair)
+            if doubled is not None:
+                fresh[place] = not doubled.returned
+                doubled.returned = True
+                doubled.holders -= 1
+                if not doubled.holders:
+                    del self._doubled[pair]
         return fresh
 
     def judged(self, string: int) -> None:
@@ -186,7 +199,7 @@ class Scheduler:
         """Let the samples of a silent rank wait for another one, if they are still needed."""
         samples = range(piece.first, piece.first + piece.size)
         for sample in samples:
-            self._doubled.setdefault((piece.string, sample), False)
+            self._doubled.setdefault((piece.string, sample), Doubled())
         if piece.string in self._next:
             lost = self._lost.setdefault(piece.string, [])
             for sample in samples:
@@ -307,9 +320,14 @@ class Scheduler:
     def _first_lost(self, string: int) -> int | None:
         """Sample that a rank fell silent with and that is still missing, the first of a string."""
         lost = self._lost.get(string, [])
-        while lost and self._doubled[string, lost[0]]:
+        while lost and self._is_back(string, lost[0]):
             heapq.heappop(lost)
         return lost[0] if lost else None
+
+    def _is_back(self, string: int, sample: int) -> bool:
+        """Whether a sample that a rank fell silent with was returned."""
+        doubled = self._doubled.get((string, sample))
+        return doubled is None or doubled.returned
 
     def _once_more(self, string: int, room: int) -> Piece:
         """Consecutive samples of ranks that fell silent, each once if several ranks had them."""
@@ -317,10 +335,12 @@ class Scheduler:
         first, count = heapq.heappop(lost), 1
         while lost and lost[0] <= first + count:
             if lost[0] == first + count:
-                if count == room or self._doubled[string, lost[0]]:
+                if count == room or self._is_back(string, lost[0]):
                     break
                 count += 1
             heapq.heappop(lost)
+        for sample in range(first, first + count):
+            self._doubled[string, sample].holders += 1
         return Piece(string, first, count)
 
     def _in_flight(self) -> int:

@@ -13,6 +13,7 @@ from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.radii import Radii
 from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.recorded import is_same
 from agglom_mpi.search.running import PooledMoments
 from agglom_mpi.simulation.outcome import COMPLETED, measured
 from agglom_mpi.simulation.snapshots import Frames
@@ -108,8 +109,7 @@ def _simulated(material: Material, string: int, rows: np.ndarray) -> tuple[list[
     campaign = material.campaign
     parameters, first = material.parameters(string), campaign.first_sample(string)
     outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
-    means = np.array([outcome.mean_radius_ratio for outcome in outcomes])
-    same = means.tobytes() == rows["mean_radius_ratio"].tobytes()
+    same = all(is_same(row, each.record) for row, each in zip(rows, outcomes, strict=True))
     return [outcome.radii for outcome in outcomes], same
 
 

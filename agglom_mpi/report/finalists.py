@@ -1,13 +1,15 @@
 """The best strings estimated again, in words: how biased the search was, and who is really best."""
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from agglom_mpi.database.estimates import Estimate
 from agglom_mpi.report.numbers import with_error
-from agglom_mpi.report.welch import Mean, differ
+from agglom_mpi.report.pairing import Paired
+from agglom_mpi.report.significance import Mean, differ
 
 
 class Verdict(NamedTuple):
@@ -21,6 +23,8 @@ class Verdict(NamedTuple):
         Strings that cannot be told from it at 95 %, in order of rank.
     pairs
         Comparisons that this is corrected for.
+    test
+        How two are compared: by Welch's t, or by the paired t on common configurations.
     optimism, standard_error
         Mean of estimate minus the search's own objective, and its error by the fresh samples;
         above 0 the search believed its luck.
@@ -29,22 +33,40 @@ class Verdict(NamedTuple):
     first: int
     same: list[int]
     pairs: int
+    test: str
     optimism: float
     standard_error: float
 
 
-def verdict(estimates: Sequence[Estimate]) -> Verdict | None:
-    """Compare estimates, in order of rank; None if there is none with an error."""
+def verdict(estimates: Sequence[Estimate], paired: Paired | None = None) -> Verdict | None:
+    """Compare estimates, in order of rank; None if there is none with an error.
+
+    Parameters
+    ----------
+    estimates
+        Of strings.
+    paired
+        The samples behind them if these start from the same random configurations.
+    """
     known = [estimate for estimate in estimates if estimate.known]
     if not known:
         return None
+    places = range(len(known))
     means = [Mean(e.objective, e.standard_error, e.samples - e.failed) for e in known]
-    different = differ(means)
-    same = [e.string for place, e in enumerate(known) if place and (0, place) not in different]
-    count = len(known)
+    if paired is None:
+        different, test = differ(means), "Welch's t"
+        error = float(np.linalg.norm([mean.error for mean in means])) / len(known)
+    else:
+        strings = [estimate.string for estimate in known]
+        differences = {
+            (i, j): paired.difference(strings[i], strings[j]) for i, j in combinations(places, 2)
+        }
+        different, test = differ(means, differences), "paired t on common configurations"
+        error = paired.average().error
+    same = [known[place].string for place in places[1:] if (0, place) not in different]
     optimism = float(np.mean([e.objective - e.searched_objective for e in known]))
-    error = float(np.linalg.norm([e.standard_error for e in known])) / count
-    return Verdict(known[0].string, same, count * (count - 1) // 2, optimism, error)
+    count = len(known) * (len(known) - 1) // 2
+    return Verdict(known[0].string, same, count, test, optimism, error)
 
 
 def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> Iterator[str]:
@@ -74,7 +96,7 @@ def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> I
 
 
 def _comparison(verdict: Verdict, shown: Sequence[int]) -> str:
-    test = f"at 95 % (Welch's t, {verdict.pairs} pair{'s' * (verdict.pairs > 1)}, Holm)"
+    test = f"at 95 % ({verdict.test}, {verdict.pairs} pair{'s' * (verdict.pairs > 1)}, Holm)"
     places = {string: f"#{place}" for place, string in enumerate(shown, 1)}
     first = places.get(verdict.first, f"string {verdict.first}")
     if not verdict.same:

@@ -5,8 +5,6 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.campaign.code import recorded_code
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.database.timeouts import timed_out
 from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
@@ -14,6 +12,7 @@ from agglom_mpi.report.display import Display
 from agglom_mpi.report.left import Laps, Left, in_units, rest_left, turns_left
 from agglom_mpi.report.news import News
 from agglom_mpi.report.progress import Best, Progress
+from agglom_mpi.report.recorded import recorded_campaign
 from agglom_mpi.search import GenerationSummary
 from agglom_mpi.simulation.outcome import FAILED
 
@@ -67,9 +66,7 @@ class Follower:
     def __init__(self, file: CampaignFile) -> None:
         self.news = News(file)
         self._file = file
-        self._campaign = Campaign.from_text(
-            file.campaign_text, str(file.path), recorded_code(file.identity)
-        )
+        self._campaign = recorded_campaign(file)
         self._told = max(0, len(self.news.generations) - 1)
 
     def new_generations(self) -> list[GenerationSummary]:

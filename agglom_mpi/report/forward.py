@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.database.signature import is_hdf5
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.report.recorded import (
     is_same,
@@ -18,7 +19,8 @@ from agglom_mpi.report.recorded import (
     recorded_sample,
 )
 from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.sample import LEDGER, Outcome
+from agglom_mpi.simulation.outcome import LEDGER
+from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
 
         check_room(request.out)
         request = request._replace(sample=request.sample or 0)
-    if request.source.suffix in (".yaml", ".yml"):
+    if not is_hdf5(request.source):
         if request.string is not None:
             message = "needs a campaign file FILE.h5, not a YAML file"
             raise mistaken(request.source, "--string", message)

@@ -56,11 +56,9 @@ class Material:
         CampaignError
             If the text in the file is damaged.
         """
-        from agglom_mpi.campaign import Campaign
-        from agglom_mpi.campaign.code import recorded_code
+        from agglom_mpi.report.recorded import recorded_campaign
 
-        code = recorded_code(self.identity)
-        return Campaign.from_text(self.file.campaign_text, str(self.file.path), code)
+        return recorded_campaign(self.file)
 
     @cached_property
     def objective(self) -> Objective:

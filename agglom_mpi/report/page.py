@@ -1,6 +1,5 @@
 """What `agglom report --out DIR` writes: one web page that needs nothing else, and its figures."""
 
-import importlib.util
 import time
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -11,7 +10,7 @@ from agglom_mpi.campaign import CampaignError
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report import again, page_answer, page_run
 from agglom_mpi.report import sensitivity as sensitivities
-from agglom_mpi.report.export import ExportError
+from agglom_mpi.report.export import check_directory, check_library
 from agglom_mpi.report.figures import (
     busy,
     convergence,
@@ -62,10 +61,8 @@ def write_report(
         If it cannot be written.
     """
     begun = time.perf_counter()
-    if importlib.util.find_spec("matplotlib") is None:
-        raise ExportError("figures need matplotlib: pip install 'agglom_mpi[report]'")
-    if directory.exists() and not directory.is_dir():
-        raise ExportError(f"{directory}: is no directory")
+    check_library("matplotlib", "figures")
+    check_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
     writer, sections = Writer(gather(file), directory), []
     for part in writer.sections(simulate, sensitivity):

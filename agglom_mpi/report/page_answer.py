@@ -8,6 +8,7 @@ from agglom_mpi.report.finalists import in_words, verdict
 from agglom_mpi.report.html import listed, paragraph, table
 from agglom_mpi.report.material import Material
 from agglom_mpi.report.numbers import duration, with_error
+from agglom_mpi.report.pairing import Paired
 from agglom_mpi.report.published import paper_of, tables
 from agglom_mpi.variables import VARIABLES
 
@@ -46,7 +47,8 @@ def best_strings(material: Material) -> str:
         ]
     headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]
     estimated = sum(string in again for string in shown)
-    said = in_words(verdict(material.estimates), shown, estimated)
+    paired = Paired.of_file(material.file, material.samples, material.estimates)
+    said = in_words(verdict(material.estimates, paired), shown, estimated)
     return table(headings, rows) + listed(said)
 
 

@@ -12,17 +12,9 @@ from agglom_mpi.database.timeouts import timed_out
 from agglom_mpi.report.html import folded, listed, paragraph, table
 from agglom_mpi.report.material import Material
 from agglom_mpi.report.numbers import duration
-from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, FAILED, REASONS
+from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
 from agglom_mpi.words import counted
 
-LEDGER: Final = (
-    "momentum_error",
-    "energy_error",
-    "capped_iterations",
-    "largest_residual",
-    "floored_temperatures",
-    "overlaps",
-)
 SHOWN: Final = 20
 """Legs and exceptions that are listed, the last ones."""
 

@@ -15,6 +15,7 @@ from agglom_mpi.database.estimates import Estimate, estimates_in, own_order, ran
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.finalists import Verdict, in_words, verdict
 from agglom_mpi.report.numbers import duration
+from agglom_mpi.report.pairing import Paired
 from agglom_mpi.variables import NAMES, VARIABLES
 
 _WIDE: Final = 10_000
@@ -83,7 +84,7 @@ def collect_summary(file: CampaignFile, best: int = 6) -> Summary:
             _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
             for string in order[:best]
         ],
-        verdict=verdict(estimates),
+        verdict=verdict(estimates, Paired.of_file(file, samples, estimates)),
     )
 
 

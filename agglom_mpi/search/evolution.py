@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.archive import Archive
-from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Batch, Judged, as_batch, joined
+from agglom_mpi.search.proposals import MODEL, Batch, Judged, as_batch, begun_with
 from agglom_mpi.search.sampled import NO_STRINGS
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.streams import EVOLUTION, stream
@@ -63,8 +63,7 @@ class EvolutionSearch(Archive):
         drawn = self.space.from_unit(self._points)
         if self.generation:
             return as_batch(self.generation, drawn, MODEL)
-        first = len(self.given)
-        return joined(as_batch(0, self.given, GIVEN), as_batch(0, drawn[first:], RANDOM, first))
+        return begun_with(self.given, drawn[len(self.given) :])
 
     def known_proposals(self, generation: int) -> None:
         """All generations depend on the one before."""

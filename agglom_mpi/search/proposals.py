@@ -101,6 +101,15 @@ def as_batch(generation: int, strings: NDArray[np.float64], origin: int, slot: i
     )
 
 
+def begun_with(
+    given: NDArray[np.float64], random: NDArray[np.float64], generation: int = 0
+) -> Batch:
+    """One batch of strings that were given, shape (n, 10), and random ones in the slots after."""
+    return joined(
+        as_batch(generation, given, GIVEN), as_batch(generation, random, RANDOM, len(given))
+    )
+
+
 def joined(first: Batch, *others: Batch) -> Batch:
     """One batch of several of the same generation."""
     columns = zip(*(batch[1:] for batch in (first, *others)), strict=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.archive import Archive
-from agglom_mpi.search.proposals import GIVEN, RANDOM, Batch, as_batch, joined
+from agglom_mpi.search.proposals import Batch, begun_with
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.streams import RANDOM_STRING, SOBOL_SCRAMBLE, stream
 from agglom_mpi.variables import COUNT
@@ -58,8 +58,7 @@ class SampledSearch(Archive):
 
     def _batch(self, generation: int) -> Batch:
         first = len(self.given) if generation == 0 else 0
-        drawn = as_batch(generation, self._strings(generation, first), RANDOM, first)
-        return joined(as_batch(generation, self.given[:first], GIVEN), drawn)
+        return begun_with(self.given[:first], self._strings(generation, first), generation)
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         """Strings of a generation in the slots from `first` on."""

@@ -24,14 +24,13 @@ from agglom_mpi.search.acquisition import (
 from agglom_mpi.search.archive import Archive
 from agglom_mpi.search.one_thread import single_threaded
 from agglom_mpi.search.proposals import (
-    GIVEN,
     MODEL,
     RANDOM,
     Batch,
     Judged,
     Ranked,
     as_batch,
-    joined,
+    begun_with,
 )
 from agglom_mpi.search.sampled import NO_STRINGS, sobol_strings
 from agglom_mpi.search.space import SearchSpace
@@ -171,10 +170,7 @@ class SurrogateSearch(Archive):
         if generation < 2:
             some = self.given[: end - first] if generation == 0 else NO_STRINGS
             drawn = sobol_strings(self.space, self.seed, first + len(some), end - first - len(some))
-            return joined(
-                as_batch(generation, some, GIVEN),
-                as_batch(generation, drawn, RANDOM, len(some)),
-            )
+            return begun_with(some, drawn, generation)
         known = self._told_before(generation - 1)
         random = stream(self.seed, SURROGATE, generation)
         covariance = self._covariance(known)

@@ -67,6 +67,16 @@ COLUMNS: Final = (
 OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
 """One sample as a structured scalar; ledger columns end it."""
 
+LEDGER: Final = (
+    "momentum_error",
+    "energy_error",
+    "capped_iterations",
+    "largest_residual",
+    "floored_temperatures",
+    "overlaps",
+)
+"""Columns that say how exact a sample is; near 0 if it is."""
+
 
 class Measured(NamedTuple):
     """What of a sample decisions are made from."""

@@ -93,16 +93,6 @@ class Outcome(NamedTuple):
         return measured._replace(objective=self.objective)
 
 
-LEDGER = (
-    "momentum_error",
-    "energy_error",
-    "capped_iterations",
-    "largest_residual",
-    "floored_temperatures",
-    "overlaps",
-)
-
-
 @kernel
 def run(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
     """Place, run and measure one sample; one crossing into compiled code.
@@ -244,7 +234,7 @@ def simulate(
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
-        ledger={name: record[name].item() for name in LEDGER},
+        ledger={name: record[name].item() for name in result.LEDGER},
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),

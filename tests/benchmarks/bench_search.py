@@ -54,6 +54,7 @@ SEARCHES = {
         f"{NARROW}, racing: {{confidence: 0.9}}",
     ),
     "genetic, 1 sample": ("population: 20, parents: 6", "rule: fixed, samples: 1"),
+    "genetic, 3 samples": ("population: 20, parents: 6", "rule: fixed, samples: 3"),
     "cmaes, 1 sample": ("method: cmaes, population: 20", "rule: fixed, samples: 1"),
     "cmaes, 3 samples": ("method: cmaes, population: 20", "rule: fixed, samples: 3"),
     "surrogate, 1 sample": ("method: surrogate", "rule: fixed, samples: 1"),
@@ -62,6 +63,11 @@ SEARCHES = {
     "sobol, published rule": ("method: sobol", PUBLISHED),
     "pymoo's GA, published rule": ("population: 20, parents: 6", PUBLISHED),
     "pymoo's GA, 1 sample": ("population: 20, parents: 6", "rule: fixed, samples: 1"),
+}
+COMMON = ("genetic, 1 sample", "genetic, 3 samples", "surrogate, 1 sample", "surrogate, 3 samples")
+SEARCHES |= {
+    f"{name}, common": (SEARCHES[name][0], f"{SEARCHES[name][1]}, common_configurations: true")
+    for name in COMMON
 }
 
 
@@ -76,9 +82,8 @@ def campaign(name, seed, job=JOB):
 
 
 def simulate(of, parameters, sample):
-    record, _ = simulate_scene(
-        build_scene(of.scene, parameters, None), random_stream(of.seed, parameters, sample)
-    )
+    random = random_stream(of.seed, parameters, sample, of.common_configurations)
+    record, _ = simulate_scene(build_scene(of.scene, parameters, None), random)
     rows = np.zeros(1, record.dtype)
     rows[0] = record
     return measured(rows)[0]

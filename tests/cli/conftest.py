@@ -1,3 +1,5 @@
+import os
+
 import pytest
 from click.testing import CliRunner
 
@@ -39,3 +41,20 @@ def mistaken(agglom):
         return result.stderr.rstrip("\n")
 
     return run
+
+
+@pytest.fixture
+def piped():
+    """Return a function that gives the name of a pipe with a text, as a shell's `<(...)`."""
+    ends = []
+
+    def name(text):
+        reading, writing = os.pipe()
+        ends.append(reading)
+        with os.fdopen(writing, "w") as pipe:
+            pipe.write(text)
+        return f"/dev/fd/{reading}"
+
+    yield name
+    for end in ends:
+        os.close(end)

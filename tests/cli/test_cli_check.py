@@ -52,3 +52,10 @@ def test_a_campaign_without_ranges_has_nothing_to_search(mistaken, tmp_path):
 def test_what_is_no_campaign_is_said_in_one_line(mistaken, tmp_path):
     assert mistaken("check", "nothing.yaml") == "nothing.yaml: no such file"
     assert "is a directory" in mistaken("check", tmp_path)
+
+
+def test_a_campaign_may_come_from_a_pipe(agglom, mistaken, piped):
+    text = QUICKSTART.read_text()
+    assert agglom("check", piped(text)).stdout == agglom("check", QUICKSTART).stdout
+    name = piped(text.replace("  friction: restitution_scaled", "  frictoin: none"))
+    assert "scene.frictoin: unknown key" in mistaken("check", name).partition(f"{name}:")[2]

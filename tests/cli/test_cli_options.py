@@ -1,8 +1,15 @@
+import shlex
+from pathlib import Path
+
 import click
 import pytest
 from click.testing import CliRunner
 
-from agglom_mpi.cli import _seconds, invert_command, main
+from agglom_mpi.cli import main
+from agglom_mpi.cli.inversion import invert_command
+from agglom_mpi.cli.options import read_duration
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(
@@ -23,11 +30,11 @@ from agglom_mpi.cli import _seconds, invert_command, main
     ],
 )
 def test_a_walltime_is_read(text, seconds):
-    assert _seconds(None, None, text) == seconds
+    assert read_duration(None, None, text) == seconds
 
 
 def test_no_walltime_is_none():
-    assert _seconds(None, None, None) is None
+    assert read_duration(None, None, None) is None
 
 
 @pytest.mark.parametrize(
@@ -36,19 +43,45 @@ def test_no_walltime_is_none():
 )
 def test_nonsense_is_no_walltime(text):
     with pytest.raises(click.BadParameter, match=r"is no duration; allowed: 90, 90s, 30m"):
-        _seconds(None, None, text)
+        read_duration(None, None, text)
 
 
-COMMANDS = [(invert_command, []), *((main, [name]) for name in sorted(main.commands))]
+COMMANDS = [
+    (invert_command, []),
+    (main, []),
+    *((main, [name]) for name in sorted(main.commands)),
+]
+
+
+def understand(line):
+    """Read an example as its command does, which runs nothing."""
+    program, *words = shlex.split(line.removeprefix("mpirun -n 2 "))
+    for word in words:
+        assert not word.startswith("jobs/") or (ROOT / word).is_file(), word
+    if program == invert_command.name:
+        return invert_command.make_context(program, words)
+    assert program == main.name
+    name, command, words = main.resolve_command(click.Context(main), words)
+    return command.make_context(name, words)
 
 
 @pytest.mark.parametrize(("command", "words"), COMMANDS, ids=lambda item: str(item))
-def test_the_help_of_every_command_has_an_example_that_it_understands(command, words):
+def test_the_help_of_every_command_ends_with_examples_that_it_understands(command, words):
     result = CliRunner().invoke(command, [*words, "--help"])
     assert result.exit_code == 0
-    _, found, example = result.stdout.partition("Example")
-    assert found
-    assert " ".join(["agglom", *words] if words else ["agglom-invert"]) in example
+    heading, *lines = result.stdout.rpartition("\n\n")[2].splitlines()
+    assert heading == ("  Examples:" if len(lines) > 1 else "  Example:")
+    assert lines
+    for line in lines:
+        understand(line.strip())
+        assert " ".join(["agglom", *words]) in line
+
+
+@pytest.mark.parametrize("name", sorted(main.commands))
+def test_the_list_of_commands_says_what_the_help_of_each_begins_with(name):
+    _, command, _ = main.resolve_command(click.Context(main), [name])
+    assert command.name == name
+    assert main.commands[name].help == command.help.partition("\n")[0]
 
 
 def test_the_version_is_the_packages():

@@ -1,5 +1,6 @@
 import json
 import re
+from pathlib import Path
 
 import h5py
 import pytest
@@ -171,9 +172,20 @@ def test_what_is_no_source_is_said_in_one_line(mistaken, tmp_path):
         pass
     assert mistaken("simulate", "nothing.yaml") == "nothing.yaml: no such file"
     assert mistaken("simulate", "nothing.h5") == "nothing.h5: No such file or directory"
-    assert mistaken("simulate", tmp_path) == f"{tmp_path}: Is a directory"
+    assert "is a directory; a campaign is one YAML file" in mistaken("simulate", tmp_path)
     assert "not an HDF5 file" in mistaken("simulate", tmp_path / "text.h5")
     assert "not an agglom_mpi campaign" in mistaken("simulate", tmp_path / "other.h5")
+
+
+def test_a_campaign_may_come_from_a_pipe_and_have_any_name(agglom, piped, tmp_path):
+    words = ("--samples", 2, "--json")
+    named = json.loads(agglom("simulate", "tiny.yaml", *words).stdout)
+    text = Path("tiny.yaml").read_text()
+    (tmp_path / "campaign.txt").write_text(text)
+    for source in (piped(text), tmp_path / "campaign.txt"):
+        done = agglom("simulate", source, *words)
+        assert done.exit_code == 0, done.stderr
+        assert physical(json.loads(done.stdout)) == physical(named)
 
 
 def test_a_campaign_file_needs_no_yaml_file(agglom, tmp_path, finished):

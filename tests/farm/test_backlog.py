@@ -145,6 +145,29 @@ def test_what_a_rank_that_is_back_writes_late_does_not_count_for_what_it_sends_n
     assert stored == ["result"]
 
 
+class Batch:
+    """So many samples, and how often anybody has counted those of any batch."""
+
+    counted = 0
+
+    def __init__(self, count):
+        self._count = count
+
+    def __len__(self):
+        Batch.counted += 1
+        return self._count
+
+
+def test_batches_that_wait_are_not_counted_again_for_every_one_that_comes():
+    backlog, many = Backlog(), 1000
+    for _ in range(many):
+        backlog.delivered(1, Batch(3))
+    for _ in range(many):
+        backlog.written(1, 3)
+    assert backlog.take_over(1) == []
+    assert Batch.counted < 10 * many
+
+
 def test_at_the_end_all_that_waits_is_stored():
     backlog, stored = Backlog(), []
     backlog.delivered(1, rows(3))

@@ -116,6 +116,19 @@ def test_memory_does_not_grow_with_the_number_of_generations():
     assert max(sizes[25:]) <= max(sizes[:25])
 
 
+def test_samples_that_ranks_fell_silent_with_are_remembered_while_a_rank_holds_them():
+    most, lost = 0, 0
+    for seed in range(10):
+        world = World(4, random.Random(seed), trouble=0.1, generations=30)
+        while not world.inversion.finished:
+            world.run(1)
+            held = {pair for batches in world._held for batch in batches for pair in batch}
+            assert world.scheduler._doubled.keys() <= held
+            most = max(most, len(world.scheduler._doubled))
+        lost += world.lost.total()
+    assert 0 < 5 * most < lost, "it is no test if hardly any come back"
+
+
 def test_the_string_whose_judgement_is_nearest_comes_first():
     inversion, _ = campaign()
     inversion.start()

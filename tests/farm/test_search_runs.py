@@ -85,6 +85,73 @@ def test_the_earlier_file_may_vanish_when_a_campaign_has_begun(plain, tmp_path):
     assert ours.string_rows()["origin"][:4].tolist() == [3, 3, 3, 0]
 
 
+@pytest.fixture(scope="module")
+def again(tmp_path_factory):
+    """Return a file of strings of which four were estimated again, and their order by that."""
+    folder = tmp_path_factory.mktemp("again")
+    write_search(folder / "again.yaml", SEARCHES["sobol"], final="{strings: 4, samples: 4}")
+    finish(folder, "again.yaml")
+    file = open_campaign(folder / "again.h5")
+    return folder / "again.h5", file.best(4)["string"].tolist()
+
+
+def own_ranks(path):
+    """Strings of a file in the order of the search's own objectives."""
+    results = open_campaign(path).result_rows()
+    return results["string"][np.argsort(results["objective"], kind="stable")].tolist()
+
+
+def assert_begins_with(path, earlier, order):
+    """Compare the given strings of a campaign with strings of an earlier one."""
+    names = ["relative_speed", "size_ratio", "hardness"]
+    wanted = open_campaign(earlier).string_rows()[order]
+    assert open_campaign(path).string_rows()[: len(order)][names].tolist() == wanted[names].tolist()
+
+
+def test_a_search_begins_with_the_best_by_estimates_and_then_by_the_searchs_own_ranks(
+    again, tmp_path
+):
+    path, best = again
+    own = own_ranks(path)
+    assert best != own[:4], "it is no test if both orders agree"
+    assert sorted(best) == sorted(own[:4])
+    section = f"{SEARCHES['random'][:-1]}, start: {{file: {path}, strings: 6}}}}"
+    write_search(tmp_path / "next.yaml", section, samples=1, generations=1)
+    finish(tmp_path, "next.yaml")
+    assert_begins_with(tmp_path / "next.h5", path, [*best, *own[4:6]])
+    assert_sound(tmp_path / "next.h5")
+
+
+def test_a_campaign_that_has_begun_keeps_its_strings_when_the_earlier_one_is_estimated_again(
+    again, tmp_path
+):
+    path, best = again
+    bare, earlier = tmp_path / "bare", tmp_path / "earlier.h5"
+    bare.mkdir()
+    write_search(bare / "again.yaml", SEARCHES["sobol"])
+    finish(bare, "again.yaml")
+    earlier.write_bytes((bare / "again.h5").read_bytes())
+    section = f"{SEARCHES['random'][:-1]}, start: {{file: earlier.h5, strings: 3}}}}"
+    write_search(tmp_path / "next.yaml", section)
+    code, said = stop(tmp_path, "next")
+    assert code == 75, said
+    earlier.write_bytes(path.read_bytes())
+    finish(tmp_path, "next.yaml")
+    assert best[:3] != own_ranks(path)[:3], "it is no test if both orders agree"
+    assert_begins_with(tmp_path / "next.h5", earlier, own_ranks(path)[:3])
+    assert_sound(tmp_path / "next.h5")
+    damage_size_ratio(tmp_path / "next.h5", 0)
+    done = invert(tmp_path, "next.yaml")
+    assert done.returncode == 2
+    assert done.stderr.rstrip().endswith(
+        "search.start: earlier.h5: has other best strings now than this campaign began with, of "
+        "which 0 is lost"
+    )
+    earlier.write_bytes((bare / "again.h5").read_bytes())
+    finish(tmp_path, "next.yaml")
+    assert_sound(tmp_path / "next.h5")
+
+
 WITHOUT = """
 import sys
 for name in {names}:
@@ -140,6 +207,14 @@ def test_checking_a_file_without_the_library_says_so_and_does_not_call_it_damage
         check_file(str(plain / "cmaes.h5"))
 
 
+def damage_size_ratio(path, string):
+    """Change a number of a string, so that its checksum is wrong."""
+    with h5py.File(path, "r+") as file:
+        row = file["strings"][string]
+        row["size_ratio"] += 1e-3
+        file["strings"][string] = row
+
+
 @pytest.mark.parametrize("start", ["[{hardness: 50 MPa}, {size_ratio: 0.5}]", "EARLIER"])
 def test_a_lost_row_of_a_given_string_is_the_only_thing_found(plain, tmp_path, start):
     if start == "EARLIER":
@@ -148,11 +223,7 @@ def test_a_lost_row_of_a_given_string_is_the_only_thing_found(plain, tmp_path, s
     write_search(tmp_path / "lost.yaml", section, samples=1, generations=2)
     finish(tmp_path, "lost.yaml")
     assert_sound(tmp_path / "lost.h5")
-    with h5py.File(tmp_path / "lost.h5", "r+") as file:
-        table = file["strings"]
-        row = table[0]
-        row["size_ratio"] += 1e-3
-        table[0] = row
+    damage_size_ratio(tmp_path / "lost.h5", 0)
     said, code = check_file(str(tmp_path / "lost.h5"))
     assert code == 1
     assert "a resume would propose again strings 0" in said
@@ -164,7 +235,7 @@ def test_a_lost_row_of_a_given_string_is_the_only_thing_found(plain, tmp_path, s
 
 def begin_with(folder, start, monkeypatch):
     """Read a campaign that begins with strings of a file."""
-    section = f"{{method: random, population: 9, start: {start}}}"
+    section = f"{{method: random, population: 36, start: {start}}}"
     write_search(folder / "next.yaml", section)
     monkeypatch.chdir(folder)
     read_order(Options("next.yaml"))
@@ -176,7 +247,7 @@ def begin_with(folder, start, monkeypatch):
         ("{file: gone.h5}", "gone.h5"),
         ("{file: next.yaml}", "next.yaml: not an HDF5 file"),
         ("{file: other.h5}", "other.h5: "),
-        ("{file: few.h5, strings: 9}", "few.h5: has 7 ranked strings; 9 are asked for"),
+        ("{file: few.h5, strings: 36}", "few.h5: has 35 judged strings; 36 are asked for"),
     ],
 )
 def test_an_earlier_file_that_cannot_be_used_is_one_message(

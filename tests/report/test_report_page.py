@@ -228,7 +228,7 @@ def test_what_is_no_directory_is_refused(finished, tmp_path):
 
 
 def test_without_matplotlib_one_message_says_what_to_install(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr(page_module.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ExportError, match=re.escape("pip install 'agglom_mpi[report]'")):
         report(finished, tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -95,7 +95,9 @@ def draw_convergence(
     if not shown:
         say(ax, "no generation with a result yet")
         return ax
-    curves = (("best string", found.best, found.best_half), _top(found))
+    curves = [("best string", found.best, found.best_half)]
+    if found.tops > 1:  # of one it is the same
+        curves.append((f"mean of the best {found.tops}", found.top, found.top_half))
     for (name, value, half), colour in zip(curves, COLOURS, strict=False):
         marker = "o" if len(value) < 30 else ""
         ax.plot(found.generation, value, color=colour, marker=marker, markersize=3.5, label=name)
@@ -111,10 +113,6 @@ def draw_convergence(
     whole_numbers(ax.xaxis)
     legend_below(ax, 3)
     return ax
-
-
-def _top(found: History) -> tuple[str, Floats, Floats]:
-    return f"mean of the best {found.tops}", found.top, found.top_half
 
 
 def _draw_again(ax: Any, x: float, again: tuple[float, float, float]) -> None:

@@ -81,6 +81,16 @@ def test_particles_are_coloured_by_temperature_where_it_differs():
     assert same.get_array().tolist() == [1.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("tops", "labels"), [(1, ["best string"]), (4, ["best string", "mean of the best 4"])]
+)
+def test_the_mean_of_the_best_is_drawn_if_it_is_of_several(tops, labels):
+    ax, two = Figure().subplots(), np.array([0.2, 0.1])
+    found = convergence.History(np.array([1, 2]), two, two, two, two, two, tops)
+    convergence.draw_convergence(ax, found)
+    assert ax.get_legend_handles_labels()[1] == labels
+
+
 def test_empty_figures_say_why():
     ax = Figure().subplots()
     none = np.zeros(0)

@@ -1,7 +1,7 @@
-"""Which means differ: Welch's t test of every pair, corrected by Holm for their number."""
+"""Which means differ: a t test of every pair, Welch's or paired, corrected by Holm."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -10,21 +10,34 @@ LEVEL: Final = 0.05
 
 
 class Mean(NamedTuple):
-    """A mean over so many independent samples, at least two, and its standard error."""
+    """A mean over so many independent samples, and its standard error."""
 
     value: float
     error: float
     samples: int
 
 
-def differ(means: Sequence[Mean]) -> set[tuple[int, int]]:
+def differ(
+    means: Sequence[Mean], differences: Mapping[tuple[int, int], Mean] | None = None
+) -> set[tuple[int, int]]:
     """Pairs of places, the lower first, of means that differ at 95 %.
 
     All pairs count in the correction (Holm 1979), so that it holds for comparisons with the best
     one, too, though the data say which one that is.
+
+    Parameters
+    ----------
+    means
+        Of samples that are independent of those of the others, unless there are `differences`.
+    differences
+        Of each pair of means, over samples that are paired.
     """
     pairs = list(combinations(range(len(means)), 2))
-    tested = sorted((p_value(means[i], means[j]), (i, j)) for i, j in pairs)
+    if differences is None:
+        chances = {(i, j): p_value(means[i], means[j]) for i, j in pairs}
+    else:
+        chances = {pair: paired_p_value(differences[pair]) for pair in pairs}
+    tested = sorted((chance, pair) for pair, chance in chances.items())
     found: set[tuple[int, int]] = set()
     for left, (chance, pair) in zip(range(len(tested), 0, -1), tested, strict=True):
         if chance > LEVEL / left:
@@ -43,6 +56,19 @@ def p_value(one: Mean, other: Mean) -> float:
     shares = (variances[0] / total) ** 2, (variances[1] / total) ** 2
     freedom = 1.0 / (shares[0] / (one.samples - 1) + shares[1] / (other.samples - 1))
     return beyond(difference / math.sqrt(total), freedom)
+
+
+def paired_p_value(difference: Mean) -> float:
+    """Two-sided chance of such a mean difference of pairs of samples if there is none.
+
+    It is right however the samples of a pair depend on each other; less than two tell nothing.
+    """
+    value, error, samples = difference
+    if samples < 2:
+        return 1.0
+    if error == 0.0:
+        return 1.0 if value == 0.0 else 0.0
+    return beyond(abs(value) / error, samples - 1.0)
 
 
 def beyond(t: float, freedom: float) -> float:

@@ -1,12 +1,13 @@
-"""Which means differ: p-values against SciPy, Holm's correction, and how often it errs."""
+"""Which means differ: p-values against SciPy, Holm's correction, and how often tests err."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from agglom_mpi.report.welch import Mean, beyond, differ, p_value
+from agglom_mpi.report.significance import Mean, beyond, differ, p_value, paired_p_value
 
 
 def mean_of(values):
@@ -60,6 +61,50 @@ def test_equal_strings_are_rarely_told_from_the_one_that_happens_to_be_first():
         wrong += any(place == 0 for place, _ in differ(means))
     assert wrong / repeats < 0.05 + 4.0 * math.sqrt(0.05 * 0.95 / repeats)
     assert wrong, "it is no test if it never errs"
+
+
+def alike(rng, correlation, strings, samples):
+    """Samples of equal strings of which each two have a correlation, shape (strings, samples)."""
+    covariance = np.full((strings, strings), correlation) + (1.0 - correlation) * np.eye(strings)
+    return rng.multivariate_normal(np.zeros(strings), covariance, samples).T
+
+
+@pytest.mark.parametrize("correlation", [-0.8, 0.0, 0.3, 0.9])
+def test_the_paired_test_errs_as_often_as_it_says_however_alike_samples_are(correlation):
+    repeats, samples = 4000, 20
+    rng, paired, welch = np.random.default_rng(5), 0, 0
+    for _ in range(repeats):
+        one, other = alike(rng, correlation, 2, samples)
+        paired += paired_p_value(mean_of(one - other)) < 0.05
+        welch += p_value(mean_of(one), mean_of(other)) < 0.05
+    four_errors = 4.0 * math.sqrt(0.05 * 0.95 / repeats)
+    assert abs(paired / repeats - 0.05) < four_errors
+    if correlation == 0.0:
+        assert abs(welch / repeats - 0.05) < four_errors
+    else:
+        assert (welch / repeats - 0.05) * correlation < 0.0
+        assert abs(welch / repeats - 0.05) > four_errors
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_equal_strings_are_rarely_told_apart_in_pairs(correlation):
+    repeats, strings, samples = 2000, 6, 20
+    rng, wrong = np.random.default_rng(6), 0
+    for _ in range(repeats):
+        values = alike(rng, correlation, strings, samples)
+        values = values[np.argsort(values.mean(axis=1))]
+        pairs = combinations(range(strings), 2)
+        differences = {(i, j): mean_of(values[i] - values[j]) for i, j in pairs}
+        found = differ([mean_of(row) for row in values], differences)
+        wrong += any(place == 0 for place, _ in found)
+    assert wrong / repeats < 0.05 + 4.0 * math.sqrt(0.05 * 0.95 / repeats)
+    assert wrong, "it is no test if it never errs"
+
+
+def test_pairs_without_error_differ_if_they_are_not_equal_and_one_pair_tells_nothing():
+    assert paired_p_value(Mean(0.0, 0.0, 5)) == 1.0
+    assert paired_p_value(Mean(0.1, 0.0, 5)) == 0.0
+    assert paired_p_value(Mean(math.nan, math.nan, 1)) == 1.0
 
 
 def test_nothing_differs_where_there_is_nothing_to_compare():

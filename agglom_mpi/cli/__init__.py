@@ -1,0 +1,64 @@
+"""The commands `agglom-invert` and `agglom`; each imports only what it needs."""
+
+from importlib import import_module
+from typing import Final
+
+import click
+
+from agglom_mpi import __version__
+from agglom_mpi.cli.launch import launch
+from agglom_mpi.cli.options import examples
+
+COMMANDS: Final = {
+    "accuracy": "Measure error against run time, and write a report with figures and tables.",
+    "check": "Validate CAMPAIGN.yaml and print what would run, or verify what FILE.h5 holds.",
+    "doctor": "Tell what this machine has to run campaigns with, and what to mend.",
+    "export": "Write a campaign FILE.h5 in another form; give --compact, --csv, --paraview or more "
+    "of them.",
+    "plan": "Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.",
+    "report": "Print the best strings of a campaign FILE.h5, also while it is being written.",
+    "simulate": "Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in "
+    "FILE.h5.",
+}
+"""What `agglom --help` says of each command: the function `NAME` of `agglom_mpi.cli.NAME`."""
+
+
+class _Commands(click.Group):
+    """Knows the names and first lines of its commands, and imports the one that is run."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command by the first argument."""
+        name, found, rest = super().resolve_command(ctx, args)
+        if name is not None:
+            found = getattr(import_module(f"{__name__}.{name}"), name)
+        return name, found, rest
+
+
+@click.group(
+    "agglom",
+    cls=_Commands,
+    commands=[click.Command(name, help=line) for name, line in COMMANDS.items()],
+    epilog=examples(
+        "agglom check jobs/quickstart.yaml",
+        "agglom-invert jobs/quickstart.yaml",
+        "agglom report quickstart.h5",
+    ),
+    context_settings={"max_content_width": 100},
+)
+@click.version_option(__version__)
+def main() -> None:
+    """Look at campaigns and campaign files, and simulate single strings."""
+
+
+def agglom() -> None:
+    """Run `agglom`."""
+    launch(main)
+
+
+def invert() -> None:
+    """Run `agglom-invert`."""
+    from agglom_mpi.cli.inversion import invert_command
+
+    launch(invert_command)

@@ -1,0 +1,57 @@
+"""`agglom accuracy`: how much error for how much run time?"""
+
+import sys
+from typing import Any
+
+import click
+
+from agglom_mpi.cli.launch import connected
+from agglom_mpi.cli.options import (
+    ALLOW_CODE,
+    DATABASE,
+    MAX_WALLTIME,
+    QUIET,
+    SETTINGS,
+    accept_code_change,
+    examples,
+)
+
+
+@click.command(
+    epilog=examples(
+        "agglom accuracy jobs/quickstart.yaml --quick --out accuracy",
+        "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --history accretion_2003.h5 "
+        "--out study",
+    )
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option("--out", "-o", required=True, metavar="DIR", help="Directory of the report.")
+@click.option("--quick", is_flag=True, help="Few set-ups and samples, under a minute.")
+@SETTINGS
+@click.option(
+    "--samples", type=click.IntRange(2, 10**6), help="Samples of each set-up instead of the usual."
+)
+@click.option(
+    "--history", metavar="FILE.h5", help="Campaign file whose best strings to estimate again."
+)
+@MAX_WALLTIME
+@QUIET
+@DATABASE
+@accept_code_change("a study")
+@ALLOW_CODE
+def accuracy(**options: Any) -> None:
+    """Measure error against run time, and write a report with figures and tables.
+
+    SOURCE is a scene or campaign, which is measured knob by knob (time steps, impact solver,
+    cooling, ensembles, box), or a directory of extreme scenes, which are run as they are and as
+    published. Variables that are ranges and not --set take the middle of their range. Started by
+    mpirun it uses all ranks; run again, it goes on.
+    """
+
+    def run(world: Any) -> int:
+        from agglom_mpi.accuracy.plan import Options
+        from agglom_mpi.accuracy.run import accuracy
+
+        return accuracy(Options(**options), world)
+
+    sys.exit(connected(run))

@@ -1,0 +1,75 @@
+"""`agglom export`: a campaign file in another form."""
+
+from pathlib import Path
+
+import click
+
+from agglom_mpi.cli.launch import exits
+from agglom_mpi.cli.options import PATH, examples
+
+
+@click.command(
+    epilog=examples(
+        "agglom export accretion_2003.h5 --compact accretion_2003_compact.h5",
+        "agglom export accretion_2003.h5 --csv tables",
+        "agglom export accretion_2003.h5 --paraview best.vtkhdf",
+    )
+)
+@click.argument("file")
+@click.option("--compact", type=PATH, metavar="OUT.h5", help="A compressed copy of the file.")
+@click.option(
+    "--csv",
+    type=PATH,
+    metavar="DIR",
+    help="The tables as strings.csv, samples.csv and generations.csv.",
+)
+@click.option(
+    "--paraview",
+    type=PATH,
+    metavar="OUT.vtkhdf",
+    help="The particles of a sample over time, for ParaView; of several samples OUT_STRING_SAMPLE "
+    "each.",
+)
+@click.option("--string", type=click.IntRange(0), help="String to show.  [default: the best]")
+@click.option(
+    "--sample",
+    "samples",
+    type=click.IntRange(0),
+    multiple=True,
+    help="Sample of it to show; may be repeated.  [default: all with stored frames, or the first]",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(1),
+    help="Simulate the sample again, and take so many frames.  [default: those stored, or 101]",
+)
+@exits
+def export(
+    file: str,
+    compact: Path | None,
+    csv: Path | None,
+    paraview: Path | None,
+    string: int | None,
+    samples: tuple[int, ...],
+    frames: int | None,
+) -> int:
+    """Write a campaign FILE.h5 in another form; give --compact, --csv, --paraview or more of them.
+
+    What is final is taken, also while the file is being written; no existing file is overwritten.
+    A sample that there are no stored frames of is simulated again, exactly.
+    """
+    if compact is None and csv is None and paraview is None:
+        message = "nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf"
+        raise click.UsageError(message)
+    if paraview is None and (string is not None or samples or frames is not None):
+        raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
+    from agglom_mpi.report.export import export
+
+    choice = None
+    if paraview is not None:
+        from agglom_mpi.report.paraview import Choice
+
+        choice = Choice(paraview, string, samples, frames)
+    for line in export(Path(file), compact, csv, choice):
+        click.echo(line)
+    return 0

@@ -1,0 +1,73 @@
+"""`agglom plan`: how long would a campaign take?"""
+
+from typing import Any, Final
+
+import click
+
+from agglom_mpi.cli.launch import exits
+from agglom_mpi.cli.options import ALLOW_CODE, GENERATIONS, JSON, examples
+from agglom_mpi.exit_codes import FAILURE
+
+MOST_RANKS: Final = 10**6
+
+
+def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, ...]:
+    """Read `1,10,100`."""
+    words = [word.strip() for word in text.split(",")]
+    counts = [int(word) if word.isdecimal() else 0 for word in words]
+    if not all(1 <= count <= MOST_RANKS for count in counts):
+        allowed = f"allowed: numbers from 1 to {MOST_RANKS} like 1,10,100"
+        raise click.BadParameter(f"{text!r} is no list of numbers of ranks; {allowed}")
+    return tuple(counts)
+
+
+@click.command(
+    epilog=examples(
+        "agglom plan jobs/agglomeration_2004.yaml --ranks 1,64,1024",
+        "agglom plan jobs/accretion_2003.yaml --from accretion_2003.h5",
+    )
+)
+@click.argument("campaign")
+@click.option(
+    "--ranks",
+    callback=_read_ranks,
+    default="1,10,100,1000",
+    show_default=True,
+    metavar="N,N,...",
+    help="Numbers of ranks.",
+)
+@click.option(
+    "--from",
+    "source",
+    metavar="FILE.h5",
+    help="Campaign file, finished or not, whose samples to take instead of simulating some.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.0, min_open=True),
+    default=20.0,
+    show_default=True,
+    help="Time to simulate samples for.",
+)
+@GENERATIONS
+@ALLOW_CODE
+@JSON
+@exits
+def plan(as_json: bool, **options: Any) -> int:
+    """Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.
+
+    Samples of random strings are simulated here, in one process, to see what they give and how
+    long they take; then the campaign's own decisions and scheduling run on ranks that are imagined.
+    That is a rough guide; the file of a few generations, with --from, is a better one. Exit code 1
+    if a forecast would take too many samples.
+    """
+    from agglom_mpi.farm.plan import Options, plan
+    from agglom_mpi.farm.plan_words import as_text, in_words
+    from agglom_mpi.report.display import print_wide
+
+    made = plan(Options(**options))
+    if as_json:
+        click.echo(as_text(made))
+    else:
+        print_wide(in_words(made))
+    return FAILURE if made.refused else 0

@@ -1,0 +1,116 @@
+"""`agglom report`: what campaign files found."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from agglom_mpi.cli.launch import exits
+from agglom_mpi.cli.options import JSON, PATH, examples
+from agglom_mpi.exit_codes import INTERRUPTED
+
+
+@click.command(
+    epilog=examples(
+        "agglom report accretion_2003.h5",
+        "agglom report accretion_2003.h5 --out report",
+        "agglom report seed1.h5 seed2.h5",
+    )
+)
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option(
+    "--out",
+    type=PATH,
+    metavar="DIR",
+    help="Write a web page, report.html, and its figures instead, as PNG and SVG.",
+)
+@click.option(
+    "--stored-only",
+    is_flag=True,
+    help="With --out: particles that are not stored are not simulated again.",
+)
+@click.option(
+    "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
+)
+@JSON
+@click.option("--follow", is_flag=True, help="First show how its run goes, until it ends.")
+@exits
+def report(
+    files: tuple[str, ...],
+    out: Path | None,
+    stored_only: bool,
+    sensitivity: bool,
+    as_json: bool,
+    follow: bool,
+) -> int:
+    """Print the best strings of a campaign FILE.h5, also while it is being written.
+
+    They are ranked by their re-estimates on fresh samples, where there are any. Several files are
+    compared by their best strings. The web page needs nothing but itself; existing files are
+    replaced only if they have the names of its own. Exit codes with --follow are those of the run,
+    and 130 after Ctrl-C, which does not touch it.
+    """
+    options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
+    for option, given in options.items():
+        if len(files) > 1 and given:
+            raise click.UsageError(f"{option} is of one file")
+    if out is None and stored_only:
+        raise click.UsageError("--stored-only is for --out DIR")
+    if out is not None and as_json:
+        raise click.UsageError("give --out or --json, not both")
+    code = _follow(files[0]) if follow else 0
+    if code == INTERRUPTED:
+        return code
+    if out is not None:
+        _page(files[0], out, not stored_only, sensitivity)
+        return code
+    from agglom_mpi.report.display import print_wide
+
+    several = len(files) > 1
+    text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
+    click.echo(text) if as_json else print_wide(text)
+    return code
+
+
+def _follow(file: str) -> int:
+    """Show how a run goes until it ends; its exit code, or `INTERRUPTED`."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.follow import follow
+
+    return follow(open_inversion(file))
+
+
+def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
+    """Write the web page of a file, and say so."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.page import write_report
+
+    for line in write_report(open_inversion(file), out, again, sensitivity):
+        click.echo(line)
+
+
+def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
+    """Return what one file found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report.summary import as_text, collect_summary, summarise
+
+    opened, more = open_inversion(file), None
+    if sensitivity:
+        from agglom_mpi.report import sensitivity as matters
+
+        more = matters.of_campaign(opened)
+    if as_json:
+        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        return as_text(collect_summary(opened), extra)
+    from rich.console import Group
+
+    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+
+
+def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
+    """Return what several files found, to be printed."""
+    from agglom_mpi.database.reader import open_inversion
+    from agglom_mpi.report import comparison
+
+    compared = comparison.compare([open_inversion(file) for file in files])
+    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
