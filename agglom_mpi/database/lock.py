@@ -5,6 +5,7 @@ import fcntl
 import os
 import socket
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -58,6 +59,9 @@ class CampaignLock:
             )
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        # Or NFS would keep the name on this machine, and a start on another could not tell it.
+        with suppress(OSError):
+            os.fsync(descriptor)
         self._descriptor = descriptor
 
     def release(self) -> None:

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -42,11 +43,17 @@ def look(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
         return
     _, level, version = alone.split(";")
     yield Finding("MPI library", f"{version}, thread level {level}")
-    launcher = shutil.which("mpirun", path=environment.get("PATH"))
+    launcher = _launcher(environment)
     if launcher is None:
         yield Finding("mpirun", "not found", GET_MPI, broken=True)
         return
     yield _two_ranks(launcher, version, environment)
+
+
+def _launcher(environment: Mapping[str, str]) -> str | None:
+    """Find mpirun; that of a virtual environment, which may not be activated, comes last."""
+    folders = environment.get("PATH", os.defpath), sysconfig.get_path("scripts")
+    return shutil.which("mpirun", path=os.pathsep.join(folders))
 
 
 def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:

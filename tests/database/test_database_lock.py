@@ -30,6 +30,13 @@ def test_a_second_holder_is_refused_and_told_who_has_it(tmp_path):
         pass
 
 
+def test_the_name_of_the_holder_leaves_its_machine_at_once(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: told.append(os.pread(descriptor, 400, 0)))
+    with CampaignLock(tmp_path / "grains.h5"):
+        assert told == [f"process {os.getpid()} on {socket.gethostname()}\n".encode()]
+
+
 def test_a_second_name_of_the_file_does_not_help(tmp_path):
     (tmp_path / "real.h5").touch()
     (tmp_path / "link.h5").symlink_to("real.h5")

@@ -1,5 +1,6 @@
 import os
 import sys
+import sysconfig
 from pathlib import Path
 
 import pytest
@@ -57,8 +58,16 @@ def test_a_launcher_that_hangs_is_given_up(launcher, monkeypatch):
     assert "no answer in 5 s" in found.found
 
 
-def test_no_launcher_is_told_where_to_get_one():
+def test_the_launcher_of_an_environment_that_is_not_activated_is_found(launcher, monkeypatch):
+    path = launcher("echo unlucky >&2; exit 1")["PATH"].split(":")[0]
+    monkeypatch.setattr(sysconfig, "get_path", {"scripts": path}.get)
+    found = last(environment() | {"PATH": os.devnull})
+    assert found.found == f"{path}/mpirun fails: unlucky"
+
+
+def test_no_launcher_is_told_where_to_get_one(tmp_path, monkeypatch):
     need_mpirun()
+    monkeypatch.setattr(sysconfig, "get_path", {"scripts": str(tmp_path)}.get)
     found = last(environment() | {"PATH": os.devnull})
     assert (found.topic, found.found, found.broken) == ("mpirun", "not found", True)
 
