@@ -111,7 +111,7 @@ class Plots:
         """Draw the particles of a sample at successive times ([B] fig. 5).
 
         Pictures that are not stored are simulated again; the first time that a kind of scene is
-        looked at, it is compiled, some 20 s.
+        looked at, it is compiled, 20 s or more.
 
         Parameters
         ----------

@@ -32,7 +32,7 @@ def look(folder: Path) -> Iterator[Finding]:
     if kind in SHARED:
         advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=/tmp/numba_$(id -u)"
     compiled = sum(1 for _ in kernels.rglob("*.nbi"))
-    state = f"{compiled} compiled" if compiled else "none compiled yet, some 20 s for a new scene"
+    state = f"{compiled} compiled" if compiled else "none compiled yet, 20 to 50 s for a new scene"
     yield Finding("kernel cache", f"{kernels} ({kind}), {state}", advice)
 
 
@@ -51,7 +51,7 @@ def _output(folder: Path) -> Finding:
     if not locks:
         advice.append("it has no locks: nothing keeps two runs from writing the same file")
     if seconds > SLOW_SYNC:
-        advice.append("slow: each generation waits for it twice")
+        advice.append("slow: each generation waits for it")
     if free < LITTLE:
         advice.append("little space: `agglom check CAMPAIGN` says how much a file takes")
     return Finding("campaign files", found, "; ".join(advice))
