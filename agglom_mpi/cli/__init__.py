@@ -10,15 +10,13 @@ from agglom_mpi.cli.launch import launch
 from agglom_mpi.cli.options import examples
 
 COMMANDS: Final = {
-    "accuracy": "Measure error against run time, and write a report with figures and tables.",
-    "check": "Validate CAMPAIGN.yaml and print what would run, or verify what FILE.h5 holds.",
-    "doctor": "Tell what this machine has to run campaigns with, and what to mend.",
-    "export": "Write a campaign FILE.h5 in another form; give --compact, --csv, --paraview or more "
-    "of them.",
-    "plan": "Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.",
-    "report": "Print the best strings of a campaign FILE.h5, also while it is being written.",
-    "simulate": "Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in "
-    "FILE.h5.",
+    "accuracy": "Error against run time, with figures and tables",
+    "check": "Is a campaign valid, is a campaign file sound?",
+    "doctor": "What this machine has, and what to mend",
+    "export": "A campaign file as a compact copy, as tables, for ParaView",
+    "plan": "How long a campaign would take on so many ranks",
+    "report": "The best strings, a page with figures, or how a run goes",
+    "simulate": "One string forward, or a recorded sample again",
 }
 """What `agglom --help` says of each command: the function `NAME` of `agglom_mpi.cli.NAME`."""
 
@@ -39,7 +37,7 @@ class _Commands(click.Group):
 @click.group(
     "agglom",
     cls=_Commands,
-    commands=[click.Command(name, help=line) for name, line in COMMANDS.items()],
+    commands=[click.Command(name, short_help=line) for name, line in COMMANDS.items()],
     epilog=examples(
         "agglom check jobs/quickstart.yaml",
         "agglom-invert jobs/quickstart.yaml",
