@@ -1,8 +1,5 @@
-from pathlib import Path
-
 import pytest
 
-TESTS = Path(__file__).parent
 RANKS = {"cluster", "crash", "farm", "mpi"}
 """Folders whose tests start ranks and watch the clock: one at a time."""
 
@@ -13,10 +10,17 @@ def pytest_addoption(parser):
     )
 
 
-@pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in its own
-def pytest_collection_modifyitems(items):
-    """With `-n 2 --dist loadgroup` a file stays on one core, and so do all those with ranks."""
-    for item in items:
-        parts = item.path.relative_to(TESTS).parts
-        group = "ranks" if parts[0] in RANKS else "/".join(parts)
-        item.add_marker(pytest.mark.xdist_group(group))
+def has_ranks(nodeid):
+    return nodeid.removeprefix("tests/").partition("/")[0] in RANKS
+
+
+@pytest.hookimpl(optionalhook=True)  # pytest-xdist may be missing
+def pytest_xdist_make_scheduler(config, log):
+    """With `-n 2` a file stays on one core, and so do all tests with ranks: they are most, and begin."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return "ranks" if has_ranks(nodeid) else nodeid.partition("::")[0]
+
+    return Together(config, log)
