@@ -16,7 +16,7 @@ def has_ranks(nodeid):
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist may be missing
 def pytest_xdist_make_scheduler(config, log):
-    """With `-n 2` a file stays on one core, and so do all tests with ranks: they are most, and begin."""
+    """With `-n 2` a file stays on one core, and so do the tests with ranks: most, they begin."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Together(LoadScopeScheduling):
