@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
-Matrix = NDArray[np.float64]
+from agglom_mpi.search.factor import Factor, Matrix, bordered, factored
 
 LENGTHS: Final = (0.05, 100.0)
 """Bounds of a length in units of the box; what is much longer than the box plays no part."""
@@ -61,19 +61,26 @@ class GaussianProcess:
         Means seen there, shape (n,).
     samples
         How many each of them rests on, shape (n,).
+    earlier
+        A process of the same covariance through the first of these points, which then need not be
+        worked out again. Their values may be others, their numbers of samples not.
     """
 
     def __init__(
-        self, covariance: Covariance, points: Matrix, values: Matrix, samples: NDArray[np.int64]
+        self,
+        covariance: Covariance,
+        points: Matrix,
+        values: Matrix,
+        samples: NDArray[np.int64],
+        earlier: "GaussianProcess | None" = None,
     ) -> None:
         self._covariance = covariance
         self._points = points
         self._values = values
-        self._centre, self._scale, standard = standardised(values)
-        matrix = self._between(points, points)
-        matrix[np.diag_indices_from(matrix)] += covariance.noise / samples + JITTER
-        self._root = cholesky(matrix, lower=True)
-        self._weights = cho_solve((self._root, True), standard)
+        self._centre, self._scale, self._standard = standardised(values)
+        self._noise = covariance.noise / samples + JITTER
+        self._factor = self._factored(earlier)
+        self._weights = cho_solve((self._factor.root, True), self._standard)
 
     @property
     def sample_deviation(self) -> float:
@@ -83,6 +90,17 @@ class GaussianProcess:
     def mean(self, points: Matrix) -> Matrix:
         """Return the expected value of the function at points, shape (m, d): (m,) [RW 2.25]."""
         return self._centre + self._scale * (self._between(points, self._points) @ self._weights)
+
+    @property
+    def mean_at_points(self) -> Matrix:
+        """Expected value of the function at the points of the data, shape (n,)."""
+        return self._centre + self._scale * (self._standard - self._noise * self._weights)
+
+    @property
+    def deviation_at_points(self) -> Matrix:
+        """Standard deviation of what is not known there, shape (n,)."""
+        left = self._noise * (1.0 - self._noise * self._factor.inverse)
+        return self._scale * np.sqrt(np.maximum(left, 0.0))
 
     def mean_and_slope(self, point: Matrix) -> tuple[float, Matrix]:
         """Return the expected value at one point, shape (d,), and its gradient, shape (d,)."""
@@ -95,24 +113,33 @@ class GaussianProcess:
 
     def deviation(self, points: Matrix) -> Matrix:
         """Return the standard deviation of what is not known at points, shape (m, d): (m,)."""
-        explained = solve_triangular(self._root, self._between(self._points, points), lower=True)
+        across = self._between(self._points, points)
+        explained = solve_triangular(self._factor.root, across, lower=True)
         left = self._covariance.variance - (explained**2).sum(axis=0)
         return self._scale * np.sqrt(np.maximum(left, 0.0))
 
     def left_out(self) -> Matrix:
         """Return what the others predict for the value at each point, shape (n,) [RW 5.12]."""
-        inverse = cho_solve((self._root, True), np.eye(len(self._points)))
-        return self._values - self._scale * self._weights / inverse.diagonal()
+        return self._values - self._scale * self._weights / self._factor.inverse
 
     def draw(self, points: Matrix, number: int, random: np.random.Generator) -> Matrix:
         """Draw functions that the means allow, at points, shape (m, d): (number, m) [RW 2.24]."""
         across = self._between(self._points, points)
-        explained = solve_triangular(self._root, across, lower=True)
+        explained = solve_triangular(self._factor.root, across, lower=True)
         covariance = self._between(points, points) - explained.T @ explained
         covariance[np.diag_indices_from(covariance)] += 1e-6 * self._covariance.variance
         root = cholesky(covariance, lower=True)
         values = across.T @ self._weights + random.normal(size=(number, len(points))) @ root.T
         return self._centre + self._scale * values
+
+    def _factored(self, earlier: "GaussianProcess | None") -> Factor:
+        known = 0 if earlier is None else len(earlier._points)
+        first, others = self._points[:known], self._points[known:]
+        corner = self._between(others, others)
+        corner[np.diag_indices_from(corner)] += self._noise[known:]
+        if earlier is None:
+            return factored(corner)
+        return bordered(earlier._factor, self._between(first, others), corner)
 
     def _between(self, left: Matrix, right: Matrix) -> Matrix:
         lengths = self._covariance.lengths

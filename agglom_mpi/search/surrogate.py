@@ -94,6 +94,7 @@ class SurrogateSearch(Archive):
         self._thread = ThreadPoolExecutor(1) if background else None
         self._thoughts: dict[int, Future[Batch]] = {}
         self._covariances: dict[int, Covariance] = {}
+        self._models: dict[tuple[int, int], GaussianProcess] = {}
         self._expected: list[Ranked] | None = None
 
     def ask(self) -> Batch:
@@ -132,13 +133,12 @@ class SurrogateSearch(Archive):
     @single_threaded
     def _expect(self) -> list[Ranked]:
         """Rank all strings, by a covariance that no waiting is needed for."""
-        covariance = self._covariance(self._told_before(self.generation - 1))
-        if covariance is None:
+        model = self._model(self._told_before(self.generation - 1), self.generation)
+        if model is None:
             return Archive.best(self, len(self))
         points = self.space.to_unit(self.parameters)
-        model = self._model(covariance, len(self))
-        errors = model.deviation(points)
-        expected = expected_objective(model.mean(points), errors, self._magnitude)
+        errors = model.deviation_at_points
+        expected = expected_objective(model.mean_at_points, errors, self._magnitude)
         order = np.argsort(expected, kind="stable")
         judged = np.isfinite(self.objectives)
         ranked = [
@@ -173,12 +173,11 @@ class SurrogateSearch(Archive):
             return begun_with(some, drawn, generation)
         known = self._told_before(generation - 1)
         random = stream(self.seed, SURROGATE, generation)
-        covariance = self._covariance(known)
-        if covariance is None:
+        model = self._model(known, generation - 1)
+        if model is None:
             points, origin = random.random((end - first, self.space.dimensions)), RANDOM
         else:
-            model, origin = self._model(covariance, known), MODEL
-            points = self._proposed_by(model, known, end - first, random)
+            points, origin = self._proposed_by(model, known, end - first, random), MODEL
         strings = self.space.from_unit(nudged(points, random))
         return as_batch(generation, strings, origin)
 
@@ -187,7 +186,7 @@ class SurrogateSearch(Archive):
     ) -> NDArray[np.float64]:
         """Where the objective is expected to be best, then where it may be: shape (count, d)."""
         points = self.space.to_unit(self.parameters[:known])
-        mean = model.mean(points)
+        mean = model.mean_at_points
         order = np.argsort(abs(mean) if self._magnitude else mean, kind="stable")
         candidates = candidates_about(points[order[:PROMISING]], random)
         functions = model.draw(candidates, count - 1, random)
@@ -195,16 +194,32 @@ class SurrogateSearch(Archive):
         best = best_expected(model, points[order[:POLISHED]], self._magnitude)
         return np.vstack((best, candidates[np.argmin(objectives, axis=1)]))
 
-    def _model(self, covariance: "Covariance", known: int) -> "GaussianProcess":
+    def _model(self, fitted: int, generation: int) -> "GaussianProcess | None":
+        """Process through all strings before a generation, by a covariance of the first of them.
+
+        It grows from that of the generation before, so that its numbers, which depend on the order
+        of the operations, are those of the generations and not of when somebody asked.
+        """
         from agglom_mpi.search.gaussian_process import GaussianProcess
 
-        return GaussianProcess(covariance, *self._data(known))
+        fitted = milestone(fitted, self._first)
+        covariance = self._covariance(fitted)
+        if covariance is None:
+            return None
+        model = self._models.get((fitted, generation))
+        if model is None:
+            grows = self._told_before(generation - 1) >= fitted
+            earlier = self._model(fitted, generation - 1) if grows else None
+            data = self._data(self._told_before(generation))
+            model = GaussianProcess(covariance, *data, earlier)
+            recent = {key: m for key, m in self._models.items() if key[1] >= generation - 1}
+            self._models = {**recent, (fitted, generation): model}
+        return model
 
-    def _covariance(self, known: int) -> "Covariance | None":
-        """Covariance for so many strings, fitted to the first of them; None if they are too few."""
+    def _covariance(self, fitted: int) -> "Covariance | None":
+        """Covariance fitted to so many strings; None if they are too few."""
         from agglom_mpi.search.gaussian_process import fit_covariance
 
-        fitted = milestone(known, self._first)
         if np.isfinite(self.objectives[:fitted]).sum() < 2:
             return None
         if fitted not in self._covariances:

@@ -114,6 +114,37 @@ def test_posterior_and_likelihood_are_those_of_scikit_learn(dimensions, count, s
 
 @cases
 @modest
+def test_at_the_points_of_the_data_it_expects_what_it_does_elsewhere(
+    dimensions, count, seed, decades
+):
+    covariance, points, values, samples = drawn(dimensions, count, seed, decades)
+    process = GaussianProcess(covariance, points, values, samples)
+    at, scale = ROUNDING * covariance.variance, process._scale
+    assert np.allclose(process.mean_at_points, process.mean(points), rtol=0.0, atol=at * scale)
+    variances = process.deviation_at_points**2, process.deviation(points) ** 2
+    assert np.allclose(*variances, rtol=0.0, atol=at * scale**2)
+
+
+@cases
+@modest
+def test_grown_by_a_border_it_is_as_if_made_at_once(dimensions, count, seed, decades):
+    covariance, points, values, samples = drawn(dimensions, count, seed, decades)
+    at = np.random.default_rng(seed + 1).random((20, dimensions))
+    known = 1 + seed % (count - 1)
+    first = points[:known], 2.0 + values[:known] ** 2, samples[:known]
+    grown = GaussianProcess(
+        covariance, points, values, samples, GaussianProcess(covariance, *first)
+    )
+    whole = GaussianProcess(covariance, points, values, samples)
+    close = {"rtol": 0.0, "atol": ROUNDING * covariance.variance * whole._scale}
+    assert np.allclose(grown.mean(at), whole.mean(at), **close)
+    assert np.allclose(grown.deviation(at) ** 2, whole.deviation(at) ** 2, **close)
+    assert np.allclose(grown.deviation_at_points**2, whole.deviation_at_points**2, **close)
+    assert np.allclose(grown.left_out(), whole.left_out(), rtol=1e-6)
+
+
+@cases
+@modest
 def test_the_order_of_the_data_does_not_matter(dimensions, count, seed, decades):
     covariance, *data = drawn(dimensions, count, seed, decades)
     order = np.random.default_rng(seed).permutation(count)

@@ -216,6 +216,29 @@ def test_what_is_known_ahead_is_what_is_asked_later(few_candidates, background):
         search.tell(judged(ids, batch.parameters, bowl(batch.parameters)))
 
 
+def test_who_asks_for_the_best_changes_no_bit_of_the_proposals(few_candidates):
+    asked, unasked = (SurrogateSearch(box(4), 3, 10, 6) for _ in range(2))
+
+    def asking(points):
+        asked.best(3)
+        return corner(points)
+
+    assert same(strings_of(run(asked, 9, asking)), strings_of(run(unasked, 9, corner)))
+    late, early = unasked.best(12), asked.best(12)
+    assert late == early
+
+
+def test_the_model_of_a_generation_is_that_of_all_strings_before_it(few_candidates):
+    search = SurrogateSearch(box(3), 5, 12, 5)
+    run(search, 12, bowl, 0.05)
+    for fitted in (search._told_before(11), 30):
+        grown = search._model(fitted, 12)
+        whole = type(grown)(grown._covariance, *search._data(len(search)))
+        # Conditions are below 1e7: the noise is a hundredth of the variance or more.
+        assert np.allclose(grown.mean_at_points, whole.mean_at_points, rtol=1e-8)
+        assert np.allclose(grown.deviation_at_points, whole.deviation_at_points, rtol=1e-6)
+
+
 def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates, monkeypatch):
     go_on = threading.Event()
     search = SurrogateSearch(box(4), 3, 8, 5, background=True)
