@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import Estimate, completed, estimate
+from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.accuracy.words import digits, measured, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.report.picture import Picture
+from agglom_mpi.search.mean import Mean, mean_of
 from agglom_mpi.search.objectives import make_objective
 
 if TYPE_CHECKING:
@@ -145,14 +146,14 @@ def measure(
 def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dict[str, float]:
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
-    growth = estimate(ratios)
+    growth = mean_of(ratios)
     value, error = make_objective(campaign.objective, particles).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,
         "samples": len(rows),
         "failed": len(rows) - len(good),
-        "mean b/b0": growth.mean,
+        "mean b/b0": growth.value,
         "standard error": growth.error,
         "half width": growth.half_width,
         "spread of samples": float(np.std(ratios, ddof=1)) if len(ratios) > 1 else np.nan,
@@ -168,13 +169,13 @@ SHOWN: Final = (
     Shown("samples", lambda row: f"{row['samples']:.0f}"),
     Shown(
         "mean b/b⁰",
-        lambda row: measured(Estimate(row["mean b/b0"], row["standard error"], row["samples"])),
+        lambda row: measured(Mean(row["mean b/b0"], row["standard error"], row["samples"])),
     ),
     Shown("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
     Shown(
         "objective",
         lambda row: measured(
-            Estimate(row["objective"], row["standard error of the objective"], row["samples"])
+            Mean(row["objective"], row["standard error of the objective"], row["samples"])
         ),
     ),
     Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),
@@ -204,15 +205,15 @@ def _conclusions(
 ) -> Iterator[str]:
     home = frame[frame[column] == own].iloc[0]
     for place in (frame.iloc[0], frame.iloc[-1]):
-        change = Estimate(
+        change = Mean(
             place["mean b/b0"] - home["mean b/b0"],
             float(np.hypot(place["standard error"], home["standard error"])),
             int(place["samples"]),
         )
-        beyond = abs(change.mean) > change.half_width
+        beyond = abs(change.value) > change.half_width
         yield (
             f"{place[column] / own:.3g} times {what} ({_plain(place[column])} {unit}) changes mean "
-            f"b/b⁰ by {measured(change)} ({100 * change.mean / home['mean b/b0']:+.1f} %), "
+            f"b/b⁰ by {measured(change)} ({100 * change.value / home['mean b/b0']:+.1f} %), "
             f"{'beyond' if beyond else 'within'} the error, and the objective from "
             f"{home['objective']:.3f} to {place['objective']:.3f}, at "
             f"{digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} times the "

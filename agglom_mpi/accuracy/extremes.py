@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.published import as_published
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import Estimate, completed, estimate
+from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.accuracy.words import measured, percent, time
 from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.search.mean import Mean, mean_of
 from agglom_mpi.simulation.outcome import REASONS
 
 Rows = NDArray[np.void]
@@ -85,14 +86,14 @@ def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Sec
 
 def _summary(rows: Rows) -> dict[str, Any]:
     good = completed(rows)
-    growth = estimate(good["mean_radius_ratio"])
+    growth = mean_of(good["mean_radius_ratio"])
     failed = rows[rows["reason"] > 0]
     collisions = float(np.sum(good["collisions"]))
     return {
         "samples": len(rows),
         "failed": len(rows) - len(good),
         "reason": REASONS[int(failed["reason"][0])] if len(failed) else "",
-        "mean b/b0": growth.mean,
+        "mean b/b0": growth.value,
         "standard error": growth.error,
         "collisions per sample": collisions / max(1, len(good)),
         "breakages per sample": float(np.sum(good["breakups"])) / max(1, len(good)),
@@ -130,7 +131,7 @@ def _troubles(row: Any, whose: str) -> list[str]:
 
 def _growth(row: Any, whose: str) -> str:
     good = row[f"{whose}: samples"] - row[f"{whose}: failed"]
-    return measured(Estimate(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good))
+    return measured(Mean(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good))
 
 
 SHOWN: Final = (

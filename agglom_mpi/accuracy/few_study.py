@@ -18,6 +18,7 @@ from agglom_mpi.accuracy.few_scenes import (
     scene_of,
     starts_of,
 )
+from agglom_mpi.search.mean import mean_of
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 
 if TYPE_CHECKING:
@@ -85,16 +86,15 @@ def measure(bodies: FewBodies, engine: Any, delays: Floats) -> dict[str, float]:
             apart = ends.position[run][:, :left] - r
             position.append(_length(apart - EDGE * np.round(apart / EDGE)) / EDGE)
             velocity.append(_length(ends.velocity[run][:, :left] - v) / SPEED)
-    error, standard_error = _mean(position)
-    speed_error, speed_standard_error = _mean(velocity)
+    error, speed_error = mean_of(position), mean_of(velocity)
     return {
         "runs": len(delays),
         "other bonds": len(delays) - len(position),
-        "position error": error,
-        "position error, standard error": standard_error,
+        "position error": error.value,
+        "position error, standard error": error.error,
         "position error, largest": max(position, default=math.nan),
-        "velocity error": speed_error,
-        "velocity error, standard error": speed_standard_error,
+        "velocity error": speed_error.value,
+        "velocity error, standard error": speed_error.error,
         "velocity error, largest": max(velocity, default=math.nan),
         "seconds per run (s)": ends.seconds,
     }
@@ -130,9 +130,3 @@ def _fit(what: str, rows: "pd.DataFrame") -> dict[str, float]:
 def _length(vectors: Any) -> float:
     """Root mean square length of vectors, shape (3, spheres)."""
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=0))))
-
-
-def _mean(values: list[float]) -> tuple[float, float]:
-    if len(values) < 2:
-        return math.nan, math.nan
-    return float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))

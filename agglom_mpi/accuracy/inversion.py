@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import Estimate, completed
+from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.trials import Trial
 from agglom_mpi.accuracy.words import digits, measured
 from agglom_mpi.campaign import Campaign, CampaignError
@@ -18,6 +18,7 @@ from agglom_mpi.campaign.source import Problem
 from agglom_mpi.database.reader import CampaignFile
 from agglom_mpi.report.numbers import duration
 from agglom_mpi.report.picture import Picture
+from agglom_mpi.search.mean import Mean
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.search.student import t_95
 from agglom_mpi.variables import NAMES
@@ -146,11 +147,11 @@ SHOWN: Final = (
     Shown("its samples", lambda row: f"{row['its samples']:.0f}"),
     Shown(
         "objective, as searched",
-        lambda row: measured(Estimate(row["objective"], row["standard error"], 2)),
+        lambda row: measured(Mean(row["objective"], row["standard error"], 2)),
     ),
     Shown(
         "estimated again",
-        lambda row: measured(Estimate(row["estimated again"], row["standard error of that"], 2)),
+        lambda row: measured(Mean(row["estimated again"], row["standard error of that"], 2)),
     ),
 )
 
@@ -171,13 +172,13 @@ def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
 
 def _conclusions(frame: "pd.DataFrame") -> Iterator[str]:
     last = frame.iloc[-1]
-    truth = Estimate(last["estimated again"], last["standard error of that"], 2)
+    truth = Mean(last["estimated again"], last["standard error of that"], 2)
     yield (
         f"The search's last best, string {last['string']:.0f}, claims {last['objective']:.4f} ± "
         f"{last['standard error']:.4f} and is worth {measured(truth)}."
     )
     best = frame.iloc[int(frame["estimated again"].argmin())]
-    truth = Estimate(best["estimated again"], best["standard error of that"], 2)
+    truth = Mean(best["estimated again"], best["standard error of that"], 2)
     yield (
         f"Of all strings that were ever the best, string {best['string']:.0f} of generation "
         f"{best['generation'] + 1:.0f} has the lowest objective when estimated again, "

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import Estimate, completed, estimate, paired_difference
+from agglom_mpi.accuracy.statistics import completed, paired_difference
 from agglom_mpi.accuracy.trials import Trial
 from agglom_mpi.accuracy.words import digits, measured, percent, time
 from agglom_mpi.campaign import Campaign
 from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.report.picture import Picture
+from agglom_mpi.search.mean import Mean, mean_of
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.outcome import measured as outcomes
 from agglom_mpi.simulation.scene import build_scene
@@ -102,7 +103,7 @@ def time_integration(
         Whether the quick trials ran.
     """
     frame = measure(campaign, parameters, samples, quick)
-    reference = estimate(completed(samples[EVENT])["mean_radius_ratio"])
+    reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
     cost = float(np.mean(samples[EVENT]["seconds"]))
     return Section(
         title="Time integration",
@@ -151,7 +152,7 @@ def measure(
     import pandas as pd
 
     reference = samples[EVENT]
-    growth = estimate(completed(reference)["mean_radius_ratio"]).mean
+    growth = mean_of(completed(reference)["mean_radius_ratio"]).value
     rows = []
     for stepper in steppers(end_time_of(campaign, parameters), quick):
         own = samples[name_of(stepper)]
@@ -165,11 +166,11 @@ def measure(
                 "samples": len(own),
                 "failed": len(own) - len(good),
                 "seconds per sample (s)": float(np.mean(own["seconds"])),
-                "bias of b/b0": bias.mean,
+                "bias of b/b0": bias.value,
                 "standard error": bias.error,
-                "relative bias": bias.mean / growth,
+                "relative bias": bias.value / growth,
                 "relative half width": bias.half_width / growth,
-                "bias of objective": objective.mean,
+                "bias of objective": objective.value,
                 "standard error of that": objective.error,
                 "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
                 "pairs": bias.samples,
@@ -178,7 +179,7 @@ def measure(
     return pd.DataFrame(rows)
 
 
-def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> Estimate:
+def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> Mean:
     """Bias of the objective, signed where it is a magnitude."""
     objective = make_objective(campaign.objective, campaign.scene.particles)
     pair = []
@@ -198,13 +199,13 @@ SHOWN: Final = (
     Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),
     Shown(
         "bias of b/b⁰",
-        lambda row: measured(Estimate(row["bias of b/b0"], row["standard error"], row["pairs"])),
+        lambda row: measured(Mean(row["bias of b/b0"], row["standard error"], row["pairs"])),
     ),
     Shown("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
     Shown(
         "bias of the objective",
         lambda row: measured(
-            Estimate(row["bias of objective"], row["standard error of that"], row["pairs"])
+            Mean(row["bias of objective"], row["standard error of that"], row["pairs"])
         ),
     ),
     Shown("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),

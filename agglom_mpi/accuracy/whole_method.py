@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.published import as_published
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import Estimate, completed, estimate, paired_difference
+from agglom_mpi.accuracy.statistics import completed, paired_difference
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.accuracy.words import measured, percent, time
 from agglom_mpi.campaign import Campaign
+from agglom_mpi.search.mean import Mean, mean_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +39,7 @@ def trials(campaign: Campaign, parameters: NDArray[np.float64], samples: int) ->
 def whole_method(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
     """Section on the published method; `samples` as for `trials`, and of the event engine."""
     frame = measure(samples)
-    reference = estimate(completed(samples[EVENT])["mean_radius_ratio"])
+    reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
     return Section(
         title="The published method as a whole",
         problem=(
@@ -57,7 +58,7 @@ def whole_method(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
         figures=(),
         tables=(Table("whole_method", "One row is one method.", frame, SHOWN),),
         failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame, reference.mean)),
+        conclusions=tuple(_conclusions(frame, reference.value)),
     )
 
 
@@ -87,7 +88,7 @@ def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
                 "method": name,
                 "samples": len(own),
                 "failed": len(own) - len(good),
-                "bias of b/b0": bias.mean,
+                "bias of b/b0": bias.value,
                 "standard error": bias.error,
                 "half width": bias.half_width,
                 "pairs": bias.samples,
@@ -103,7 +104,7 @@ SHOWN: Final = (
     Shown("samples", lambda row: f"{row['samples']:.0f}"),
     Shown(
         "bias of b/b⁰",
-        lambda row: measured(Estimate(row["bias of b/b0"], row["standard error"], row["pairs"])),
+        lambda row: measured(Mean(row["bias of b/b0"], row["standard error"], row["pairs"])),
     ),
     Shown("unsolved impacts", lambda row: percent(row["unsolved impacts"])),
     Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),

@@ -2,13 +2,13 @@
 
 import math
 
-from agglom_mpi.accuracy.statistics import Estimate
 from agglom_mpi.report.numbers import with_error
+from agglom_mpi.search.mean import Mean
 
 
-def measured(value: Estimate) -> str:
+def measured(mean: Mean) -> str:
     """Mean ± standard error, `none` where nothing completed."""
-    return with_error(value.mean, value.error) if value.samples else "none"
+    return with_error(mean.value, mean.error) if mean.samples else "none"
 
 
 def time(seconds: float) -> str:

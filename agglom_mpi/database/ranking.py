@@ -60,9 +60,9 @@ def own_order(file: "CampaignFile", results: np.ndarray) -> list[int]:
     if not ranks_itself(file.identity):
         return order
     generations, judged = file.generation_rows(), set(order)
-    ranked = generations["population"][-1].tolist() if len(generations) else []
-    ranked = [string for string in ranked if string in judged]
-    return [*ranked, *(string for string in order if string not in set(ranked))]
+    last = generations["population"][-1].tolist() if len(generations) else []
+    first, named = [string for string in last if string in judged], set(last)
+    return first + [string for string in order if string not in named]
 
 
 def ranking(own: list[int], estimates: Iterable[Estimate]) -> list[int]:

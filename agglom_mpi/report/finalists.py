@@ -9,7 +9,8 @@ import numpy as np
 from agglom_mpi.database.estimates import Estimate
 from agglom_mpi.report.numbers import with_error
 from agglom_mpi.report.pairing import Paired
-from agglom_mpi.report.significance import Mean, differ
+from agglom_mpi.report.significance import differ
+from agglom_mpi.search.mean import Mean
 
 
 class Verdict(NamedTuple):

@@ -18,6 +18,7 @@ from agglom_mpi.report.recorded import (
     recorded_parameters,
     recorded_sample,
 )
+from agglom_mpi.search.mean import mean_of
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.outcome import LEDGER
 from agglom_mpi.simulation.sample import Outcome
@@ -112,8 +113,8 @@ def _pictures(request: Request, campaign: Campaign, outcome: Outcome) -> list[st
 
 
 def _mean(values: list[float]) -> dict[str, float | None]:
-    error = float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else None
-    return {"mean": float(np.mean(values)), "standard_error": error}
+    value, error, _ = mean_of(values)
+    return {"mean": value, "standard_error": _number(error)}
 
 
 def _number(value: float) -> float | None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.estimates import Estimate, objective_of
 from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.report.significance import Mean
+from agglom_mpi.search.mean import Mean, mean_of
 from agglom_mpi.search.worth import Objective
 from agglom_mpi.simulation.outcome import COMPLETED, measured
 
@@ -59,13 +59,13 @@ class Paired:
     def difference(self, one: int, other: int) -> Mean:
         """Objective of one string minus that of another, over the samples that both have."""
         numbers = self._shared([one, other])
-        return _mean(self._values(one, numbers) - self._values(other, numbers))
+        return mean_of(self._values(one, numbers) - self._values(other, numbers))
 
     def average(self) -> Mean:
         """Objective of all strings on average, over the samples that all have."""
         strings = list(self._samples)
         numbers = self._shared(strings)
-        return _mean(np.mean([self._values(string, numbers) for string in strings], axis=0))
+        return mean_of(np.mean([self._values(string, numbers) for string in strings], axis=0))
 
     def _shared(self, strings: list[int]) -> NDArray[np.int64]:
         return reduce(np.intersect1d, (self._samples[string].numbers for string in strings))
@@ -82,10 +82,3 @@ def numbered(law: Objective, rows: NDArray[np.void]) -> Numbered:
     """
     values = law.linear(list(measured(rows)))
     return Numbered(rows["sample"].astype(np.int64), math.copysign(1.0, values.mean()) * values)
-
-
-def _mean(values: NDArray[np.float64]) -> Mean:
-    count = len(values)
-    if count < 2:
-        return Mean(math.nan, math.nan, count)
-    return Mean(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(count), count)

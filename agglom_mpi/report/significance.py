@@ -3,18 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Final
+
+from agglom_mpi.search.mean import Mean
 
 LEVEL: Final = 0.05
 """Chance that any of several equal means is said to differ from another."""
-
-
-class Mean(NamedTuple):
-    """A mean over so many independent samples, and its standard error."""
-
-    value: float
-    error: float
-    samples: int
 
 
 def differ(

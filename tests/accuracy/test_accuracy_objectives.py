@@ -54,7 +54,7 @@ def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
     (value, error), (other, other_error) = law.of_rows(ours), law.of_rows(reference)
     # These samples are independent; so the paired error is that of a difference, but for the
     # chance correlation of 50 pairs, 4/sqrt(49) at most.
-    assert bias.mean == pytest.approx(value - other, rel=1e-9, abs=1e-12)
+    assert bias.value == pytest.approx(value - other, rel=1e-9, abs=1e-12)
     independent = error**2 + other_error**2
     assert abs(bias.error**2 - independent) <= 2 * error * other_error * 4 / np.sqrt(49)
     assert bias.samples == 50

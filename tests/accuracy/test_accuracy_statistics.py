@@ -4,26 +4,9 @@ import numpy as np
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy.statistics import Estimate, estimate, paired_difference
+from agglom_mpi.accuracy.statistics import paired_difference
 from agglom_mpi.accuracy.words import digits, measured, percent, time
-
-
-def test_an_estimate_has_mean_standard_error_and_t_interval():
-    found = estimate([1.0, 2.0, 3.0, 6.0])
-    assert found.mean == 3.0
-    assert found.error == pytest.approx(math.sqrt(14.0 / 3.0 / 4.0), rel=1e-14)
-    assert found.half_width == pytest.approx(3.182446305 * found.error, rel=1e-8)
-
-
-def test_one_value_has_no_error_and_none_no_mean():
-    assert math.isnan(estimate([2.0]).error)
-    assert estimate([2.0]).half_width == math.inf
-    assert math.isnan(estimate([]).mean)
-    assert measured(estimate([])) == "none"
-
-
-def test_equal_values_have_no_error():
-    assert estimate([2.0, 2.0, 2.0]) == Estimate(2.0, 0.0, 3)
+from agglom_mpi.search.mean import mean_of
 
 
 def test_paired_differences_cancel_what_samples_share():
@@ -31,7 +14,7 @@ def test_paired_differences_cancel_what_samples_share():
     difference = paired_difference(
         made_up(2.0 + shared + 0.25), made_up(2.0 + shared), "mean_radius_ratio"
     )
-    assert difference.mean == pytest.approx(0.25, rel=1e-13)
+    assert difference.value == pytest.approx(0.25, rel=1e-13)
     assert difference.error < 1e-15
 
 
@@ -39,7 +22,11 @@ def test_samples_that_failed_on_either_side_have_no_pair():
     ours = made_up([1.0, 2.0, 3.0, 4.0], failed=[1])
     theirs = made_up([0.5, 0.0, 0.0, 3.0, 9.0], failed=[2])
     difference = paired_difference(ours, theirs, "mean_radius_ratio")
-    assert (difference.mean, difference.samples) == (0.75, 2)
+    assert (difference.value, difference.samples) == (0.75, 2)
+
+
+def test_no_sample_is_no_measurement():
+    assert measured(mean_of([])) == "none"
 
 
 def test_a_long_reference_is_no_mismatch():

@@ -85,6 +85,6 @@ def test_the_coverage_of_the_bias_interval_is_95_percent(campaign):
         shared = random.normal(size=20)
         own = shared + 0.1 + 0.5 * random.normal(size=20)
         bias = module.paired_difference(made_up(own), made_up(shared), "mean_radius_ratio")
-        covered += abs(bias.mean - 0.1) <= bias.half_width
+        covered += abs(bias.value - 0.1) <= bias.half_width
     error = np.sqrt(0.95 * 0.05 / repetitions)
     assert abs(covered / repetitions - 0.95) <= 4.0 * error

@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from agglom_mpi.report.significance import Mean, beyond, differ, p_value, paired_p_value
-
-
-def mean_of(values):
-    return Mean(values.mean(), values.std(ddof=1) / math.sqrt(len(values)), len(values))
+from agglom_mpi.report.significance import beyond, differ, p_value, paired_p_value
+from agglom_mpi.search.mean import Mean, mean_of
 
 
 @pytest.mark.parametrize("freedom", [1.0, 1.7, 4.5, 30.0, 198.3, 5000.0])
