@@ -228,8 +228,8 @@ class Books:
 
     def _took(self, results: NDArray[np.void]) -> None:
         self.samples += len(results)
-        self.busy_seconds += float(results["seconds"].sum())
-        self.failed += int(np.count_nonzero(results["state"] == FAILED))
+        self.busy_seconds += sum(results["seconds"].tolist())
+        self.failed += results["state"].tolist().count(FAILED)
 
     def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store strings of a coming generation before any of their samples is handed out."""

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 STOPS_WITHIN: Final = 20.0
 """Seconds without a word of any rank after which those that should stop are not waited for."""
 
+ALONE: Final = 0.05
+"""Seconds between looks at the clock where there is no mail: own results wake rank 0 at once."""
+
 NO_RESULTS: Final = np.zeros(0, RESULT)
 NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 
@@ -123,7 +126,8 @@ class Crew:
         for delivery in self._mail():
             found = True
             yield delivery
-        finished = self._thread.take(0.0 if found else self._waiting.seconds)
+        patience = ALONE if self.size == 1 else self._waiting.seconds
+        finished = self._thread.take(0.0 if found else patience)
         self._waiting.looked(found or finished is not None)
         while finished is not None:
             yield _own(finished)

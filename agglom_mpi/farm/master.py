@@ -199,17 +199,25 @@ class Master:
         if len(delivery.results) or delivery.finals is not None:
             writes = delivery.rank if self._writer.shared and delivery.rank else None
             self.books.simulated(final_results(delivery.results), delivery.finals, writes)
-            fresh = delivery.results["sample"] >= self._fresh[0]
-            self._judge(delivery.rank, delivery.results[~fresh])
-            if fresh.any():
-                self._estimate(delivery.rank, delivery.results[fresh])
+            searched, fresh = self._parted(delivery.results)
+            self._judge(delivery.rank, searched)
+            self._estimate(delivery.rank, fresh)
         if delivery.frames is not None and self.gallery.hang(delivery.frames):
             self.gallery.errands.done(delivery.rank)
         if delivery.written:
             self.books.written(delivery.rank, delivery.written)
 
+    def _parted(self, results: NDArray[np.void]) -> tuple[NDArray[np.void], NDArray[np.void]]:
+        """Part results into those that decisions are made from, and fresh samples."""
+        if max(results["sample"].tolist(), default=0) < self._fresh[0]:
+            return results, results[:0]
+        fresh = results["sample"] >= self._fresh[0]
+        return results[~fresh], results[fresh]
+
     def _judge(self, rank: int, results: NDArray[np.void]) -> None:
         """Let decisions be made from what a rank simulated, unless others were first."""
+        if not len(results):
+            return
         outcomes = measured(results)
         for piece, parts in first_returns(self._scheduler, rank, results):
             for part in parts:
@@ -222,6 +230,8 @@ class Master:
 
     def _estimate(self, rank: int, results: NDArray[np.void]) -> None:
         """Take fresh samples, of which nothing is decided."""
+        if not len(results):
+            return
         for _, parts in first_returns(self.reestimation.errands, rank, results):
             for part in parts:
                 self.books.estimated(results[part])
@@ -230,8 +240,9 @@ class Master:
                 self._count_failures(results[part])
 
     def _count_failures(self, rows: NDArray[np.void]) -> None:
-        for row in rows[rows["state"] == FAILED]:
-            self._count_failure(row)
+        if FAILED in rows["state"].tolist():
+            for row in rows[rows["state"] == FAILED]:
+                self._count_failure(row)
 
     def _count_failure(self, row) -> None:  # type: ignore[no-untyped-def]
         if row["reason"] in (EXCEPTION, TIMED_OUT):

@@ -78,5 +78,6 @@ def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 
 
 def final_results(results: np.ndarray) -> np.ndarray:
     """Return those results, (n,), that are kept: a sample that took too long may be tried again."""
-    late = results["reason"] == TIMED_OUT
-    return results[~late] if late.any() else results
+    if TIMED_OUT not in results["reason"].tolist():
+        return results
+    return results[results["reason"] != TIMED_OUT]

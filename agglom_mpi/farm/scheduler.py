@@ -350,7 +350,7 @@ class Scheduler:
         three of them to return results and to fetch more.
         """
         batches = self._pace.in_flight(self._batch_size())
-        return batches if self._surely_needed() >= 2.0 else min(2, batches)
+        return batches if self._surely_needed() >= 1.0 else min(2, batches)
 
     def _batch_size(self) -> int:
         """Size of a message in samples: no less work than pays, no more than is surely needed."""

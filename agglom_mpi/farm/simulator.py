@@ -221,8 +221,8 @@ class Series(Job):
     def __init__(self, simulator: Simulator, task: np.void) -> None:
         super().__init__(simulator, task)
         self._taken = 0
-        self._records = np.zeros(self._count, OUTCOME)
         self._rows = np.zeros(self._count, RESULT)
+        self._records = self._rows[list(OUTCOME.names or ())]  # a view
         self._rows["string"], self._rows["rank"] = self._string, simulator.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
         self._seconds, self._finished = self._rows["seconds"], self._rows["finished"]
@@ -231,10 +231,8 @@ class Series(Job):
 
     def take(self, batch: Batch) -> None:
         """Add rows, texts of errors and final particles."""
-        rows, records = (a[self._taken : self._done] for a in (self._rows, self._records))
+        rows = self._rows[self._taken : self._done]
         self._taken = self._done
-        for name in OUTCOME.names or ():
-            rows[name] = records[name]
         completed = rows["state"] == COMPLETED
         if completed.any():
             campaign = self._simulator.work.setup(self._string).campaign

@@ -1,6 +1,6 @@
 """What the farm makes of two cores: throughput, dispatch of tasks that do nothing, waiting.
 
-`pytest tests/benchmarks/bench_farm.py -m benchmark -s` (some ten minutes on a quiet machine).
+`pytest tests/benchmarks/bench_farm.py -m benchmark -s` (some fifteen minutes on a quiet machine).
 """
 
 import resource
@@ -9,7 +9,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 from farm_runs import _BIN, environment, finish, start
 
@@ -17,16 +19,27 @@ from agglom_mpi.database.reader import open_campaign
 
 JOBS = Path(__file__).parents[2] / "jobs"
 NOOP = Path(__file__).parent / "noop_farm.py"
-RUNS = 3
+RUNS = 7
 
 pytestmark = pytest.mark.benchmark
 
 
-def used_per_second(path):
-    """Samples that decisions used, per second of the leg."""
+class Leg(NamedTuple):
+    """A whole run: samples used and fresh, seconds of these, and of the run."""
+
+    samples: int
+    simulated: float
+    seconds: float
+
+
+def leg_of(path):
     file = open_campaign(path)
     [leg] = file.legs()
-    return file.generation_rows()["samples_used"].max() / (leg["stopped"] - leg["started"])
+    rows = file.all_sample_rows()
+    needed = dict(file.result_rows()[["string", "samples_used"]].tolist())
+    used = [sample < needed.get(i, 0) for i, sample in rows[["string", "sample"]].tolist()]
+    kept = rows[np.array(used) | (rows["sample"] >= file.fresh_from)]
+    return Leg(len(kept), kept["seconds"].sum(), leg["stopped"] - leg["started"])
 
 
 def words(job, path, generations):
@@ -34,29 +47,59 @@ def words(job, path, generations):
     return JOBS / f"{job}.yaml", "-o", path, "--generations", generations, "-q"
 
 
+def middle(values):
+    """Median of values, and the lowest and highest."""
+    return f"{statistics.median(values):.3f} ({min(values):.3f} to {max(values):.3f})"
+
+
 @pytest.mark.parametrize(
-    ("job", "generations"), [("accretion_2003", "12"), ("agglomeration_2004", "20")]
+    ("job", "generations"), [("accretion_2003", "4"), ("agglomeration_2004", "20")]
 )
 def test_two_ranks_against_one_process_and_against_two(tmp_path, job, generations):
-    """Single processes have one thread that simulates; their samples are compiled before."""
+    """Single processes have one thread that simulates; their samples are compiled before.
+
+    All use the same samples. A speedup is twice the share of their time in which two ranks
+    simulate what is used, by that of one, by how much longer a sample takes while both cores work:
+    the first is the farm's, the second the machine's.
+    """
     finish(tmp_path, *words(job, tmp_path / "warm.h5", "1"))
-    one, two, joint = [], [], []
+    one, two, both = [], [], []
     for _ in range(RUNS):
         finish(tmp_path, *words(job, tmp_path / "1.h5", generations))
-        one.append(used_per_second(tmp_path / "1.h5"))
+        one.append(leg_of(tmp_path / "1.h5"))
         finish(tmp_path, *words(job, tmp_path / "2.h5", generations), ranks=2)
-        two.append(used_per_second(tmp_path / "2.h5"))
+        two.append(leg_of(tmp_path / "2.h5"))
         paths = [tmp_path / f"{name}.h5" for name in "ab"]
-        for process in [start(tmp_path, *words(job, path, generations)) for path in paths]:
-            assert process.wait() == 0
-        joint.append(sum(map(used_per_second, paths)))
-    speedup = statistics.median(b / a for a, b in zip(one, two, strict=True))
-    share = statistics.median(b / a for a, b in zip(joint, two, strict=True))
-    cores = statistics.median(b / a for a, b in zip(one, joint, strict=True))
+        started = [start(tmp_path, *words(job, path, generations), inject=None) for path in paths]
+        assert [process.wait() for process in started] == [0, 0]
+        both.append([leg_of(path) for path in paths])
+        assert len({one[-1].samples, two[-1].samples, *(leg.samples for leg in both[-1])}) == 1
+    joint = [2.0 / statistics.mean(leg.seconds for leg in legs) for legs in both]
+    print(f"\n{job}, {one[0].samples} samples; median (lowest to highest) of {RUNS}:")
+    pairs = list(zip(one, two, strict=True))
+    print("two ranks by one process       ", middle([a.seconds / b.seconds for a, b in pairs]))
     print(
-        f"\n{job}: one process {statistics.median(one):.0f} samples/s, two ranks "
-        f"{statistics.median(two):.0f}; ratio {speedup:.3f}; two processes at once {cores:.3f}, "
-        f"of which two ranks reach {share:.3f}"
+        "two processes by one           ",
+        middle([a.seconds * b for a, b in zip(one, joint, strict=True)]),
+    )
+    print(
+        "two ranks by two processes     ",
+        middle([1.0 / (b.seconds * c) for b, c in zip(two, joint, strict=True)]),
+    )
+    print("of its time simulates what is used")
+    print("one process                    ", middle([a.simulated / a.seconds for a in one]))
+    print("two ranks                      ", middle([b.simulated / b.seconds / 2.0 for b in two]))
+    print(
+        "two processes                  ",
+        middle([leg.simulated / leg.seconds for legs in both for leg in legs]),
+    )
+    print("a sample by one of one process, while both cores work")
+    print("two ranks                      ", middle([b.simulated / a.simulated for a, b in pairs]))
+    print(
+        "two processes                  ",
+        middle(
+            [leg.simulated / a.simulated for a, legs in zip(one, both, strict=True) for leg in legs]
+        ),
     )
 
 

@@ -1,0 +1,65 @@
+import pytest
+
+from agglom_mpi.farm import waiting
+from agglom_mpi.farm.waiting import LONGEST, SHORTEST, Waiting
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    fake = Clock()
+    monkeypatch.setattr(waiting, "time", fake)
+    return fake
+
+
+def looks(clock, wait, between, times):
+    """Look for mail that comes at regular times; how often until each came, at the end."""
+    counts, due = [], clock.now
+    for _ in range(times):
+        due += between
+        count = 0
+        while clock.now < due:
+            clock.now += wait.seconds
+            count += 1
+            wait.looked(clock.now >= due)
+        counts.append(count)
+    return counts[-10:]
+
+
+def test_without_mail_the_longest_wait_is_reached_within_a_dozen_looks(clock):
+    wait = Waiting()
+    for _ in range(12):
+        wait.looked(False)
+    assert wait.seconds == LONGEST
+
+
+def test_regular_mail_is_looked_for_a_few_times_and_found_soon(clock):
+    assert max(looks(clock, Waiting(), 5e-3, 200)) <= 6
+    assert max(looks(clock, Waiting(), SHORTEST, 200)) == 1
+
+
+def test_mail_that_comes_fast_again_is_found_fast_again(clock):
+    wait = Waiting()
+    looks(clock, wait, 0.1, 50)
+    looks(clock, wait, SHORTEST, 100)
+    assert wait.seconds == SHORTEST
+
+
+def test_two_that_answer_each_other_at_once_wait_ever_shorter(clock):
+    one, other = Waiting(), Waiting()
+    for each in (one, other):
+        looks(clock, each, 0.05, 50)
+    for _ in range(100):
+        for each in (one, other):
+            clock.now += each.seconds
+            each.looked(True)
+    assert one.seconds == other.seconds == SHORTEST
