@@ -8,10 +8,12 @@ LONGEST: Final = 4e-3
 """Bounds of the wait, s."""
 
 GROWTH: Final = 1.5
-"""From one wait to the next; with 2, two ranks that wait for each other wait ever longer."""
+"""From one wait to the next."""
 
 FIRST: Final = 0.125
-"""Wait after mail, in units of the time between mail: a look takes some 50 µs of a core."""
+"""Wait after mail, in units of the time between mail: a look takes some 30 µs of a core, but with
+longer waits a rank whose samples are short runs out of work. At a half, two ranks that wait for
+each other would wait ever longer."""
 
 RECENT: Final = 0.1
 """Weight of the last time in the mean."""
