@@ -85,10 +85,10 @@ def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> I
     if verdict is None:
         yield "objectives are the search's own; the lucky survive, so they are biased low"
         return
-    by = with_error(verdict.optimism, verdict.standard_error)
+    by = with_error(abs(verdict.optimism), verdict.standard_error)
     yield (
         "re-estimates are on fresh samples that no decision has seen; the search's own objectives "
-        f"are {'' if verdict.optimism > 0 else 'not '}too low, by {by} on average"
+        f"are too {'low' if verdict.optimism > 0 else 'high'}, by {by} on average"
     )
     if estimated < len(shown):
         yield "objectives of strings without re-estimate are the search's own, biased low"

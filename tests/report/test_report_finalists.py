@@ -24,7 +24,7 @@ def test_the_optimism_of_the_search_is_the_mean_of_all_and_has_an_error():
     assert found.standard_error == pytest.approx(0.01 / math.sqrt(2.0))
     words = said([estimate(4, 0.25, own=0.2), estimate(1, 0.28, own=0.27)], [4, 1])
     assert "objectives are too low, by 0.0300 ± 0.0071 on average" in words[0]
-    assert "are not too low, by -0.100 ± 0.010" in said([estimate(4, 0.1)], [4])[0]
+    assert "are too high, by 0.100 ± 0.010" in said([estimate(4, 0.1)], [4])[0]
 
 
 def test_those_that_cannot_be_told_from_the_first_are_named_by_their_columns():
