@@ -59,8 +59,9 @@ def test_two_ranks_against_one_process_and_against_two(tmp_path, job, generation
     """Single processes have one thread that simulates; their samples are compiled before.
 
     All use the same samples. A speedup is twice the share of their time in which two ranks
-    simulate what is used, by that of one, by how much longer a sample takes while both cores work:
-    the first is the farm's, the second the machine's.
+    simulate what is used, by that of one, by how much longer a sample takes while both cores work.
+    The share is the farm's; the rest is the machine's, and that of main threads which take turns
+    with those that simulate.
     """
     finish(tmp_path, *words(job, tmp_path / "warm.h5", "1"))
     one, two, both = [], [], []
