@@ -200,8 +200,10 @@ class Master:
             writes = delivery.rank if self._writer.shared and delivery.rank else None
             self.books.simulated(final_results(delivery.results), delivery.finals, writes)
             searched, fresh = self._parted(delivery.results)
-            self._judge(delivery.rank, searched)
-            self._estimate(delivery.rank, fresh)
+            if len(searched):
+                self._judge(delivery.rank, searched)
+            if len(fresh):
+                self._estimate(delivery.rank, fresh)
         if delivery.frames is not None and self.gallery.hang(delivery.frames):
             self.gallery.errands.done(delivery.rank)
         if delivery.written:
@@ -216,8 +218,6 @@ class Master:
 
     def _judge(self, rank: int, results: NDArray[np.void]) -> None:
         """Let decisions be made from what a rank simulated, unless others were first."""
-        if not len(results):
-            return
         outcomes = measured(results)
         for piece, parts in first_returns(self._scheduler, rank, results):
             for part in parts:
@@ -230,8 +230,6 @@ class Master:
 
     def _estimate(self, rank: int, results: NDArray[np.void]) -> None:
         """Take fresh samples, of which nothing is decided."""
-        if not len(results):
-            return
         for _, parts in first_returns(self.reestimation.errands, rank, results):
             for part in parts:
                 self.books.estimated(results[part])

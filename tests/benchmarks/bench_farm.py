@@ -35,21 +35,14 @@ class Leg(NamedTuple):
 def leg_of(path):
     file = open_campaign(path)
     [leg] = file.legs()
-    rows = file.all_sample_rows()
-    needed = dict(file.result_rows()[["string", "samples_used"]].tolist())
-    used = [sample < needed.get(i, 0) for i, sample in rows[["string", "sample"]].tolist()]
-    kept = rows[np.array(used) | (rows["sample"] >= file.fresh_from)]
-    return Leg(len(kept), kept["seconds"].sum(), leg["stopped"] - leg["started"])
+    samples = file.samples
+    kept = samples.loc[samples["used"] | samples["fresh"], "seconds"]
+    return Leg(len(kept), kept.sum(), leg["stopped"] - leg["started"])
 
 
 def words(job, path, generations):
     path.unlink(missing_ok=True)
     return JOBS / f"{job}.yaml", "-o", path, "--generations", generations, "-q"
-
-
-def middle(values):
-    """Median of values, and the lowest and highest."""
-    return f"{statistics.median(values):.3f} ({min(values):.3f} to {max(values):.3f})"
 
 
 @pytest.mark.parametrize(
@@ -75,33 +68,26 @@ def test_two_ranks_against_one_process_and_against_two(tmp_path, job, generation
         assert [process.wait() for process in started] == [0, 0]
         both.append([leg_of(path) for path in paths])
         assert len({one[-1].samples, two[-1].samples, *(leg.samples for leg in both[-1])}) == 1
-    joint = [2.0 / statistics.mean(leg.seconds for leg in legs) for legs in both]
+    speed_of_one = np.array([1.0 / leg.seconds for leg in one])
+    speed_of_two = np.array([1.0 / leg.seconds for leg in two])
+    joint = np.array([2.0 / statistics.mean(leg.seconds for leg in legs) for legs in both])
+    alone = np.array([leg.simulated for leg in one])
+    kept = np.array([[leg.simulated for leg in legs] for legs in both])
+    whole = np.array([[leg.seconds for leg in legs] for legs in both])
+    together = np.array([leg.simulated for leg in two])
+    figures = {
+        "two ranks by one process": speed_of_two / speed_of_one,
+        "two processes by one": joint / speed_of_one,
+        "two ranks by two processes": speed_of_two / joint,
+        "simulates what is used: one process": alone * speed_of_one,
+        "simulates what is used: two ranks": together * speed_of_two / 2.0,
+        "simulates what is used: two processes": kept / whole,
+        "a sample by one of one process: two ranks": together / alone,
+        "a sample by one of one process: two processes": kept / alone[:, None],
+    }
     print(f"\n{job}, {one[0].samples} samples; median (lowest to highest) of {RUNS}:")
-    pairs = list(zip(one, two, strict=True))
-    print("two ranks by one process       ", middle([a.seconds / b.seconds for a, b in pairs]))
-    print(
-        "two processes by one           ",
-        middle([a.seconds * b for a, b in zip(one, joint, strict=True)]),
-    )
-    print(
-        "two ranks by two processes     ",
-        middle([1.0 / (b.seconds * c) for b, c in zip(two, joint, strict=True)]),
-    )
-    print("of its time simulates what is used")
-    print("one process                    ", middle([a.simulated / a.seconds for a in one]))
-    print("two ranks                      ", middle([b.simulated / b.seconds / 2.0 for b in two]))
-    print(
-        "two processes                  ",
-        middle([leg.simulated / leg.seconds for legs in both for leg in legs]),
-    )
-    print("a sample by one of one process, while both cores work")
-    print("two ranks                      ", middle([b.simulated / a.simulated for a, b in pairs]))
-    print(
-        "two processes                  ",
-        middle(
-            [leg.simulated / a.simulated for a, legs in zip(one, both, strict=True) for leg in legs]
-        ),
-    )
+    for name, values in figures.items():
+        print(f"{name:47s}{np.median(values):.3f} ({values.min():.3f} to {values.max():.3f})")
 
 
 def test_busy_share_agrees_with_the_operating_system(tmp_path):
