@@ -1,4 +1,4 @@
-"""Samples on their way to the file, so that neighbours can be written together."""
+"""Rows on their way to the file, so that neighbours can be written together."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -8,28 +8,29 @@ import numpy as np
 
 from agglom_mpi.database.schema import sample_dtype
 
-FLUSH_ROWS: Final = 256
+FLUSH_ROWS: Final = 1024
 """Rows that wait at most."""
 FLUSH_BYTES: Final = 1 << 22
 """Bytes that wait at most."""
-FLUSH_AGE: Final = 0.25
+FLUSH_AGE: Final = 0.5
 """Seconds that a row waits at most."""
 
 
-class SampleBuffer:
-    """Rows of samples that wait to be written; knows their places, not the file.
+class RowBuffer:
+    """Rows of samples, or of strings, that wait to be written; knows their places, not the file.
 
     Parameters
     ----------
     strings, max_samples
-        Room in the file.
+        Room in the file; 1 sample for rows of strings.
     dtype
-        Of a row; it has a `string` and a `sample`.
+        Of a row; it has a `string`, and a `sample` if it is one.
     """
 
     def __init__(self, strings: int, max_samples: int, dtype: np.dtype = sample_dtype) -> None:
         self._strings, self._max_samples = strings, max_samples
         self._dtype = dtype
+        self._of_samples = "sample" in (dtype.names or ())
         self.clear()
 
     def clear(self) -> None:
@@ -54,10 +55,9 @@ class SampleBuffer:
 
     def add(self, records: np.ndarray, now: float) -> None:
         """Keep a copy of rows, (n,); raises IndexError if they have no place."""
-        for name, room in (("string", self._strings), ("sample", self._max_samples)):
-            for number in records[name].tolist():
-                if not 0 <= number < room:
-                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
+        self._check(records, "string", self._strings)
+        if self._of_samples:
+            self._check(records, "sample", self._max_samples)
         if not len(records):
             return
         if not self._count:
@@ -65,12 +65,19 @@ class SampleBuffer:
         self._waiting.append(records.astype(self._dtype, copy=False).tobytes())
         self._count += len(records)
 
+    def _check(self, records: np.ndarray, name: str, room: int) -> None:
+        for number in records[name].tolist():
+            if not 0 <= number < room:
+                raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
+
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Row numbers and rows of each consecutive run; of rows for one sample the first added."""
+        """Row numbers and rows of each consecutive run; of rows for one place the first added."""
         if not self._count:
             return
         rows = np.frombuffer(b"".join(self._waiting), self._dtype)
-        places = rows["string"] * self._max_samples + rows["sample"]
+        places = rows["string"]
+        if self._of_samples:
+            places = places * self._max_samples + rows["sample"]
         places, first = np.unique(places, return_index=True)
         # As plain bytes, for NumPy moves structured rows column by column.
         ordered = rows.view(np.uint8).reshape(len(rows), -1)[first].view(self._dtype)[:, 0]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.database.access import located, open_file
-from agglom_mpi.database.buffer import SampleBuffer
+from agglom_mpi.database.buffer import RowBuffer
 from agglom_mpi.database.stopwatch import Stopwatch
 from agglom_mpi.database.table import Table, are_whole, unbroken
 
@@ -42,11 +42,11 @@ class SampleWriter:
         self._clock = clock
         room = int(file.attrs["strings"]), int(file.attrs["max_samples"])
         self._table = Table(file, "samples", path)
-        self._buffer = SampleBuffer(*room)
+        self._buffer = RowBuffer(*room)
         self._finals: Table | None = None
         if "final_particles" in file:
             self._finals = Table(file, "final_particles", path)
-            self._waiting_finals = SampleBuffer(*room, self._finals.rows.dtype)
+            self._waiting_finals = RowBuffer(*room, self._finals.rows.dtype)
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
@@ -63,12 +63,14 @@ class SampleWriter:
         if full:
             self.flush()
 
-    def flush_due(self, now: float | None = None) -> bool:
-        """Flush if a sample has waited for long at `time.monotonic()` = now; say if so."""
-        due = self._buffer.due(time.monotonic() if now is None else now)
-        if due:
+    def due(self, now: float) -> bool:
+        """Whether a sample has waited for long at `time.monotonic()` = now."""
+        return self._buffer.due(now)
+
+    def flush_due(self) -> None:
+        """Flush if a sample has waited for long."""
+        if self.due(time.monotonic()):
             self.flush()
-        return due
 
     def flush(self) -> None:
         """Write the samples that wait; consecutive ones in one go, their particles before them."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.database.access import NotACampaign, open_file
+from agglom_mpi.database.buffer import RowBuffer
 from agglom_mpi.database.samples import SampleWriter, sync_descriptor
 from agglom_mpi.database.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
 from agglom_mpi.database.stopwatch import Stopwatch
@@ -29,8 +30,8 @@ class CampaignWriter:
 
     It is the only one, until `share` lets other ranks write samples of their own.
 
-    Everything but samples is in the file, visible to readers and safe from a kill of the
-    process, when its `put_` returns; samples are after `flush`. Only `sync` guards against a
+    Everything but samples and results is in the file, visible to readers and safe from a kill of
+    the process, when its `put_` returns; those are after `flush`. Only `sync` guards against a
     crash of the machine. Failed writes raise OSError with the path, and can be repeated;
     numbers beyond the room in the file raise IndexError.
 
@@ -59,6 +60,7 @@ class CampaignWriter:
             name: Table(file, name, self.path)
             for name in ("strings", "results", "failures", "generations", "legs")
         }
+        self._results = RowBuffer(int(file.attrs["strings"]), 1, self._tables["results"].rows.dtype)
         self._status = Rows(file["status"], self.path)
 
     def share(self, world: "Intracomm") -> None:
@@ -116,15 +118,21 @@ class CampaignWriter:
             self._tables["strings"].write(first_id, rows)
 
     def flush_due(self, now: float | None = None) -> bool:
-        """Flush if a sample has waited for long, as `SampleWriter.flush_due`; say if so."""
-        due = self.samples.flush_due(now)
+        """Flush if something has waited for long at `time.monotonic()` = now; say if so."""
+        now = time.monotonic() if now is None else now
+        due = self.samples.due(now) or self._results.due(now)
         if due:
+            self.flush()
             self._check_place()
         return due
 
     def flush(self) -> None:
-        """Write the samples that wait."""
+        """Write the samples that wait, and then the results."""
         self.samples.flush()
+        with self.clock:
+            for first, rows in self._results.runs():
+                self._tables["results"].write(first, rows)
+        self._results.clear()
 
     def put_samples(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Take samples, which wait for `flush`, as `SampleWriter.put`."""
@@ -166,21 +174,20 @@ class CampaignWriter:
         failed: int,
         hit_maximum: bool,
     ) -> None:
-        """Store the judgement of a string, after the samples that wait."""
-        self.flush()
-        self._put(
-            "results",
-            string,
-            string=string,
-            objective=objective,
-            standard_error=standard_error,
-            mean_radius_ratio=mean_radius_ratio,
-            mean_grains=mean_grains,
-            growth_number=growth_number,
-            samples_used=samples_used,
-            failed=failed,
-            hit_maximum=hit_maximum,
-        )
+        """Take the judgement of a string, which waits for `flush` as its samples do."""
+        fields = {
+            "string": string,
+            "objective": objective,
+            "standard_error": standard_error,
+            "mean_radius_ratio": mean_radius_ratio,
+            "mean_grains": mean_grains,
+            "growth_number": growth_number,
+            "samples_used": samples_used,
+            "failed": failed,
+            "hit_maximum": hit_maximum,
+        }
+        row = _row(self._tables["results"].rows.dtype, fields)
+        self._results.add(row, time.monotonic())
 
     @property
     def has_room_for_failures(self) -> bool:
@@ -218,7 +225,7 @@ class CampaignWriter:
         population: ArrayLike,
         digest: int,
     ) -> None:
-        """Store the state of the search after a generation, after the samples that wait.
+        """Store the state of the search after a generation, after what waits.
 
         `population` is (S,) string numbers, the best first; `seconds` are summed over legs;
         `digest` is that of `database.digest`.
@@ -344,8 +351,9 @@ class CampaignWriter:
             raise OSError(errno.ENOENT, message, str(self.path))
 
     def give_up(self, reason: str) -> None:
-        """After a failed write: forget the samples that wait, and say why if the file takes it."""
+        """After a failed write: forget what waits, and say why if the file takes it."""
         self.samples.forget()
+        self._results.clear()
         with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
             self.set_status("failed", reason)
 

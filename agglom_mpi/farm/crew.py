@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.database.bulk import final_particles_layout, frames_layout
 from agglom_mpi.database.table import joined
+from agglom_mpi.farm.bell import Bell
 from agglom_mpi.farm.messages import (
     ALIVE,
     FAILED_SAMPLE,
@@ -16,7 +17,7 @@ from agglom_mpi.farm.messages import (
     FAREWELL,
     FINALS,
     FRAMES,
-    HOST,
+    PRESENCE,
     RESULT,
     RESULTS,
     STOP,
@@ -24,6 +25,8 @@ from agglom_mpi.farm.messages import (
     TASKS,
     UNWRITTEN,
     WRITTEN,
+    presence,
+    there_is_mail,
 )
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.thread import SimulatorThread
@@ -35,9 +38,6 @@ if TYPE_CHECKING:
 
 STOPS_WITHIN: Final = 20.0
 """Seconds without a word of any rank after which those that should stop are not waited for."""
-
-ALONE: Final = 0.05
-"""Seconds between looks at the clock where there is no mail: own results wake rank 0 at once."""
 
 NO_RESULTS: Final = np.zeros(0, RESULT)
 NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
@@ -99,15 +99,21 @@ class Crew:
         self.missing: set[int] = set()
         self._dismissed = False
         self._waiting = Waiting()
+        self._bell = Bell()
+        self._bells: dict[int, bytes] = {}  # of ranks on this machine
         self._world = world
-        self._thread = SimulatorThread(simulator)
+        self._thread = SimulatorThread(simulator, self._bell)
         self._sends: list[tuple[Any, NDArray[np.void]]] = []
+        if world is not None:
+            from mpi4py import MPI
+
+            self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
         self._dtypes: dict[int, np.dtype] = {
             RESULTS: RESULT,
             FAILURE: FAILED_SAMPLE,
             UNWRITTEN: FAILED_SAMPLE,
             WRITTEN: np.dtype(np.int64),
-            ALIVE: HOST,
+            ALIVE: PRESENCE,
             STOP: FAREWELL,
             FINALS: final_particles_layout(simulator.grains).dtype,
             FRAMES: frames_layout(simulator.grains).dtype,
@@ -121,17 +127,22 @@ class Crew:
         self._post(tasks, rank, TASKS)
 
     def deliveries(self) -> Iterator[Delivery]:
-        """Everything that has arrived; waits a moment for own results if nothing has."""
-        found = False
-        for delivery in self._mail():
+        """Wait a moment, and yield everything that has arrived."""
+        rung, found = self._bell.wait(self._patience()), False
+        for delivery in self._arrived():
             found = True
             yield delivery
-        patience = ALONE if self.size == 1 else self._waiting.seconds
-        finished = self._thread.take(0.0 if found else patience)
-        self._waiting.looked(found or finished is not None)
-        while finished is not None:
+        self._waiting.looked(found, rung)
+
+    def _arrived(self) -> Iterator[Delivery]:
+        yield from self._mail()
+        while (finished := self._thread.take()) is not None:
             yield _own(finished)
-            finished = self._thread.take(0.0)
+
+    def _patience(self) -> float:
+        """How long to wait, s; large messages need somebody who looks after them."""
+        self._forget_sent()
+        return self._waiting.at_most(len(self._bells) == self.size - 1 and not self._sends)
 
     def sync(self) -> None:
         """Ask all other ranks to put on the disc what they have written; never waits.
@@ -149,7 +160,7 @@ class Crew:
         """
         self._dismissed = True
         self._thread.stop()
-        while (own := self._thread.take(0.0)) is not None:
+        while (own := self._thread.take()) is not None:
             yield _own(own)
         if self._world is None:
             return
@@ -170,24 +181,25 @@ class Crew:
                 request.Wait()
 
     def _post(self, message: NDArray[Any], rank: int, tag: int) -> None:
-        from mpi4py import MPI
-
         assert self._world is not None
-        request = self._world.Isend([message, MPI.BYTE], dest=rank, tag=tag)
-        self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
-        self._sends.append((request, message))
+        self._forget_sent()
+        self._sends.append((self._world.Isend([message, self._byte], dest=rank, tag=tag), message))
+        if rank in self._bells and not self._bell.ring_at(self._bells[rank]):
+            del self._bells[rank]
+
+    def _forget_sent(self) -> None:
+        if self._sends:
+            self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
 
     def _mail(self) -> Iterator[Delivery]:
         if self.size == 1 or self._world is None:
             return
-        from mpi4py import MPI
-
-        status = MPI.Status()
-        while self._world.Iprobe(source=MPI.ANY_SOURCE, tag=MPI.ANY_TAG, status=status):
+        status = self._status
+        while there_is_mail(self._world, self._any_rank, status):
             rank, tag = status.Get_source(), status.Get_tag()
             dtype = self._dtypes[tag]
-            content = np.empty(status.Get_count(MPI.BYTE) // dtype.itemsize, dtype)
-            self._world.Recv([content, MPI.BYTE], source=rank, tag=tag)
+            content = np.empty(status.Get_count(self._byte) // dtype.itemsize, dtype)
+            self._world.Recv([content, self._byte], source=rank, tag=tag)
             yield self._read(rank, tag, content)
 
     def _read(self, rank: int, tag: int, content: NDArray[Any]) -> Delivery:
@@ -202,10 +214,18 @@ class Crew:
         if tag == WRITTEN:
             return Delivery(rank, written=int(content[0]))
         if tag == ALIVE:
-            self.hosts[rank] = content["host"][0].decode()
+            self._meet(rank, content)
             return Delivery(rank)
         if tag == UNWRITTEN:
             host, text = (content[name][0].decode() for name in ("host", "text"))
             raise OSError(f"rank {rank} on {host}: {text}")
         self.database_seconds += float(content["database_seconds"][0])
         return Delivery(rank, stopped=True)
+
+    def _meet(self, rank: int, present: NDArray[Any]) -> None:
+        """Take note of where a rank is, and of its bell if that is in reach."""
+        self.hosts[rank] = present["host"][0].decode()
+        bell = bytes(present["bell"][0])
+        if rank not in self._bells and self._bell.ring_at(bell):
+            self._bells[rank] = bell
+            self._post(presence(self._bell.name), rank, ALIVE)

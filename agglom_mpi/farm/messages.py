@@ -1,13 +1,16 @@
 """What travels between ranks: fixed-size typed records, never pickles."""
 
 import socket
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from agglom_mpi.database.schema import sample_dtype
 from agglom_mpi.simulation.outcome import TIMED_OUT
 from agglom_mpi.variables import COUNT
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm, Status
 
 TASKS: Final = 1
 RESULTS: Final = 2
@@ -48,8 +51,9 @@ FAILED_SAMPLE: Final = np.dtype(
 )
 """The traceback of a sample that raised, `frames` as in its task."""
 
-HOST: Final = np.dtype([("host", "S64")])
-"""A sign of life: the machine of a rank."""
+PRESENCE: Final = np.dtype([("host", "S64"), ("bell", "S64")])
+"""A sign of life: the machine of a rank, and the name of its bell. Rank 0 sends its own to those
+whose bell it can ring."""
 
 ALIVE_EVERY: Final = 5.0
 """Seconds after which a rank that has nothing to say gives a sign of life."""
@@ -62,6 +66,11 @@ FAREWELL: Final = np.dtype([("database_seconds", "f8")])
 
 MOST_SAMPLES: Final = 1024
 """Samples asked for in one message at most."""
+
+
+def presence(bell: bytes) -> np.ndarray:
+    """Make the record, shape (1,), by which this rank shows that it is there."""
+    return np.array([(socket.gethostname().encode()[:64], bell)], PRESENCE)
 
 
 def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 0) -> np.ndarray:
@@ -81,3 +90,11 @@ def final_results(results: np.ndarray) -> np.ndarray:
     if TIMED_OUT not in results["reason"].tolist():
         return results
     return results[results["reason"] != TIMED_OUT]
+
+
+def there_is_mail(world: "Intracomm", source: int, status: "Status") -> bool:
+    """Look for a message, of any tag; what is found goes into the status.
+
+    Looked for twice: MPICH may take a message in at one call and tell of it at the next.
+    """
+    return world.Iprobe(source, status=status) or world.Iprobe(source, status=status)

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.farm.bell import Bell
 from agglom_mpi.farm.simulator import Batch, Simulator
 
 HELD_BACK: Final = 0.1
@@ -19,14 +20,21 @@ class SimulatorThread:
 
     What is finished does not wait for long for the rest of its batch. An exception of the thread
     itself is raised by `take`.
+
+    Parameters
+    ----------
+    simulator
+        Of this rank.
+    bell
+        Rung when something can be taken.
     """
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Simulator, bell: Bell) -> None:
         self._simulator = simulator
         self._watch = simulator.watch
         self._batches: queue.SimpleQueue[NDArray[np.void] | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._arrived = threading.Event()
+        self._bell = bell
         self._thread = threading.Thread(target=self._work, name="simulator", daemon=True)
         self._thread.start()
 
@@ -34,13 +42,9 @@ class SimulatorThread:
         """Queue a batch."""
         self._batches.put(tasks)
 
-    def take(self, timeout: float) -> Batch | None:
-        """Next finished batch, waiting at most `timeout` in s; None if there is none."""
+    def take(self) -> Batch | None:
+        """Next finished batch, None if there is none; ends a sample that takes too long."""
         self._watch.look()
-        if timeout and self._results.empty():
-            # Not the queue's own `get(timeout)`: preempted for longer than that, it waits for ever.
-            self._arrived.wait(timeout)
-        self._arrived.clear()  # before looking: what comes later is announced again
         try:
             item = self._results.get_nowait()
         except queue.Empty:
@@ -83,4 +87,4 @@ class SimulatorThread:
 
     def _give(self, item: Batch | BaseException) -> None:
         self._results.put(item)
-        self._arrived.set()
+        self._bell.ring()

@@ -10,6 +10,9 @@ LONGEST: Final = 4e-3
 GROWTH: Final = 1.5
 """From one wait to the next."""
 
+QUIET: Final = 0.05
+"""Wait where all that send also ring a bell, s."""
+
 FIRST: Final = 0.125
 """Wait after mail, in units of the time between mail: a look takes some 30 µs of a core, but with
 longer waits a rank whose samples are short runs out of work. At a half, two ranks that wait for
@@ -25,16 +28,27 @@ class Waiting:
     Attributes
     ----------
     seconds
-        How long to wait now.
+        How long to wait now if nobody rings.
     """
 
     def __init__(self) -> None:
         self.seconds = SHORTEST
         self._between = 0.0
         self._found = time.monotonic()
+        self._early = False
 
-    def looked(self, found: bool) -> None:
-        """Take note of a look at the mail, and whether there was any."""
+    def at_most(self, rings: bool) -> float:
+        """Return how long to wait now, s, given whether all that send also ring.
+
+        The first bell may be faster than the message that it rings for.
+        """
+        if not rings:
+            return self.seconds
+        return LONGEST if self._early else QUIET
+
+    def looked(self, found: bool, rung: bool = False) -> None:
+        """Take note of a look at the mail, whether there was any, and whether a bell had rung."""
+        self._early = rung and not found
         if not found:
             self.seconds = min(GROWTH * self.seconds, LONGEST)
             return

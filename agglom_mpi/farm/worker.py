@@ -1,6 +1,5 @@
 """A rank that simulates what it is sent until it is told to stop."""
 
-import socket
 import time
 from typing import TYPE_CHECKING
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from agglom_mpi.database.samples import RankFile
 from agglom_mpi.database.table import joined
+from agglom_mpi.farm.bell import Bell
 from agglom_mpi.farm.messages import (
     ALIVE,
     ALIVE_EVERY,
@@ -15,8 +15,8 @@ from agglom_mpi.farm.messages import (
     FAREWELL,
     FINALS,
     FRAMES,
-    HOST,
     MOST_SAMPLES,
+    PRESENCE,
     RESULT,
     RESULTS,
     STOP,
@@ -27,6 +27,8 @@ from agglom_mpi.farm.messages import (
     WRITTEN,
     failed_sample,
     final_results,
+    presence,
+    there_is_mail,
 )
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.store import in_words
@@ -62,30 +64,32 @@ class Worker:
         self._world = world
         self._file = file
         self._told = 0
-        self._thread = SimulatorThread(simulator)
-        self._any, self._byte, self._status = MPI.ANY_TAG, MPI.BYTE, MPI.Status()
+        self._bell = Bell()
+        self._master = b""  # the bell of rank 0, if that is on this machine
+        self._thread = SimulatorThread(simulator, self._bell)
+        self._byte, self._status = MPI.BYTE, MPI.Status()
         self._waiting = Waiting()
-        self._host = np.array([(socket.gethostname(),)], HOST)
+        self._presence = presence(self._bell.name)
         self._spoken = -ALIVE_EVERY
         self._tasks = np.zeros(MOST_SAMPLES, TASK)
 
     def serve(self) -> None:
-        """Read the mail, and pass on what has been simulated; waits a moment if nothing has."""
-        found = False
-        while self._world.Iprobe(source=0, tag=self._any, status=self._status):
+        """Wait a moment, read the mail, and pass on what has been simulated."""
+        rung, found = self._bell.wait(self._waiting.at_most(bool(self._master))), False
+        while there_is_mail(self._world, 0, self._status):
             found = True
             self._read(self._status.Get_tag())
             if self.code is not None:
                 return
-        finished = self._thread.take(0.0 if found else self._waiting.seconds)
-        self._waiting.looked(found or finished is not None)
-        if finished is not None:
+        while (finished := self._thread.take()) is not None:
+            found = True
             self._pass_on(finished)
+        self._waiting.looked(found, rung)
         if self._file is not None:
             self._file.samples.flush_due()
             self._tell_written(self._file)
         if time.monotonic() - self._spoken >= ALIVE_EVERY:
-            self._send(self._host, ALIVE)
+            self._send(self._presence, ALIVE)
 
     def complain(self, error: OSError) -> None:
         """Let rank 0 know that this rank cannot write, and leave it to end the job."""
@@ -114,6 +118,11 @@ class Worker:
             count = self._status.Get_count(self._byte) // TASK.itemsize
             self._thread.put(self._tasks[:count].copy())
             return
+        if tag == ALIVE:
+            present = np.empty(1, PRESENCE)
+            self._world.Recv([present, self._byte], source=0, tag=ALIVE)
+            self._master = bytes(present["bell"][0])
+            return
         code = np.zeros(1, np.int32)
         self._world.Recv(code, source=0, tag=tag)
         if tag == SYNC and self._file is not None:
@@ -125,7 +134,7 @@ class Worker:
 
     def _stop(self) -> None:
         self._thread.stop()
-        while (finished := self._thread.take(0.0)) is not None:
+        while (finished := self._thread.take()) is not None:
             self._pass_on(finished)
         farewell = np.zeros(1, FAREWELL)
         if self._file is not None:
@@ -142,4 +151,7 @@ class Worker:
 
     def _send(self, record: np.ndarray, tag: int) -> None:
         self._spoken = time.monotonic()
-        self._world.Send([record, self._byte], dest=0, tag=tag)
+        request = self._world.Isend([record, self._byte], dest=0, tag=tag)
+        if self._master and not self._bell.ring_at(self._master):
+            self._master = b""
+        request.Wait()

@@ -12,8 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 from mpi4py import MPI
 
-from agglom_mpi.farm import messages, scheduler
+from agglom_mpi.farm import messages, pace
 from agglom_mpi.farm.crew import Crew
+from agglom_mpi.farm.scheduler import Scheduler
 from agglom_mpi.farm.simulator import Series, Simulator
 from agglom_mpi.farm.worker import work as serve
 from agglom_mpi.search import Progress
@@ -62,14 +63,14 @@ class Endless:
 
 
 def farm(most, seconds):
-    scheduler.MOST_SAMPLES = most
+    pace.MOST_SAMPLES = most
     world = MPI.COMM_WORLD
     if world.rank:
         messages.MOST_SAMPLES = max(most, messages.MOST_SAMPLES)
         serve(world, Idle(world.rank), None)
         return
     crew, needs, returned = Crew(Idle(0), world), Endless(), [0, 0]
-    plan = scheduler.Scheduler(needs, world.size, experience=[10**8] * 10)
+    plan = Scheduler(needs, world.size, experience=[10**8] * 10)
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds:
         for rank, tasks in plan.assignments(time.monotonic()):

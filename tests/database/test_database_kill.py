@@ -38,6 +38,7 @@ with CampaignWriter(path) as writer:
             print("sample", string, at, len(rows), flush=True)
             at += count
         put_result(writer, string, 0.5)
+        writer.flush()
         print("result", string, flush=True)
         string += 1
 """

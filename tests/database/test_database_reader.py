@@ -246,6 +246,7 @@ def test_a_reader_follows_the_writer_in_the_same_process(path):
             writer.flush()
             assert len(campaign.sample_rows(string)) == 5
         put_result(writer, 3, 0.5)
+        writer.flush()
         assert campaign.best(1)["string"][0] == 3
         put_result(writer, 4, 0.4)
     assert campaign.best(1)["string"][0] == 4

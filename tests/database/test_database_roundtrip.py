@@ -23,6 +23,7 @@ from agglom_mpi.database.schema import (
     TOOK_TOO_LONG,
     sample_dtype,
 )
+from agglom_mpi.database.table import Rows
 from agglom_mpi.database.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
@@ -86,19 +87,42 @@ def test_samples_wait_for_company_but_not_for_long(path, writer):
     assert writer.flush_due(time.monotonic() + FLUSH_AGE)
     assert len(campaign.sample_rows(0)) == 3
     assert not writer.flush_due(time.monotonic() + FLUSH_AGE)
-    for string in range(1, 4):
+    enough = FLUSH_ROWS // MAX_SAMPLES + 1
+    for string in range(1, 1 + enough):
+        assert len(campaign.sample_rows(1)) == 0
         writer.put_samples(sample_rows(string, 0, MAX_SAMPLES))
-    assert 3 * MAX_SAMPLES > FLUSH_ROWS
-    assert len(campaign.sample_rows(3)) == MAX_SAMPLES
+    assert len(campaign.sample_rows(enough)) == MAX_SAMPLES
 
 
-def test_a_result_never_precedes_its_samples(path, writer):
+def test_a_result_never_precedes_its_samples(path, writer, monkeypatch):
+    order, write = [], Rows.write
+
+    def written(rows, first, new):
+        order.append((rows.name, first, len(new)))
+        write(rows, first, new)
+
+    monkeypatch.setattr(Rows, "write", written)
+    put_result(writer, 6, 0.25)
     writer.put_samples(sample_rows(5, 0, 3))
     put_result(writer, 5, 0.5)
-    assert len(open_campaign(path).sample_rows(5)) == 3
+    assert not order
+    writer.flush()
+    tables = [("/samples", 5 * MAX_SAMPLES, 3), ("/results", 5, 2)]
+    assert order == [
+        write for name, *where in tables for write in ((name, *where), (f"{name}_done", *where))
+    ]
     row = open_campaign(path).result_rows()[0]
     assert (row["string"], row["objective"], row["samples_used"]) == (5, 0.5, 10)
     assert (row["failed"], row["hit_maximum"], row["growth_number"]) == (1, 1, 6.859)
+
+
+def test_results_wait_for_company_but_not_for_long(path, writer):
+    put_result(writer, 5, 0.5)
+    assert not writer.flush_due()
+    assert len(open_campaign(path).result_rows()) == 0
+    assert writer.flush_due(time.monotonic() + FLUSH_AGE)
+    assert len(open_campaign(path).result_rows()) == 1
+    assert not writer.flush_due(time.monotonic() + FLUSH_AGE)
 
 
 def test_generations(path, writer):
@@ -187,7 +211,7 @@ def test_samples_without_a_place_are_refused_and_forgotten(path, writer, string,
 
 
 def test_rows_beyond_the_room_are_refused(path, writer):
-    with pytest.raises(IndexError, match=r"grains\.h5.*/results"):
+    with pytest.raises(IndexError, match=f"string {STRINGS}: there is room for 0 to"):
         put_result(writer, STRINGS, 0.5)
     with pytest.raises(IndexError, match="/strings"):
         put_strings(writer, STRINGS - 1, 2)

@@ -9,6 +9,7 @@ from farm_runs import SMALL, write_campaign
 
 from agglom_mpi.campaign import load_campaign
 from agglom_mpi.farm import simulator as module
+from agglom_mpi.farm.bell import Bell
 from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
 from agglom_mpi.farm.simulator import Batch, Simulator, Watch
 from agglom_mpi.farm.thread import HELD_BACK, SimulatorThread
@@ -98,14 +99,22 @@ def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
     assert (result["string"], result["sample"], result["rank"]) == (3, 0, 2)
 
 
+def taken(thread, seconds):
+    """Next batch, if it is finished within so many seconds."""
+    end = time.monotonic() + seconds
+    while (batch := thread.take()) is None and time.monotonic() < end:
+        time.sleep(1e-3)
+    return batch
+
+
 def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkeypatch):
     def raise_at_once(*arguments):
         raise ArithmeticError("grains on strike")
 
     monkeypatch.setattr(module, "simulate_scene", raise_at_once)
-    thread = SimulatorThread(Simulator(CampaignWork(campaign), 2))
+    thread = SimulatorThread(Simulator(CampaignWork(campaign), 2), Bell())
     thread.put(tasks(campaign, 2))
-    batch = thread.take(20.0)
+    batch = taken(thread, 20.0)
     thread.stop()
     results, failures = np.concatenate(batch.results), batch.failures
     assert results["state"].tolist() == [FAILED] * 2
@@ -120,26 +129,26 @@ def test_an_exception_of_the_thread_itself_is_raised_where_results_are_taken():
     def refuse(fake, sample):
         raise MemoryError("no more")
 
-    thread = SimulatorThread(Fake(refuse))
+    thread = SimulatorThread(Fake(refuse), Bell())
     thread.put(some(1))
     with pytest.raises(MemoryError, match="no more"):
-        thread.take(20.0)
+        taken(thread, 20.0)
     thread.stop()
 
 
 def test_batches_come_back_whole_and_in_order():
-    thread = SimulatorThread(Fake())
+    thread = SimulatorThread(Fake(), Bell())
     for first in (0, 10):
         thread.put(some(3, first))
-    taken = [np.concatenate(thread.take(20.0).results)["sample"].tolist() for _ in range(2)]
+    numbers = [np.concatenate(taken(thread, 20.0).results)["sample"].tolist() for _ in range(2)]
     thread.stop()
-    assert taken == [[0, 1, 2], [10, 11, 12]]
+    assert numbers == [[0, 1, 2], [10, 11, 12]]
 
 
 def test_tasks_of_a_batch_come_back_together():
-    thread = SimulatorThread(Fake())
+    thread = SimulatorThread(Fake(), Bell())
     thread.put(np.concatenate([some(2), some(1, 7), some(2, 4)]))
-    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [0, 1, 7, 4, 5]
+    assert np.concatenate(taken(thread, 20.0).results)["sample"].tolist() == [0, 1, 7, 4, 5]
     thread.stop()
 
 
@@ -152,18 +161,18 @@ def test_what_is_finished_does_not_wait_for_long_for_the_rest_of_its_batch():
         elif sample == 3:
             assert last.wait(20.0)
 
-    thread = SimulatorThread(Fake(slow_in_the_end))
+    thread = SimulatorThread(Fake(slow_in_the_end), Bell())
     thread.put(some(4))
-    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [0, 1]
+    assert np.concatenate(taken(thread, 20.0).results)["sample"].tolist() == [0, 1]
     last.set()
-    assert np.concatenate(thread.take(20.0).results)["sample"].tolist() == [2, 3]
+    assert np.concatenate(taken(thread, 20.0).results)["sample"].tolist() == [2, 3]
     thread.stop()
 
 
 def test_nothing_finished_is_none_after_the_wait():
-    thread = SimulatorThread(Fake())
-    assert thread.take(0.0) is None
-    assert thread.take(0.01) is None
+    thread = SimulatorThread(Fake(), Bell())
+    assert thread.take() is None
+    assert taken(thread, 0.01) is None
     thread.stop()
 
 
@@ -176,12 +185,12 @@ def test_stopping_abandons_what_runs_and_what_is_queued():
             time.sleep(0.001)
 
     fake = Fake(until_aborted)
-    thread = SimulatorThread(fake)
+    thread = SimulatorThread(fake, Bell())
     for _ in range(3):
         thread.put(some(5))
     assert running.wait(20.0)
     thread.stop()
-    assert thread.take(0.0) is None
+    assert thread.take() is None
     assert len(fake.seen) <= 3
 
 
@@ -190,13 +199,13 @@ def test_stopping_does_not_wait_for_the_end_of_a_long_sample(tmp_path):
     campaign = load_campaign(path)
     simulator = Simulator(CampaignWork(campaign), 0)
     simulator.warm_up()
-    thread = SimulatorThread(simulator)
+    thread = SimulatorThread(simulator, Bell())
     thread.put(tasks(campaign))
     time.sleep(0.1)
     begin = time.monotonic()
     thread.stop()
     assert time.monotonic() - begin < 5.0
-    assert thread.take(0.0) is None
+    assert thread.take() is None
 
 
 def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
@@ -208,13 +217,13 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     simulator.warm_up()
     batch = tasks(campaign)
     batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
-    thread = SimulatorThread(simulator)
+    thread = SimulatorThread(simulator, Bell())
     thread.put(batch)
-    assert thread.take(0.5) is None
+    assert taken(thread, 0.5) is None
     begin = time.monotonic()
     thread.stop()
     assert time.monotonic() - begin < 1.0
-    assert thread.take(0.0) is None
+    assert thread.take() is None
 
 
 def test_what_pictures_need_is_compiled_before_anything_runs(tmp_path, monkeypatch):
@@ -254,11 +263,9 @@ def test_of_a_long_traceback_the_end_travels():
 
 
 def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever():
-    """`queue.SimpleQueue.get` waits for ever if it is away for longer than its timeout just then.
-
-    Here timer signals take it away, on a busy machine other processes do.
-    """
-    thread, end = SimulatorThread(Fake()), time.monotonic() + 60.0
+    """Here timer signals take it away from its wait, on a busy machine other processes do."""
+    bell, end = Bell(), time.monotonic() + 60.0
+    thread = SimulatorThread(Fake(), bell)
 
     def interrupt(number, frame):
         assert time.monotonic() < end, "waits for ever"
@@ -268,9 +275,10 @@ def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever():
     try:
         for _ in range(20_000):
             thread.put(some(1))
-            while thread.take(1e-6) is None:
-                pass
-            assert thread.take(1e-6) is None
+            while thread.take() is None:
+                bell.wait(60.0)
+            assert thread.take() is None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+    thread.stop()

@@ -1,7 +1,7 @@
 import pytest
 
 from agglom_mpi.farm import waiting
-from agglom_mpi.farm.waiting import LONGEST, SHORTEST, Waiting
+from agglom_mpi.farm.waiting import LONGEST, QUIET, SHORTEST, Waiting
 
 
 class Clock:
@@ -66,3 +66,19 @@ def test_two_that_answer_each_other_at_once_wait_ever_shorter(clock):
             clock.now += each.seconds
             each.looked(True)
     assert one.seconds == other.seconds == SHORTEST
+
+
+def test_where_all_who_send_also_ring_it_waits_for_the_bell(clock):
+    wait = Waiting()
+    for found in (False, True, False, True, True):
+        wait.looked(found, rung=found)
+        assert wait.at_most(rings=True) == QUIET
+        assert wait.at_most(rings=False) == wait.seconds <= LONGEST
+
+
+def test_after_a_bell_without_mail_it_looks_again_soon(clock):
+    wait = Waiting()
+    wait.looked(False, rung=True)
+    assert wait.at_most(rings=True) == LONGEST
+    wait.looked(False, rung=False)
+    assert wait.at_most(rings=True) == QUIET

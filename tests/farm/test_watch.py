@@ -9,6 +9,7 @@ from farm_runs import SMALL, write_campaign
 from agglom_mpi.campaign import load_campaign
 from agglom_mpi.database.schema import TOOK_TOO_LONG
 from agglom_mpi.farm import simulator as module
+from agglom_mpi.farm.bell import Bell
 from agglom_mpi.farm.messages import TASK, final_results
 from agglom_mpi.farm.simulator import Batch, Simulator, Watch
 from agglom_mpi.farm.thread import SimulatorThread
@@ -203,12 +204,13 @@ def test_the_thread_looks_while_it_is_asked_for_results(tmp_path):
     simulator.warm_up()
     batch = task(campaign, 2)
     batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
-    thread = SimulatorThread(simulator)
+    thread = SimulatorThread(simulator, Bell())
     thread.put(batch)
     rows, end = [], time.monotonic() + 20.0
     while len(rows) < 2:
         assert time.monotonic() < end
-        taken = thread.take(0.01)
+        time.sleep(0.01)
+        taken = thread.take()
         rows += taken.results if taken is not None else []
     thread.stop()
     rows = np.concatenate(rows)
