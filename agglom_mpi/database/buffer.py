@@ -1,6 +1,6 @@
 """Rows on their way to the file, so that neighbours can be written together."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Final
 
@@ -21,16 +21,16 @@ class RowBuffer:
 
     Parameters
     ----------
-    strings, max_samples
-        Room in the file; 1 sample for rows of strings.
+    room
+        Numbers that there is room for, by the columns that say where a row belongs: `string`, and
+        `sample` for rows of samples.
     dtype
-        Of a row; it has a `string`, and a `sample` if it is one.
+        Of a row.
     """
 
-    def __init__(self, strings: int, max_samples: int, dtype: np.dtype = sample_dtype) -> None:
-        self._strings, self._max_samples = strings, max_samples
+    def __init__(self, room: Mapping[str, int], dtype: np.dtype = sample_dtype) -> None:
+        self._room = room
         self._dtype = dtype
-        self._of_samples = "sample" in (dtype.names or ())
         self.clear()
 
     def clear(self) -> None:
@@ -55,9 +55,10 @@ class RowBuffer:
 
     def add(self, records: np.ndarray, now: float) -> None:
         """Keep a copy of rows, (n,); raises IndexError if they have no place."""
-        self._check(records, "string", self._strings)
-        if self._of_samples:
-            self._check(records, "sample", self._max_samples)
+        for name, room in self._room.items():
+            for number in records[name].tolist():
+                if not 0 <= number < room:
+                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
         if not len(records):
             return
         if not self._count:
@@ -65,19 +66,13 @@ class RowBuffer:
         self._waiting.append(records.astype(self._dtype, copy=False).tobytes())
         self._count += len(records)
 
-    def _check(self, records: np.ndarray, name: str, room: int) -> None:
-        for number in records[name].tolist():
-            if not 0 <= number < room:
-                raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
-
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:
         """Row numbers and rows of each consecutive run; of rows for one place the first added."""
         if not self._count:
             return
         rows = np.frombuffer(b"".join(self._waiting), self._dtype)
-        places = rows["string"]
-        if self._of_samples:
-            places = places * self._max_samples + rows["sample"]
+        numbers = [rows[name] for name in self._room]
+        places = np.ravel_multi_index(numbers, tuple(self._room.values()))
         places, first = np.unique(places, return_index=True)
         # As plain bytes, for NumPy moves structured rows column by column.
         ordered = rows.view(np.uint8).reshape(len(rows), -1)[first].view(self._dtype)[:, 0]

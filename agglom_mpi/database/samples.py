@@ -40,13 +40,13 @@ class SampleWriter:
     def __init__(self, file: h5py.File, path: Path, clock: Stopwatch) -> None:
         self.written = 0
         self._clock = clock
-        room = int(file.attrs["strings"]), int(file.attrs["max_samples"])
+        room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
         self._table = Table(file, "samples", path)
-        self._buffer = RowBuffer(*room)
+        self._buffer = RowBuffer(room)
         self._finals: Table | None = None
         if "final_particles" in file:
             self._finals = Table(file, "final_particles", path)
-            self._waiting_finals = RowBuffer(*room, self._finals.rows.dtype)
+            self._waiting_finals = RowBuffer(room, self._finals.rows.dtype)
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.

@@ -50,12 +50,16 @@ class Rows:
         except OSError as error:
             raise located(error, self._path) from error
 
-    def _select(self, first: int, count: int) -> None:
+    def check(self, first: int, count: int) -> None:
+        """Raise an IndexError if these elements do not exist."""
         if not 0 <= first <= first + count <= self.capacity:
             raise IndexError(
                 f"{self._path}: rows {first} to {first + count - 1} of {self.name} "
                 f"do not exist; it has room for {self.capacity}"
             )
+
+    def _select(self, first: int, count: int) -> None:
+        self.check(first, count)
         self._space.select_hyperslab((first,), (count,))
 
 

@@ -60,7 +60,8 @@ class CampaignWriter:
             name: Table(file, name, self.path)
             for name in ("strings", "results", "failures", "generations", "legs")
         }
-        self._results = RowBuffer(int(file.attrs["strings"]), 1, self._tables["results"].rows.dtype)
+        results = self._tables["results"]
+        self._results = RowBuffer({"string": results.capacity}, results.rows.dtype)
         self._status = Rows(file["status"], self.path)
 
     def share(self, world: "Intracomm") -> None:
@@ -186,8 +187,9 @@ class CampaignWriter:
             "failed": failed,
             "hit_maximum": hit_maximum,
         }
-        row = _row(self._tables["results"].rows.dtype, fields)
-        self._results.add(row, time.monotonic())
+        rows = self._tables["results"].rows
+        rows.check(string, 1)
+        self._results.add(_row(rows.dtype, fields), time.monotonic())
 
     @property
     def has_room_for_failures(self) -> bool:

@@ -26,11 +26,10 @@ from agglom_mpi.farm.messages import (
     UNWRITTEN,
     WRITTEN,
     presence,
-    there_is_mail,
 )
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.thread import SimulatorThread
-from agglom_mpi.farm.waiting import LONGEST, Waiting
+from agglom_mpi.farm.waiting import LONGEST, Waiting, there_is_mail
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

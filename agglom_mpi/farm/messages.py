@@ -1,16 +1,13 @@
 """What travels between ranks: fixed-size typed records, never pickles."""
 
 import socket
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from agglom_mpi.database.schema import sample_dtype
 from agglom_mpi.simulation.outcome import TIMED_OUT
 from agglom_mpi.variables import COUNT
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Intracomm, Status
 
 TASKS: Final = 1
 RESULTS: Final = 2
@@ -70,7 +67,7 @@ MOST_SAMPLES: Final = 1024
 
 def presence(bell: bytes) -> np.ndarray:
     """Make the record, shape (1,), by which this rank shows that it is there."""
-    return np.array([(socket.gethostname().encode()[:64], bell)], PRESENCE)
+    return np.array([(_host(), bell)], PRESENCE)
 
 
 def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 0) -> np.ndarray:
@@ -78,11 +75,15 @@ def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["frames"] = frames
-    record["host"] = socket.gethostname().encode()[:64]
+    record["host"] = _host()
     record["text"] = (
         text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
     )
     return record
+
+
+def _host() -> bytes:
+    return socket.gethostname().encode()[:64]
 
 
 def final_results(results: np.ndarray) -> np.ndarray:
@@ -90,11 +91,3 @@ def final_results(results: np.ndarray) -> np.ndarray:
     if TIMED_OUT not in results["reason"].tolist():
         return results
     return results[results["reason"] != TIMED_OUT]
-
-
-def there_is_mail(world: "Intracomm", source: int, status: "Status") -> bool:
-    """Look for a message, of any tag; what is found goes into the status.
-
-    Looked for twice: MPICH may take a message in at one call and tell of it at the next.
-    """
-    return world.Iprobe(source, status=status) or world.Iprobe(source, status=status)

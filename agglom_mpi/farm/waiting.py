@@ -1,7 +1,10 @@
-"""How long to wait before looking at the mail again: a blocking receive would burn a core."""
+"""When and how to look at the mail: a blocking receive would burn a core."""
 
 import time
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm, Status
 
 SHORTEST: Final = 5e-5
 LONGEST: Final = 4e-3
@@ -56,3 +59,11 @@ class Waiting:
         self._between += RECENT * (min(now - self._found, 1.0) - self._between)
         self._found = now
         self.seconds = min(max(FIRST * self._between, SHORTEST), LONGEST)
+
+
+def there_is_mail(world: "Intracomm", source: int, status: "Status") -> bool:
+    """Look for a message, of any tag; what is found goes into the status.
+
+    Looked for twice: MPICH may take a message in at one call and tell of it at the next.
+    """
+    return world.Iprobe(source, status=status) or world.Iprobe(source, status=status)

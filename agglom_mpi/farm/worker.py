@@ -28,12 +28,11 @@ from agglom_mpi.farm.messages import (
     failed_sample,
     final_results,
     presence,
-    there_is_mail,
 )
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.store import in_words
 from agglom_mpi.farm.thread import SimulatorThread
-from agglom_mpi.farm.waiting import Waiting
+from agglom_mpi.farm.waiting import Waiting, there_is_mail
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

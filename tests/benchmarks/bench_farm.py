@@ -52,10 +52,10 @@ def test_two_ranks_against_one_process_and_against_two(tmp_path, job, generation
     """Single processes have one thread that simulates; their samples are compiled before.
 
     The other one, that serves it, has the other core to itself where there is one process. All use
-    the same samples. A speedup is twice the share of their time in which two ranks
-    simulate what is used, by that of one, by how much longer a sample takes while both cores work.
-    The share is the farm's; the rest is the machine's, and that of main threads which take turns
-    with those that simulate.
+    the same samples. A speedup is twice the share of their time in which two ranks simulate what is
+    used, by that of one, by how much longer a sample takes while both cores work. The share is the
+    farm's; the rest is the machine's, and that of main threads which take turns with those that
+    simulate.
     """
     finish(tmp_path, *words(job, tmp_path / "warm.h5", "1"))
     one, two, both = [], [], []
