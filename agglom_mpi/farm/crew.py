@@ -27,6 +27,7 @@ from agglom_mpi.farm.messages import (
     WRITTEN,
     presence,
 )
+from agglom_mpi.farm.pace import RUNG_TURNROUND, TURNROUND
 from agglom_mpi.farm.simulator import Batch, Simulator
 from agglom_mpi.farm.thread import SimulatorThread
 from agglom_mpi.farm.waiting import LONGEST, Waiting, there_is_mail
@@ -133,6 +134,15 @@ class Crew:
             yield delivery
         self._waiting.looked(found, rung)
 
+    @property
+    def turnround(self) -> float:
+        """Time that a rank without work waits for more, s."""
+        return RUNG_TURNROUND if self._all_ring else TURNROUND
+
+    @property
+    def _all_ring(self) -> bool:
+        return len(self._bells) == self.size - 1
+
     def _arrived(self) -> Iterator[Delivery]:
         yield from self._mail()
         while (finished := self._thread.take()) is not None:
@@ -141,7 +151,7 @@ class Crew:
     def _patience(self) -> float:
         """How long to wait, s; large messages need somebody who looks after them."""
         self._forget_sent()
-        return self._waiting.at_most(len(self._bells) == self.size - 1 and not self._sends)
+        return self._waiting.at_most(self._all_ring and not self._sends)
 
     def sync(self) -> None:
         """Ask all other ranks to put on the disc what they have written; never waits.

@@ -30,12 +30,17 @@ class Errands:
         (n,) of `TASK`; of one string all have the same frames and parameters.
     ranks
         Number of ranks.
+
+    Attributes
+    ----------
+    pace
+        How long samples take, and messages.
     """
 
     def __init__(self, tasks: NDArray[np.void], ranks: int) -> None:
         self._lanes = Lanes(ranks)
         self._ranks = ranks
-        self._pace = Pace()
+        self.pace = Pace()
         self._of_string = {int(task["string"]): task for task in tasks}
         self._waiting = deque(
             (int(task["string"]), sample)
@@ -51,8 +56,8 @@ class Errands:
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
-        size = self._pace.batch(len(self._waiting) / (SHARE * self._ranks))
-        for batches in range(self._pace.in_flight(size)):
+        size = self.pace.batch(len(self._waiting) / (SHARE * self._ranks))
+        for batches in range(self.pace.in_flight(size)):
             while self._waiting and (rank := self._lanes.next_with(batches)) is not None:
                 if not (pieces := self._choose(size)):
                     return
@@ -90,7 +95,7 @@ class Errands:
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        self._pace.learn(seconds)
+        self.pace.learn(seconds)
         return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, len(seconds))]
 
     def _first(self, piece: Piece) -> NDArray[np.bool_]:

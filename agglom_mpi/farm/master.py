@@ -154,6 +154,7 @@ class Master:
         now = time.monotonic()
         if self._news:
             self._news = False
+            work.pace.turnround = self._crew.turnround
             for rank, tasks in work.assignments(now):
                 self._crew.send(rank, tasks)
         self._writer.flush_due()

@@ -8,8 +8,17 @@ from agglom_mpi.farm.messages import MOST_SAMPLES
 BATCH_SECONDS: Final = 0.01
 """Work in one message, so that a message of some 50 µs costs less than 1 %."""
 
-QUEUE_SECONDS: Final = (1.0, 0.05)
-"""A rank may hold a second and a third batch if batches are shorter than these."""
+TURNROUND: Final = 4e-3
+"""Time that a rank without work waits for more, s: both sides look for mail every so often."""
+
+RUNG_TURNROUND: Final = 1e-3
+"""The same where all ring for each other, s."""
+
+LOSSES: Final = (0.004, 0.2)
+"""A rank may hold a second and a third batch where a turn-round is more than these parts of one."""
+
+QUEUED: Final = 0.6
+"""Samples less likely than this to be needed never wait in the queue of a rank that has work."""
 
 
 class Pace:
@@ -17,12 +26,15 @@ class Pace:
 
     Attributes
     ----------
+    turnround
+        Time that a rank without work waits for more, s.
     mean_seconds
         Of a sample; 0 while it is not known.
     """
 
     def __init__(self) -> None:
         self.mean_seconds = 0.0
+        self.turnround = TURNROUND
 
     def learn(self, seconds: Sequence[float]) -> None:
         """Take what samples took, s."""
@@ -42,4 +54,14 @@ class Pace:
 
         Long ones would tie it down.
         """
-        return 1 + sum(batch * self.mean_seconds < limit for limit in QUEUE_SECONDS)
+        seconds = batch * self.mean_seconds
+        return 1 + sum(self.turnround > loss * seconds for loss in LOSSES)
+
+    def queued(self, batch: int) -> float:
+        """Return how likely samples must be to be needed to wait behind so many others.
+
+        A rank that waits for better ones loses a turn-round; others may turn out not to be needed
+        before it comes to them.
+        """
+        seconds = batch * self.mean_seconds
+        return max(QUEUED, 1.0 - self.turnround / seconds) if seconds else QUEUED

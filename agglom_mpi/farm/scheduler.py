@@ -15,6 +15,7 @@ from agglom_mpi.farm.experience import Experience
 from agglom_mpi.farm.lanes import Lanes, Piece
 from agglom_mpi.farm.messages import TASK
 from agglom_mpi.farm.pace import Pace
+from agglom_mpi.farm.ranking import Ranking
 
 STOCK: Final = 0.01
 """Share of all samples that known strings need which one batch of each rank may add up to."""
@@ -28,10 +29,7 @@ URGENCY_PER_RANK: Final = 0.02
 a generation, and more by samples that turn out not to be needed."""
 
 HOPELESS: Final = 0.02
-"""Samples worth less than this are not simulated."""
-
-QUEUED: Final = 0.9
-"""Samples worth less than this do not wait in the queue of a rank that has work."""
+"""Samples less likely than this to be needed are not simulated."""
 
 SURE: Final = 0.95
 """A batch takes samples of a string that are this much as likely to be needed as the first."""
@@ -104,6 +102,13 @@ class Scheduler:
         (string, sample) pairs that need no simulation, from an earlier leg.
     experience
         Samples that strings judged before needed.
+
+    Attributes
+    ----------
+    lanes
+        What every rank holds.
+    pace
+        How long samples take, and messages.
     """
 
     def __init__(
@@ -122,11 +127,10 @@ class Scheduler:
         self._generation = -1
         self._live: set[int] = set()
         self._next: dict[int, int] = {}
-        self._queue: list[tuple[float, int]] = []
-        self._score: dict[int, float] = {}
+        self._urgent, self._early = Ranking(), Ranking()  # of this generation, and of coming ones
         self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
         self._doubled: dict[tuple[int, int], Doubled] = {}  # as long as a rank holds them
-        self._pace = Pace()
+        self.pace = Pace()
         self._most_judged = 0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
@@ -138,7 +142,7 @@ class Scheduler:
         self._meet_generation()
         for batches in range(self._in_flight()):
             while (rank := self.lanes.next_with(batches)) is not None:
-                pieces = self._choose(QUEUED if batches else HOPELESS)
+                pieces = self._choose(self._least(batches))
                 if not pieces:
                     return
                 self.lanes.give(rank, pieces, now)
@@ -154,7 +158,7 @@ class Scheduler:
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        self._pace.learn(seconds)
+        self.pace.learn(seconds)
         return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, len(seconds))]
 
     def _fresh(self, piece: Piece) -> NDArray[np.bool_]:
@@ -180,8 +184,10 @@ class Scheduler:
         """Learn from a string that needs no more samples, and forget it."""
         self._experience.learn(self._needs.used(string))
         self._live.discard(string)
-        for kept in (self._next, self._score, self._known, self._lost):
+        for kept in (self._next, self._known, self._lost):
             kept.pop(string, None)
+        self._urgent.drop(string)
+        self._early.drop(string)
 
     def heard(self, rank: int, now: float) -> bool:
         """Take a sign of life of a rank; whether it had fallen silent."""
@@ -215,10 +221,10 @@ class Scheduler:
             self._forget(string)
         for string in sorted(self._live):
             self._next.setdefault(string, 0)
-            self._rank_anew(string)
         # What is out of date sinks to the bottom, and would stay there.
-        self._queue = [(-score, string) for string, score in self._score.items()]
-        heapq.heapify(self._queue)
+        self._urgent, self._early = Ranking(), Ranking()
+        for string in list(self._next):
+            self._rank_anew(string)
 
     def _rank_anew(self, string: int) -> None:
         """Give a string its place among those that wait for a rank, if it needs samples yet.
@@ -229,20 +235,18 @@ class Scheduler:
         if progress is None:
             self._forget(string)
             return
+        ranking = self._urgent if string in self._live else self._early
         lost = self._first_lost(string)
         sample = self._skip_known(string, progress.next_sample) if lost is None else lost
         if sample >= progress.max_samples:
-            self._score.pop(string, None)
+            ranking.drop(string)
             return
         self._most_judged = max(self._most_judged, progress.next_sample)
-        score = self._worth(string, progress, sample)
-        if self._score.get(string) != score:
-            self._score[string] = score
-            heapq.heappush(self._queue, (-score, string))
+        ranking.put(string, self._chance(string, progress, sample))
 
-    def _worth(self, string: int, progress: Progress, sample: int) -> float:
-        chance = self._experience.chance(progress.next_sample, sample)
-        return self._urgency * chance if string in self._live else chance
+    def _chance(self, string: int, progress: Progress, sample: int) -> float:
+        """Probability that a sample is needed; 1 is said of the next one alone."""
+        return self._experience.chance(progress.next_sample, sample)
 
     def _skip_known(self, string: int, judged: int) -> int:
         sample, known = max(self._next[string], judged), self._known.get(string, ())
@@ -265,37 +269,43 @@ class Scheduler:
 
     def _best(self, room: int, least: float) -> Piece | None:
         """Take samples of the string that is worth most."""
-        if self._look_ahead() < least:
+        string = self._string(least)
+        if string is None:
             return None
-        _, string = heapq.heappop(self._queue)
-        self._score.pop(string)
+        self._urgent.drop(string)
+        self._early.drop(string)
         lost = self._first_lost(string) is not None
         piece = self._once_more(string, room) if lost else self._piece(string, room)
         self._next[string] = max(self._next[string], piece.first + piece.size)
         self._rank_anew(string)
         return piece
 
-    def _peek(self) -> float:
-        """Worth of the best string; entries that are out of date are dropped or put right."""
-        while self._queue:
-            worth, string = -self._queue[0][0], self._queue[0][1]
-            if self._score.get(string) != worth:
-                heapq.heappop(self._queue)
-                continue
-            self._rank_anew(string)  # experience grows
-            if self._score.get(string) == worth:
-                return worth
-        return 0.0
-
-    def _look_ahead(self) -> float:
-        """Worth of the best string, once nothing that coming generations bring is worth more."""
-        best = self._peek()
-        while best < 1.0 and (strings := self._needs.announce(GENERATIONS_AHEAD)):
+    def _string(self, least: float) -> int | None:
+        """Pick the string that is worth most of those that are at least so likely to be needed."""
+        chance, live = self._likeliest(self._urgent)
+        urgent = self._urgency * chance if chance >= least else 0.0
+        if urgent >= 1.0:
+            return live
+        early, coming = self._likeliest(self._early)
+        while early < 1.0 and (strings := self._needs.announce(GENERATIONS_AHEAD)):
             for string in strings:
                 self._next[string] = 0
                 self.judged(string)
-            best = self._peek()
-        return best
+            early, coming = self._likeliest(self._early)
+        if max(urgent, early) < least:
+            return None
+        return live if urgent >= early else coming
+
+    def _likeliest(self, ranking: Ranking) -> tuple[float, int]:
+        """Return the likeliest string of a ranking after its chance, which is 0 if there is none.
+
+        As experience grows, chances do.
+        """
+        while first := ranking.first():
+            self._rank_anew(first[1])
+            if ranking.first() == first:
+                return first
+        return 0.0, -1
 
     def _piece(self, string: int, room: int) -> Piece:
         progress = self._needs.progress(string)
@@ -344,17 +354,17 @@ class Scheduler:
         return Piece(string, first, count)
 
     def _in_flight(self) -> int:
-        """Batches for each rank; a third one must not take what will hardly be needed.
-
-        Where ranks use all cores their main threads wait some milliseconds for one, and it takes
-        three of them to return results and to fetch more.
-        """
-        batches = self._pace.in_flight(self._batch_size())
+        """Batches for each rank; a third one must not take what will hardly be needed."""
+        batches = self.pace.in_flight(self._batch_size())
         return batches if self._surely_needed() >= 1.0 else min(2, batches)
+
+    def _least(self, batches: int) -> float:
+        """Least likely samples that a rank may be given which holds so many batches."""
+        return self.pace.queued(self._batch_size()) if batches else HOPELESS
 
     def _batch_size(self) -> int:
         """Size of a message in samples: no less work than pays, no more than is surely needed."""
-        return self._pace.batch(self._surely_needed())
+        return self.pace.batch(self._surely_needed())
 
     def _surely_needed(self) -> float:
         """Estimate how many samples for each rank known strings will hardly do without."""

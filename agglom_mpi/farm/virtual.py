@@ -163,6 +163,7 @@ class VirtualCluster:
         """Let time pass until all is decided; raises TooManySamples."""
         self.inversion.start()
         scheduler = Scheduler(self.inversion, self._ranks)
+        scheduler.pace.turnround = 2.0 * (self._costs.latency + self._costs.message)
         now = self._hand_out(scheduler, 0.0)
         while not self.inversion.finished:
             load = heapq.heappop(self._loads)

@@ -1,6 +1,6 @@
 """What the farm makes of two cores: throughput, dispatch of tasks that do nothing, waiting.
 
-`pytest tests/benchmarks/bench_farm.py -m benchmark -s` (some fifteen minutes on a quiet machine).
+`pytest tests/benchmarks/bench_farm.py -m benchmark -s` (some twenty minutes on a quiet machine).
 """
 
 import resource
@@ -46,7 +46,7 @@ def words(job, path, generations):
 
 
 @pytest.mark.parametrize(
-    ("job", "generations"), [("accretion_2003", "4"), ("agglomeration_2004", "20")]
+    ("job", "generations"), [("accretion_2003", "16"), ("agglomeration_2004", "60")]
 )
 def test_two_ranks_against_one_process_and_against_two(tmp_path, job, generations):
     """Single processes have one thread that simulates; their samples are compiled before.

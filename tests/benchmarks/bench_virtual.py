@@ -41,10 +41,8 @@ class Foresight(Scheduler):
 
     used: dict[int, int]
 
-    def _worth(self, string, progress, sample):
-        if sample >= self.used.get(string, 0):
-            return 0.0
-        return 4.0 if string in self._live else 1.0
+    def _chance(self, string, progress, sample):
+        return float(sample < self.used.get(string, 0))
 
     def _share(self, judged):
         return 1

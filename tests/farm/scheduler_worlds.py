@@ -8,6 +8,7 @@ import numpy as np
 from agglom_mpi.database.table import unbroken
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Piece
 from agglom_mpi.farm.messages import MOST_SAMPLES
+from agglom_mpi.farm.pace import QUEUED
 from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
 from agglom_mpi.search.ensembles import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
@@ -203,7 +204,7 @@ class World:
             )
             batch = []
             for task in tasks:
-                batch += self._check(task)
+                batch += self._check(task, QUEUED if self._held[rank] else HOPELESS)
             assert 1 <= len(batch) <= MOST_SAMPLES
             self._held[rank].append(deque(batch))
             assert len(self._held[rank]) <= MESSAGES_IN_FLIGHT
@@ -211,7 +212,7 @@ class World:
         if any(not self._held[rank] for rank in range(self._ranks) if rank not in self._silent):
             self._check_that_nothing_useful_is_left()
 
-    def _check(self, task):
+    def _check(self, task, least):
         string, first, count = (int(task[name]) for name in ("string", "first", "count"))
         inversion, progress = self.inversion, self.inversion.progress(int(task["string"]))
         assert count >= 1
@@ -221,6 +222,7 @@ class World:
         assert 0 <= self.decisions.generation_of[string] - inversion.generation <= GENERATIONS_AHEAD
         waiting = self.waited_for()
         assert not waiting or (string, first) in waiting
+        assert self.scheduler._experience.chance(progress.next_sample, first) >= least
         batch = [(string, sample) for sample in range(first, first + count)]
         self.handed.update(batch)
         self._given_up.difference_update(batch)

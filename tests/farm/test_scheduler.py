@@ -10,7 +10,7 @@ from scheduler_worlds import MAX_SAMPLES, PATIENCE, World, campaign, in_order, s
 
 from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
 from agglom_mpi.farm.messages import MOST_SAMPLES
-from agglom_mpi.farm.pace import BATCH_SECONDS
+from agglom_mpi.farm.pace import BATCH_SECONDS, TURNROUND
 from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, Scheduler
 
 RANKS = st.integers(1, 9)
@@ -145,11 +145,12 @@ def test_the_string_whose_judgement_is_nearest_comes_first():
 PLENTY = {"population": 2000, "max_samples": 1000, "experience": [1000]}
 
 
-def batches_of(ranks, seconds, experience=(), **options):
+def batches_of(ranks, seconds, experience=(), turnround=TURNROUND, **options):
     """Ranks and numbers of samples of the batches handed out when samples take so long."""
     inversion, _ = campaign(**options)
     inversion.start()
     scheduler = Scheduler(inversion, ranks, (), experience)
+    scheduler.pace.turnround = turnround
     first = [rank for rank, _ in scheduler.assignments(0.0)]
     for rank in first:
         scheduler.returned(rank, [seconds])
@@ -175,6 +176,11 @@ def test_a_rank_that_has_long_samples_is_not_tied_down():
 
 def test_a_third_batch_is_only_held_where_much_is_surely_needed():
     assert len(batches_of(3, 1e-3, population=40)) == 3 * 2
+
+
+@pytest.mark.parametrize(("turnround", "batches"), [(4e-3, 3), (1e-3, 2), (1e-5, 1), (0.0, 1)])
+def test_ranks_hold_the_less_the_sooner_they_get_more(turnround, batches):
+    assert len(batches_of(3, 1e-3, turnround=turnround, **PLENTY)) == 3 * batches
 
 
 def test_more_ranks_than_samples_leave_some_without_work():
