@@ -12,6 +12,7 @@ from agglom_mpi.farm.clock import StopRequest
 from agglom_mpi.farm.crew import Delivery
 from agglom_mpi.farm.master import Master
 from agglom_mpi.farm.messages import failed_sample
+from agglom_mpi.farm.pace import TURNROUND
 from agglom_mpi.farm.store import prepare
 from agglom_mpi.farm.work import CampaignWork
 from agglom_mpi.report.display import Display
@@ -22,6 +23,7 @@ class Crew:
     """One rank that first tells of an exception from the search, and then does its picture."""
 
     size = 1
+    turnround = TURNROUND
 
     def __init__(self, grains):
         self.grains, self.sent = grains, []

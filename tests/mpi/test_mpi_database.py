@@ -182,7 +182,8 @@ def test_a_leg_may_run_on_the_other_build(tmp_path, parallel):
 
 def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
     write_campaign(tmp_path / "slow.yaml", **SLOW)
-    folder = inject(tmp_path / "inject", TWO_NODES)
+    # A generation must take longer than rows may wait to be written.
+    folder = inject(tmp_path / "inject", SLOWLY + TWO_NODES)
     printed = finish(tmp_path, "slow.yaml", ranks=3, inject=folder).stderr
     said = (tmp_path / "synced").read_text()
     generations = len(open_campaign(tmp_path / "slow.h5").generation_rows())
