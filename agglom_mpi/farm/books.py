@@ -231,6 +231,10 @@ class Books:
         self.busy_seconds += sum(results["seconds"].tolist())
         self.failed += results["state"].tolist().count(FAILED)
 
+    def left_out(self, results: NDArray[np.void]) -> None:
+        """Take samples that were begun at most, as they turned out not to be needed."""
+        self.busy_seconds += sum(results["seconds"].tolist())
+
     def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
         """Store strings of a coming generation before any of their samples is handed out."""
         self._store_strings(batch, ids)

@@ -24,6 +24,7 @@ from agglom_mpi.farm.messages import (
     SYNC,
     TASKS,
     UNWRITTEN,
+    WITHDRAWN,
     WRITTEN,
     presence,
 )
@@ -125,6 +126,13 @@ class Crew:
             self._thread.put(tasks)
             return
         self._post(tasks, rank, TASKS)
+
+    def withdraw(self, rank: int, strings: NDArray[np.int64]) -> None:
+        """Let a rank leave out what it holds of some strings; never waits."""
+        if rank == 0 or self._world is None:
+            self._thread.withdraw(strings.tolist())
+            return
+        self._post(strings, rank, WITHDRAWN)
 
     def deliveries(self) -> Iterator[Delivery]:
         """Wait a moment, and yield everything that has arrived."""

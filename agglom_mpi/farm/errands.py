@@ -1,7 +1,7 @@
 """Tasks that are known beforehand: who does which."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -85,18 +85,15 @@ class Errands:
             tasks[i]["first"], tasks[i]["count"] = piece.first, piece.size
         return tasks
 
-    def returned(
-        self, rank: int, seconds: Sequence[float]
-    ) -> list[tuple[Piece, NDArray[np.bool_]]]:
-        """Take the next samples that a rank was to do, which took it so many seconds each.
+    def returned(self, rank: int, count: int) -> list[tuple[Piece, NDArray[np.bool_]]]:
+        """Take so many samples, the next that a rank was to do.
 
         Returns
         -------
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        self.pace.learn(seconds)
-        return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, len(seconds))]
+        return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, count)]
 
     def _first(self, piece: Piece) -> NDArray[np.bool_]:
         keys = [(piece.string, piece.first + place) for place in range(piece.size)]

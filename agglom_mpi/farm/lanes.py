@@ -42,6 +42,7 @@ class Lanes:
 
     def __init__(self, ranks: int) -> None:
         self._batches: list[deque[deque[Piece]]] = [deque() for _ in range(ranks)]
+        self._holders: dict[int, set[int]] = {}  # of samples of a string, now or before
         self._heard = [0.0] * ranks
         self.samples = 0
         self.silent: set[int] = set()
@@ -63,6 +64,8 @@ class Lanes:
             self._heard[rank] = now  # it had nothing to say before
         self._batches[rank].append(deque(pieces))
         self.samples += sum(piece.size for piece in pieces)
+        for piece in pieces:
+            self._holders.setdefault(piece.string, set()).add(rank)
         self._place(rank, len(self._batches[rank]) - 1)
 
     def returned(self, rank: int, count: int) -> list[Piece]:
@@ -80,6 +83,16 @@ class Lanes:
             done.append(piece)
             count -= piece.size
         return done
+
+    def holders(self, string: int) -> Iterator[tuple[int, int]]:
+        """Ranks with samples of a string of which they will get no more, and how many they hold.
+
+        It can be asked once; of silent ranks nothing is said.
+        """
+        for rank in sorted(self._holders.pop(string, ())):
+            samples = sum(piece.size for piece in self.held(rank) if piece.string == string)
+            if samples and rank not in self.silent:
+                yield rank, samples
 
     def heard(self, rank: int, now: float) -> bool:
         """Take note of a sign of life; whether the rank was silent."""

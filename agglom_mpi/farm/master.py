@@ -20,7 +20,7 @@ from agglom_mpi.farm.crew import Crew, Delivery
 from agglom_mpi.farm.errands import Errands
 from agglom_mpi.farm.gallery import Gallery
 from agglom_mpi.farm.lanes import Piece
-from agglom_mpi.farm.messages import SILENT_AFTER, final_results
+from agglom_mpi.farm.messages import NOT_NEEDED, SILENT_AFTER, final_results
 from agglom_mpi.farm.outlook import of_chore, of_search
 from agglom_mpi.farm.reestimation import Reestimation
 from agglom_mpi.farm.replay import stored_outcomes
@@ -112,6 +112,9 @@ class Master:
             for delivery in crew.deliveries():
                 self._take(delivery)
                 self._listen(self._scheduler, delivery.rank)
+            self._withdraw()
+        self._scheduler.finish()
+        self._withdraw()
         for chore in (self.reestimation, self.gallery):
             if end := self._carry_out(chore, stop):
                 return end
@@ -171,6 +174,11 @@ class Master:
                 self.silent.add(rank)
                 self.books.take_over(rank)
 
+    def _withdraw(self) -> None:
+        """Let ranks leave out what has turned out not to be needed."""
+        for rank, strings in self._scheduler.withdrawals():
+            self._crew.withdraw(rank, strings)
+
     def _listen(self, work: Scheduler | Errands, rank: int) -> None:
         self._news = True
         if work.heard(rank, time.monotonic()):
@@ -220,6 +228,7 @@ class Master:
     def _judge(self, rank: int, results: NDArray[np.void]) -> None:
         """Let decisions be made from what a rank simulated, unless others were first."""
         outcomes = measured(results)
+        self.books.left_out(results[results["reason"] == NOT_NEEDED])
         for piece, parts in first_returns(self._scheduler, rank, results):
             for part in parts:
                 self.books.counted(results[part])
@@ -285,10 +294,15 @@ class Master:
 def first_returns(
     work: Scheduler | Errands, rank: int, results: NDArray[np.void]
 ) -> Iterator[tuple[Piece, list[slice]]]:
-    """Pieces that a rank has done, each with where in the results is what nobody did before."""
-    begin = 0
-    for piece, new in work.returned(rank, results["seconds"].tolist()):
+    """Pieces that a rank has done, each with where in the results is what nobody did before.
+
+    What was not needed any more nobody did.
+    """
+    begin, done = 0, results["reason"] != NOT_NEEDED
+    work.pace.learn(results["seconds"][done].tolist())
+    for piece, new in work.returned(rank, len(results)):
         check_turn(rank, piece, results[begin])
+        new &= done[begin : begin + piece.size]
         places = ((begin + first, count) for first, count in unbroken(new))
         yield piece, [slice(first, first + count) for first, count in places]
         begin += piece.size

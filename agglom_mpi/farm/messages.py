@@ -19,6 +19,7 @@ SYNC: Final = 7
 FINALS: Final = 8
 FRAMES: Final = 9
 ALIVE: Final = 10
+WITHDRAWN: Final = 11
 """Message tags."""
 
 TASK: Final = np.dtype(
@@ -35,6 +36,9 @@ so many pictures of each."""
 
 RESULT: Final = sample_dtype
 """One simulated sample, as it stands in the campaign file."""
+
+NOT_NEEDED: Final = 255
+"""The `reason` of a result that is none: its string needs no more samples, and was `WITHDRAWN`."""
 
 FAILED_SAMPLE: Final = np.dtype(
     [
@@ -86,8 +90,11 @@ def _host() -> bytes:
     return socket.gethostname().encode()[:64]
 
 
+_NOT_FINAL: Final = frozenset((TIMED_OUT, NOT_NEEDED))
+
+
 def final_results(results: np.ndarray) -> np.ndarray:
     """Return those results, (n,), that are kept: a sample that took too long may be tried again."""
-    if TIMED_OUT not in results["reason"].tolist():
+    if _NOT_FINAL.isdisjoint(results["reason"].tolist()):
         return results
-    return results[results["reason"] != TIMED_OUT]
+    return results[~np.isin(results["reason"], list(_NOT_FINAL))]

@@ -1,6 +1,6 @@
 """Who simulates what next: a pure state machine, without MPI, files or a clock.
 
-Events go in (`returned`, `heard`, `clock`), assignments come out.
+Events go in (`returned`, `judged`, `heard`, `clock`), assignments and withdrawals come out.
 """
 
 import heapq
@@ -130,6 +130,7 @@ class Scheduler:
         self._urgent, self._early = Ranking(), Ranking()  # of this generation, and of coming ones
         self._lost: dict[int, list[int]] = {}  # heaps of samples that silent ranks hold
         self._doubled: dict[tuple[int, int], Doubled] = {}  # as long as a rank holds them
+        self._settled: list[int] = []  # strings of which ranks may hold what nobody needs
         self.pace = Pace()
         self._most_judged = 0
         for string, sample in known:
@@ -148,18 +149,32 @@ class Scheduler:
                 self.lanes.give(rank, pieces, now)
                 yield rank, self._tasks(pieces)
 
-    def returned(
-        self, rank: int, seconds: Sequence[float]
-    ) -> list[tuple[Piece, NDArray[np.bool_]]]:
-        """Take the next samples that a rank was to simulate, which took it so many seconds each.
+    def withdrawals(self) -> list[tuple[int, NDArray[np.int64]]]:
+        """Ranks that hold samples which turned out not to be needed, and of which strings.
+
+        Those that would be done before a message arrives are not worth one.
+        """
+        told: dict[int, list[int]] = {}
+        for string in self._settled:
+            for rank, samples in self.lanes.holders(string):
+                if samples * self.pace.mean_seconds > self.pace.turnround:
+                    told.setdefault(rank, []).append(string)
+        self._settled.clear()
+        return [(rank, np.array(strings)) for rank, strings in told.items()]
+
+    def finish(self) -> None:
+        """Take note that all is decided, so that nobody needs what ranks hold."""
+        self._settled.extend(self._next)
+
+    def returned(self, rank: int, count: int) -> list[tuple[Piece, NDArray[np.bool_]]]:
+        """Take so many samples, the next that a rank was to simulate.
 
         Returns
         -------
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        self.pace.learn(seconds)
-        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, len(seconds))]
+        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, count)]
 
     def _fresh(self, piece: Piece) -> NDArray[np.bool_]:
         fresh = np.ones(piece.size, np.bool_)
@@ -183,6 +198,7 @@ class Scheduler:
     def _forget(self, string: int) -> None:
         """Learn from a string that needs no more samples, and forget it."""
         self._experience.learn(self._needs.used(string))
+        self._settled.append(string)
         self._live.discard(string)
         for kept in (self._next, self._known, self._lost):
             kept.pop(string, None)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.campaign.code import worth_of
 from agglom_mpi.database.bulk import final_row, frame_rows
 from agglom_mpi.database.schema import TOOK_TOO_LONG
-from agglom_mpi.farm.messages import RESULT, failed_sample
+from agglom_mpi.farm.messages import NOT_NEEDED, RESULT, failed_sample
 from agglom_mpi.farm.work import Setup, Work
 from agglom_mpi.search.objectives import make_objective
 from agglom_mpi.simulation.finished import finished_sample
@@ -89,9 +89,9 @@ def scene_of(setup: Setup, parameters: NDArray[np.float64]) -> Scene:
 
 
 class Watch:
-    """Ends samples early: all of them on `stop`, one that takes too long on `look`.
+    """Ends samples early: all on `stop`, one that takes too long on `look`, any one on `hurry`.
 
-    Both are called by another thread than the one that simulates.
+    All are called by another thread than the one that simulates.
 
     Parameters
     ----------
@@ -121,6 +121,10 @@ class Watch:
         """End the sample under way if it has taken too long."""
         if self._late:
             self.abort[0] = 1
+
+    def hurry(self) -> None:
+        """End the sample under way, if there is one; it can be done again."""
+        self.abort[0] = 1
 
     def begin(self) -> None:
         """Start the clock of a sample."""
@@ -163,13 +167,14 @@ class Job(ABC):
         self._frames = int(task["frames"])
         self._parameters = np.array(task["parameters"])
         self._done = 0
+        self._in_vain = 0.0  # time that a sample took which was ended, s
         self._failures: list[NDArray[np.void]] = []
 
     def go_on(self) -> bool:
         """Do the next sample; whether there is another one to do.
 
         One that is ended by `Watch.stop` never was, and one that is ended by a look that was meant
-        for the sample before is done again.
+        for the sample before, or by `Watch.hurry`, is done again.
         """
         begin, text, reason = time.perf_counter(), "", 0
         self._watch.begin()
@@ -183,6 +188,7 @@ class Job(ABC):
         if late:
             text, reason = f"{TOOK_TOO_LONG} {self._watch.max_seconds:g} s", TIMED_OUT
         elif hurried:
+            self._in_vain = time.perf_counter() - begin
             return True
         if reason:
             sample, rank = self._first + self._done, self._simulator.rank
@@ -190,6 +196,13 @@ class Job(ABC):
         self._keep(reason, time.perf_counter() - begin)
         self._done += 1
         return self._done < self._count
+
+    def give_up(self) -> None:
+        """Leave out what is not done: it is not needed any more."""
+        while self._done < self._count:
+            self._keep(NOT_NEEDED, self._in_vain)
+            self._in_vain = 0.0
+            self._done += 1
 
     @abstractmethod
     def _do(self, sample: int) -> None:

@@ -3,13 +3,14 @@
 import queue
 import threading
 import time
+from collections.abc import Collection
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.farm.bell import Bell
-from agglom_mpi.farm.simulator import Batch, Simulator
+from agglom_mpi.farm.simulator import Batch, Job, Simulator
 
 HELD_BACK: Final = 0.1
 """Seconds after which finished samples do not wait for the next of their batch."""
@@ -32,15 +33,30 @@ class SimulatorThread:
     def __init__(self, simulator: Simulator, bell: Bell) -> None:
         self._simulator = simulator
         self._watch = simulator.watch
-        self._batches: queue.SimpleQueue[NDArray[np.void] | None] = queue.SimpleQueue()
+        self._batches: queue.SimpleQueue[tuple[int, NDArray[np.void]] | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._bell = bell
+        self._queued = 0
+        self._under_way = 0, -1  # batch and string
+        self._withdrawn: dict[int, int] = {}  # strings, each with the last batch that counts
         self._thread = threading.Thread(target=self._work, name="simulator", daemon=True)
         self._thread.start()
 
     def put(self, tasks: NDArray[np.void]) -> None:
         """Queue a batch."""
-        self._batches.put(tasks)
+        self._queued += 1
+        self._batches.put((self._queued, tasks))
+
+    def withdraw(self, strings: Collection[int]) -> None:
+        """Leave out what is under way or queued of some strings; what is queued later is done.
+
+        Their samples come back as `NOT_NEEDED`, each in its turn.
+        """
+        first = self._under_way[0]
+        known = {string: last for string, last in self._withdrawn.items() if last >= first}
+        self._withdrawn = known | dict.fromkeys(strings, self._queued)
+        if self._under_way[1] in strings:
+            self._watch.hurry()
 
     def take(self) -> Batch | None:
         """Next finished batch, None if there is none; ends a sample that takes too long."""
@@ -65,23 +81,35 @@ class SimulatorThread:
 
     def _work(self) -> None:
         try:
-            while (tasks := self._batches.get()) is not None:
-                self._carry_out(tasks)
+            while (queued := self._batches.get()) is not None:
+                self._carry_out(*queued)
         except BaseException as error:
             self._give(error)
 
-    def _carry_out(self, tasks: NDArray[np.void]) -> None:
+    def _carry_out(self, number: int, tasks: NDArray[np.void]) -> None:
         batch, begun = Batch([], [], [], []), time.monotonic()
         for task in tasks:
             job = self._simulator.begin(task)
-            while job.go_on():
+            self._under_way = number, int(task["string"])
+            while self._goes_on(job):
                 if time.monotonic() - begun > HELD_BACK:
                     job.take(batch)
-                    self._give(batch)
+                    self._hand_over(batch)
                     batch, begun = Batch([], [], [], []), time.monotonic()
             job.take(batch)
             if self._watch.stopped:
                 break
+        self._under_way = number, -1
+        self._hand_over(batch)
+
+    def _goes_on(self, job: Job) -> bool:
+        number, string = self._under_way
+        if self._withdrawn.get(string, 0) >= number:
+            job.give_up()
+            return False
+        return job.go_on()
+
+    def _hand_over(self, batch: Batch) -> None:
         if any(batch):
             self._give(batch)
 

@@ -1,8 +1,8 @@
 """A cluster that is not there: the real scheduler and the real decisions, imaginary ranks."""
 
 import heapq
-from collections.abc import Callable, Iterator
-from itertools import accumulate
+import math
+from collections.abc import Callable
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.farm.forecast import Forecast
 from agglom_mpi.farm.scheduler import Scheduler
+from agglom_mpi.farm.virtual_rank import Rank, Sample
 from agglom_mpi.search import Batch, EnsembleResult, GenerationSummary, Inversion
 from agglom_mpi.search.inversion import Observer
 from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
@@ -101,18 +102,6 @@ class Chain:
         """Nothing is to be remembered."""
 
 
-class Load(NamedTuple):
-    """A batch on an imaginary rank, by the time when its results arrive at rank 0, in s."""
-
-    arrival: float
-    number: int
-    """In the order of sending, which decides between loads that arrive together."""
-    rank: int
-    begin: float
-    pieces: list[tuple[int, int, int]]
-    """String, first sample and number of samples."""
-
-
 class VirtualCluster:
     """Runs a campaign on ranks that only take time.
 
@@ -148,13 +137,13 @@ class VirtualCluster:
         self.chain = Chain(lag)
         self.inversion = make_inversion(self.chain)
         self._workload = workload
-        self._ranks = ranks
         self._costs = costs
-        self._loads: list[Load] = []
-        self._free = [0.0] * ranks
+        self._ranks = [Rank() for _ in range(ranks)]
+        self._arrivals: list[tuple[float, int, int]] = []  # a heap: when, number, rank
+        self._expected = [0] * ranks  # numbers of those that are still true
+        self._number = 0
         self._seconds: dict[int, list[float]] = {}
         self._outcomes: dict[int, list[Measured]] = {}
-        self._sent = 0
         self._simulated = 0
         self._work = 0.0
         self._served = 0.0
@@ -162,78 +151,103 @@ class VirtualCluster:
     def run(self) -> Forecast:
         """Let time pass until all is decided; raises TooManySamples."""
         self.inversion.start()
-        scheduler = Scheduler(self.inversion, self._ranks)
+        scheduler = Scheduler(self.inversion, len(self._ranks))
         scheduler.pace.turnround = 2.0 * (self._costs.latency + self._costs.message)
-        now = self._hand_out(scheduler, 0.0)
+        now = 0.0
         while not self.inversion.finished:
-            load = heapq.heappop(self._loads)
-            now = self._take(scheduler, max(now, load.arrival), load)
-            waits = bool(self._loads) and self._loads[0].arrival <= now
-            if not (waits or self.inversion.finished):
+            arrival, rank = self._next_arrival()
+            if arrival > now:
                 now = self._hand_out(scheduler, now)
+                arrival, rank = self._next_arrival()
+            now = self._take(scheduler, max(now, arrival), rank)
         return self._forecast(now)
 
+    def _next_arrival(self) -> tuple[float, int]:
+        """When the next batch arrives, s, and of which rank; never, if there is none."""
+        while self._arrivals:
+            arrival, number, rank = self._arrivals[0]
+            if self._expected[rank] == number:
+                return arrival, rank
+            heapq.heappop(self._arrivals)
+        return math.inf, -1
+
+    def _expect(self, rank: int) -> None:
+        """Let the first batch of a rank arrive when it is done, and not when that was thought."""
+        self._number += 1
+        self._expected[rank] = self._number
+        if self._ranks[rank].batches:
+            arrival = self._ranks[rank].end + self._costs.latency
+            heapq.heappush(self._arrivals, (arrival, self._number, rank))
+
     def _hand_out(self, scheduler: Scheduler, now: float) -> float:
-        latency, message, _ = self._costs
+        """Let rank 0 send what ranks are to do and what they need not; when it is done."""
+        for rank, strings in scheduler.withdrawals():
+            now = self._serve(now, self._costs.message)
+            self._ranks[rank].withdraw(now + self._costs.latency, strings.tolist())
+            self._expect(rank)
         for rank, tasks in scheduler.assignments(now):
-            now += message
-            self._served += message
+            now = self._serve(now, self._costs.message)
             columns = (tasks[name].tolist() for name in ("string", "first", "count"))
-            pieces = list(zip(*columns, strict=True))
-            begin = max(self._free[rank], now + latency)
-            self._free[rank] = end = begin + sum(sum(self._simulate(*piece)) for piece in pieces)
-            self._sent += 1
-            heapq.heappush(self._loads, Load(end + latency, self._sent, rank, begin, pieces))
+            samples = [
+                sample for piece in zip(*columns, strict=True) for sample in self._samples(*piece)
+            ]
+            self._ranks[rank].put(now + self._costs.latency, samples)
+            if len(self._ranks[rank].batches) == 1:
+                self._expect(rank)
         return now
 
-    def _take(self, scheduler: Scheduler, now: float, load: Load) -> float:
+    def _serve(self, now: float, seconds: float) -> float:
+        """Let rank 0 work for so long; when it is done."""
+        self._served += seconds
+        return now + seconds
+
+    def _take(self, scheduler: Scheduler, now: float, rank: int) -> float:
         """Let rank 0 judge what a rank has simulated; when it is done."""
-        scheduler.heard(load.rank, now)
-        seconds = list(self._times(load))
-        scheduler.returned(load.rank, seconds)
-        for string, first, count in load.pieces:
-            outcomes = self._outcomes[string][first : first + count]
-            self.inversion.accept(string, first, outcomes)
-            scheduler.judged(string)
-        self._simulated += len(seconds)
-        self._work += sum(seconds)
-        cost = self._costs.message + self._costs.sample * len(seconds)
-        self._served += cost
-        return now + cost
+        samples = self._ranks[rank].take()
+        spent = sum(sample.seconds for sample in samples)
+        self._expect(rank)
+        done = [sample for sample in samples if sample.needed]
+        scheduler.heard(rank, now)
+        scheduler.pace.learn([sample.seconds for sample in done])
+        for piece, _ in scheduler.returned(rank, len(samples)):
+            taken, samples = samples[: piece.size], samples[piece.size :]
+            count = sum(sample.needed for sample in taken)
+            outcomes = self._outcomes[piece.string][piece.first : piece.first + count]
+            self.inversion.accept(piece.string, piece.first, outcomes)
+            scheduler.judged(piece.string)
+        self._simulated += len(done)
+        self._work += spent
+        return self._serve(now, self._costs.message + self._costs.sample * len(done))
 
-    def _times(self, load: Load) -> Iterator[float]:
-        """Seconds that the samples of a batch take."""
-        for string, first, count in load.pieces:
-            yield from self._seconds[string][first : first + count]
-
-    def _simulate(self, string: int, first: int, count: int) -> list[float]:
-        """Seconds that samples take, the next ones of a string."""
+    def _samples(self, string: int, first: int, count: int) -> list[Sample]:
+        """Simulate samples of a string, the next ones."""
         parameters = self.inversion.parameters(string)
         outcomes = self._outcomes.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
-        for sample in range(first, first + count):
-            outcome, duration = self._workload.sample(string, parameters, sample)
+        for number in range(first, first + count):
+            outcome, duration = self._workload.sample(string, parameters, number)
             outcomes.append(outcome)
             seconds.append(duration)
         if self._simulated > MOST_SIMULATED:
             raise TooManySamples
-        return seconds[first : first + count]
+        return [Sample(string, duration) for duration in seconds[first : first + count]]
 
     def _abandon(self, end: float) -> None:
         """Count what ranks have done of the batches that they hold at the end."""
-        for load in self._loads:
-            times = list(accumulate(self._times(load), initial=load.begin))
-            self._simulated += sum(time <= end for time in times[1:])
-            self._work += max(0.0, min(end, times[-1]) - load.begin)
+        for rank in self._ranks:
+            for samples, place, ends in rank.schedule():
+                spent = samples[place].seconds - max(0.0, ends - end)
+                self._simulated += samples[place].needed and ends <= end
+                self._work += max(0.0, spent)
 
     def _forecast(self, seconds: float) -> Forecast:
         self._abandon(seconds)
         used = self.chain.used
         needed = {string: self._seconds[string][: used[string]] for string in used}
         return Forecast(
-            ranks=self._ranks,
+            ranks=len(self._ranks),
             seconds=seconds,
-            busy=self._work / (seconds * self._ranks),
+            busy=self._work / (seconds * len(self._ranks)),
             simulated=self._simulated,
             used=sum(used.values()),
             work=sum(map(sum, needed.values())),

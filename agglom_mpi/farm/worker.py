@@ -24,6 +24,7 @@ from agglom_mpi.farm.messages import (
     TASK,
     TASKS,
     UNWRITTEN,
+    WITHDRAWN,
     WRITTEN,
     failed_sample,
     final_results,
@@ -116,6 +117,11 @@ class Worker:
             self._world.Recv([self._tasks, self._byte], source=0, tag=TASKS, status=self._status)
             count = self._status.Get_count(self._byte) // TASK.itemsize
             self._thread.put(self._tasks[:count].copy())
+            return
+        if tag == WITHDRAWN:
+            strings = np.empty(self._status.Get_count(self._byte) // 8, np.int64)
+            self._world.Recv([strings, self._byte], source=0, tag=WITHDRAWN)
+            self._thread.withdraw(strings.tolist())
             return
         if tag == ALIVE:
             present = np.empty(1, PRESENCE)

@@ -78,7 +78,8 @@ def farm(most, seconds):
                 crew.send(rank, tasks)
         for delivery in crew.deliveries():
             rows = delivery.results
-            for piece, fresh in plan.returned(delivery.rank, rows["seconds"].tolist()):
+            plan.pace.learn(rows["seconds"].tolist())
+            for piece, fresh in plan.returned(delivery.rank, len(rows)):
                 needs.done[piece.string] += int(fresh.sum())
                 plan.judged(piece.string)
             returned[delivery.rank] += len(rows)

@@ -126,12 +126,14 @@ class World:
         self.inversion.start()
         used = [result.samples_used for result in self.inversion.results.values()]
         self.scheduler = Scheduler(self.inversion, ranks, list(self.known), used)
-        self.outcomes = {}
+        self.outcomes, self.withdrawn = {}, set()
+        self._returned = set()
         self.handed, self.lost = Counter(), Counter()
         self._given_up = set()
         self._ranks, self._chance = ranks, chance
         self._typical, self._trouble = typical, trouble
         self._held = [deque() for _ in range(ranks)]
+        self._left_out = [set() for _ in range(ranks)]
         self._dead, self._asleep, self._silent = set(), set(), set()
         self._now = 0.0
 
@@ -146,6 +148,8 @@ class World:
             working = [rank for rank in self._awake() if self._held[rank]]
             if working:
                 self._give_back(self._chance.choice(working))
+                if self._chance.random() < 0.7:
+                    self._withdraw()
             else:
                 self._wait_for_those_who_are_not_heard()
         assert steps < 100_000, "it does not end"
@@ -260,14 +264,28 @@ class World:
         pairs = [batch.popleft() for _ in range(count)]
         if not batch:
             self._held[rank].popleft()
-        seconds = [self._typical * self._chance.random() for _ in pairs]
-        for piece, fresh in self.scheduler.returned(rank, seconds):
+        done = [pair for pair in pairs if pair not in self._left_out[rank]]
+        self.scheduler.pace.learn([self._typical * self._chance.random() for _ in done])
+        for piece, fresh in self.scheduler.returned(rank, len(pairs)):
             turn, pairs = pairs[: piece.size], pairs[piece.size :]
             assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
-            assert fresh.tolist() == [pair not in self.outcomes for pair in turn]
-            self._judge(piece, fresh)
+            assert fresh.tolist() == [pair not in self._returned for pair in turn]
+            self._returned.update(turn)
+            self._judge(piece, fresh & np.array([pair in done for pair in turn]))
         assert not pairs
         self._say_something(rank)
+
+    def _withdraw(self):
+        """Ranks learn what they need not do; sometimes too late."""
+        for rank, strings in self.scheduler.withdrawals():
+            assert rank not in self._silent
+            for string in strings.tolist():
+                assert self.inversion.progress(string) is None
+                held = {pair for batch in self._held[rank] for pair in batch if pair[0] == string}
+                assert held
+                if self._chance.random() < 0.8:
+                    self._left_out[rank] |= held
+                    self.withdrawn |= held
 
     def _judge(self, piece: Piece, fresh):
         parameters = self.inversion.parameters(piece.string)

@@ -18,6 +18,7 @@ STEPS = st.lists(
         st.tuples(st.just("return"), st.tuples(st.integers(0, RANKS - 1), st.integers(0, 12))),
         st.tuples(st.just("hear"), st.integers(0, RANKS - 1)),
         st.tuples(st.just("listen"), st.floats(0.0, 5.0)),
+        st.tuples(st.just("settle"), st.integers(0, 5)),
     ),
     max_size=50,
 )
@@ -39,9 +40,13 @@ class Model:
         self.batches = [[] for _ in range(RANKS)]
         self.heard = [0.0] * RANKS
         self.silent = set()
+        self.settled = set()
         self.now = 0.0
 
     def give(self, pieces):
+        pieces = [piece for piece in pieces if piece.string not in self.settled]
+        if not pieces:
+            return
         holding = {rank: len(self.batches[rank]) for rank in set(range(RANKS)) - self.silent}
         fewest = min(holding.values(), default=MESSAGES_IN_FLIGHT)
         if fewest == MESSAGES_IN_FLIGHT:
@@ -77,6 +82,16 @@ class Model:
         assert self.lanes.fall_silent(before) == fallen
         self.silent.update(fallen)
 
+    def settle(self, string):
+        self.settled.add(string)
+        counts = [
+            sum(pair[0] == string for batch in batches for pair in batch)
+            for batches in self.batches
+        ]
+        expected = [(r, count) for r, count in enumerate(counts) if count and r not in self.silent]
+        assert list(self.lanes.holders(string)) == expected
+        assert list(self.lanes.holders(string)) == []
+
     def compare(self):
         lanes = self.lanes
         assert lanes.silent == self.silent
@@ -102,6 +117,9 @@ def test_lanes_hold_what_was_given_and_not_returned(steps):
             model.take_back(*what)
         elif step == "hear":
             model.hear(what)
+        elif step == "settle":
+            if what not in model.settled:
+                model.settle(what)
         else:
             model.listen(what)
         model.compare()

@@ -2,7 +2,6 @@
 
 import random
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -47,6 +46,11 @@ def test_ranks_that_die_or_are_late_change_no_decision(
 ):
     world = World(ranks, random.Random(seed), typical, trouble, rescale=rescale).run()
     assert world.decisions.everything() == wanted[rescale]
+
+
+def test_in_these_worlds_samples_are_withdrawn():
+    worlds = [World(9, random.Random(seed), 1.0).run() for seed in range(20)]
+    assert sum(len(world.withdrawn) for world in worlds) > 20
 
 
 def test_samples_of_ranks_that_fell_silent_are_handed_out_again_and_come_back_twice():
@@ -135,7 +139,7 @@ def test_the_string_whose_judgement_is_nearest_comes_first():
     scheduler = Scheduler(inversion, 1)
     batches = [tasks[["string", "first"]].tolist() for _, tasks in scheduler.assignments(0.0)]
     assert batches == [[(0, 0)], [(1, 0)]]
-    scheduler.returned(0, [1e-3])
+    scheduler.returned(0, 1)
     inversion.accept(0, 0, [simulated(0, inversion.parameters(0), 0)])
     scheduler.judged(0)
     [(_, tasks)] = scheduler.assignments(0.0)
@@ -152,8 +156,9 @@ def batches_of(ranks, seconds, experience=(), turnround=TURNROUND, **options):
     scheduler = Scheduler(inversion, ranks, (), experience)
     scheduler.pace.turnround = turnround
     first = [rank for rank, _ in scheduler.assignments(0.0)]
+    scheduler.pace.learn([seconds])
     for rank in first:
-        scheduler.returned(rank, [seconds])
+        scheduler.returned(rank, 1)
     assert scheduler.lanes.samples == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
@@ -204,13 +209,67 @@ def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
         held[rank] += tasks[["string", "first"]].tolist()
     scheduler.heard(1, 100.0)
     assert scheduler.clock(100.0, PATIENCE) == [0]
-    scheduler.returned(1, [1e-3] * len(held[1]))
+    scheduler.pace.learn([1e-3])
+    scheduler.returned(1, len(held[1]))
     again = [
         pair
         for _, tasks in scheduler.assignments(100.0)
         for pair in tasks[["string", "first"]].tolist()
     ]
     assert again == sorted(held[0])
+
+
+def judged_of_three(string):
+    """A scheduler with three ranks that hold samples of a string which is judged then."""
+    inversion, _ = campaign()
+    inversion.start()
+    scheduler = Scheduler(inversion, 3)
+    held = [(rank, batch["string"].tolist()) for rank, batch in scheduler.assignments(0.0)]
+    outcomes = [simulated(string, inversion.parameters(string), i) for i in range(MAX_SAMPLES)]
+    inversion.accept(string, 0, outcomes)
+    assert inversion.progress(string) is None
+    return scheduler, {rank for rank, strings in held if string in strings}
+
+
+def test_what_ranks_hold_of_a_judged_string_is_withdrawn_once():
+    scheduler, holders = judged_of_three(1)
+    scheduler.pace.learn([10.0])
+    assert scheduler.withdrawals() == []
+    scheduler.judged(1)
+    told = scheduler.withdrawals()
+    assert {rank for rank, _ in told} == holders != set()
+    assert all(strings.tolist() == [1] for _, strings in told)
+    assert scheduler.withdrawals() == []
+
+
+def test_when_all_is_decided_everything_is_withdrawn():
+    inversion, _ = campaign()
+    inversion.start()
+    scheduler = Scheduler(inversion, 3)
+    held = {
+        (rank, string)
+        for rank, batch in scheduler.assignments(0.0)
+        for string in batch["string"].tolist()
+    }
+    scheduler.pace.learn([10.0])
+    scheduler.finish()
+    told = {(rank, i) for rank, strings in scheduler.withdrawals() for i in strings.tolist()}
+    assert told == held
+
+
+def test_samples_that_are_done_before_a_message_arrives_are_not_withdrawn():
+    scheduler, _ = judged_of_three(1)
+    scheduler.pace.learn([0.9 * TURNROUND])
+    scheduler.judged(1)
+    assert scheduler.withdrawals() == []
+
+
+def test_a_silent_rank_is_told_of_no_withdrawal():
+    scheduler, holders = judged_of_three(1)
+    scheduler.pace.learn([10.0])
+    assert set(scheduler.clock(100.0, PATIENCE)) >= holders
+    scheduler.judged(1)
+    assert scheduler.withdrawals() == []
 
 
 @pytest.mark.parametrize("used", [[], [2, 2, 3, 3, 9, 9, 9]])
@@ -223,7 +282,8 @@ def test_a_string_that_experience_makes_likelier_to_be_needed_keeps_its_place(us
         for rank, tasks in scheduler.assignments(0.0):
             for string, first, count in tasks[["string", "first", "count"]].tolist():
                 handed |= {(string, first + i) for i in range(count)}
-            scheduler.returned(rank, np.ones(int(tasks["count"].sum())))
+            scheduler.pace.learn([1.0])
+            scheduler.returned(rank, int(tasks["count"].sum()))
             scheduler._experience.learn(MAX_SAMPLES)
     live = {pair for pair in handed if pair[0] < 6}
     assert len(live) == 6 * MAX_SAMPLES

@@ -10,7 +10,14 @@ from farm_runs import SMALL, write_campaign
 from agglom_mpi.campaign import load_campaign
 from agglom_mpi.farm import simulator as module
 from agglom_mpi.farm.bell import Bell
-from agglom_mpi.farm.messages import FAILED_SAMPLE, RESULT, TASK, failed_sample
+from agglom_mpi.farm.messages import (
+    FAILED_SAMPLE,
+    NOT_NEEDED,
+    RESULT,
+    TASK,
+    failed_sample,
+    final_results,
+)
 from agglom_mpi.farm.simulator import Batch, Simulator, Watch
 from agglom_mpi.farm.thread import HELD_BACK, SimulatorThread
 from agglom_mpi.farm.work import CampaignWork
@@ -54,27 +61,36 @@ class FakeJob:
         self._fake = fake
         self._left = deque(range(int(task["first"]), int(task["first"] + task["count"])))
         self._done = []
+        self._string = int(task["string"])
 
     def go_on(self):
-        sample = self._left.popleft()
-        self._fake.simulate(sample)
+        self._fake.watch.begin()
+        self._fake.simulate(self._left[0])
+        _, hurried = self._fake.watch.end()
         if self._fake.watch.stopped:
             return False
-        self._done.append(sample)
+        if hurried:
+            return True
+        self._done.append((self._left.popleft(), 0))
         return bool(self._left)
+
+    def give_up(self):
+        self._done += [(sample, NOT_NEEDED) for sample in self._left]
 
     def take(self, batch):
         results = np.zeros(len(self._done), RESULT)
-        results["sample"] = self._done
+        results["string"] = self._string
+        for row, done in zip(results, self._done, strict=True):
+            row["sample"], row["reason"] = done
         self._done = []
         if len(results):
             batch.results.append(results)
 
 
-def some(count, first=0):
+def some(count, first=0, string=0):
     """Return a batch of one task for a fake."""
     batch = np.zeros(1, TASK)
-    batch["first"], batch["count"] = first, count
+    batch["string"], batch["first"], batch["count"] = string, first, count
     return batch
 
 
@@ -224,6 +240,108 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     thread.stop()
     assert time.monotonic() - begin < 1.0
     assert thread.take() is None
+
+
+class Gate:
+    """Samples that run until they are ended or let through, and say when they begin."""
+
+    def __init__(self):
+        self.begun, self.through = threading.Event(), threading.Event()
+
+    def __call__(self, fake, sample):
+        self.begun.set()
+        while not (fake.watch.abort[0] or self.through.is_set()):
+            time.sleep(1e-3)
+
+
+def told(batch):
+    """Return strings, samples and reasons of a batch of results."""
+    rows = np.concatenate(batch.results)
+    return rows[["string", "sample", "reason"]].tolist()
+
+
+def test_what_is_withdrawn_is_left_out_where_it_is_under_way_and_where_it_waits():
+    gate = Gate()
+    thread = SimulatorThread(Fake(gate), Bell())
+    thread.put(np.concatenate([some(2, 0, 1), some(1, 0, 2)]))
+    thread.put(np.concatenate([some(1, 1, 2), some(2, 2, 1)]))
+    assert gate.begun.wait(20.0)
+    thread.withdraw([1])
+    thread.put(some(1, 4, 1))  # asked for after that, so that it is wanted
+    gate.through.set()
+    batches = [told(taken(thread, 20.0)) for _ in range(3)]
+    thread.stop()
+    assert batches == [
+        [(1, 0, NOT_NEEDED), (1, 1, NOT_NEEDED), (2, 0, 0)],
+        [(2, 1, 0), (1, 2, NOT_NEEDED), (1, 3, NOT_NEEDED)],
+        [(1, 4, 0)],
+    ]
+
+
+def test_what_is_under_way_is_not_disturbed_by_what_is_withdrawn_of_others():
+    gate = Gate()
+    fake = Fake(gate)
+    thread = SimulatorThread(fake, Bell())
+    thread.put(some(2, 0, 1))
+    thread.put(some(1, 0, 2))
+    assert gate.begun.wait(20.0)
+    thread.withdraw([2, 3])
+    gate.through.set()
+    assert told(taken(thread, 20.0)) == [(1, 0, 0), (1, 1, 0)]
+    assert told(taken(thread, 20.0)) == [(2, 0, NOT_NEEDED)]
+    thread.stop()
+    assert fake.seen == [0, 1]
+
+
+def test_a_thread_does_not_remember_withdrawals_for_ever():
+    thread = SimulatorThread(Fake(), Bell())
+    for string in range(100):
+        thread.put(some(1, 0, string))
+        assert taken(thread, 20.0) is not None
+        thread.withdraw([string])
+    thread.stop()
+    assert len(thread._withdrawn) <= 2
+
+
+def test_withdrawals_at_any_moment_lose_no_sample_and_leave_out_no_other():
+    chance = np.random.default_rng(3)
+    thread = SimulatorThread(Fake(lambda fake, sample: time.sleep(1e-5)), Bell())
+    wanted, found, withdrawn = [], [], set()
+    for string in range(400):
+        for size in (1, 2):
+            thread.put(some(size, 0, string))
+            wanted += [(string, sample) for sample in range(size)]
+        time.sleep(5e-5 * chance.random())
+        if chance.random() < 0.5:
+            thread.withdraw([string])
+            withdrawn.add(string)
+    while len(found) < len(wanted):
+        found += told(taken(thread, 20.0))
+    thread.stop()
+    assert [row[:2] for row in found] == wanted
+    left_out = {string for string, _, reason in found if reason}
+    assert 20 < len(left_out) < 380
+    assert left_out <= withdrawn
+
+
+def test_a_sample_of_a_billion_events_ends_when_it_is_withdrawn(tmp_path):
+    path = write_campaign(tmp_path / "endless.yaml", **SMALL)
+    endless = "end_time: 1e9 s\n  engine: {law: event, budget: 1000000000}"
+    path.write_text(path.read_text().replace("end_time: characteristic", endless))
+    campaign = load_campaign(path)
+    simulator = Simulator(CampaignWork(campaign), 0)
+    simulator.warm_up()
+    batch = tasks(campaign, 2)
+    batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
+    thread = SimulatorThread(simulator, Bell())
+    thread.put(batch)
+    assert taken(thread, 0.5) is None
+    thread.withdraw([3])
+    results = np.concatenate(taken(thread, 1.0).results)
+    thread.stop()
+    assert results[["sample", "reason"]].tolist() == [(0, NOT_NEEDED), (1, NOT_NEEDED)]
+    assert results["seconds"][0] >= 0.5 > results["seconds"][1] == 0.0
+    assert len(final_results(results)) == 0
 
 
 def test_what_pictures_need_is_compiled_before_anything_runs(tmp_path, monkeypatch):

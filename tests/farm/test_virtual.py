@@ -130,6 +130,17 @@ def test_a_rank_0_that_is_slow_limits_all_ranks():
     assert 0.9 < forecast.master <= 1.0 + ROUNDING
 
 
+def test_ranks_that_need_not_finish_what_is_judged_are_sooner_done(monkeypatch):
+    costs = Costs(1e-3, 0.0, 0.0)
+    runs = [cluster(60, costs, Drawn(1.0), generations=6) for _ in range(2)]
+    forecasts = [runs[0].run()]
+    monkeypatch.setattr(virtual.Scheduler, "withdrawals", lambda scheduler: [])
+    forecasts.append(runs[1].run())
+    assert runs[0].chain.used == runs[1].chain.used
+    assert forecasts[0].seconds < forecasts[1].seconds
+    assert forecasts[0].wasted < forecasts[1].wasted
+
+
 def test_equal_samples_of_a_large_population_keep_ten_ranks_at_useful_work():
     forecast = cluster(10, population=300, generations=2).run()
     assert forecast.limit == "work"

@@ -10,7 +10,7 @@ from agglom_mpi.campaign import load_campaign
 from agglom_mpi.database.schema import TOOK_TOO_LONG
 from agglom_mpi.farm import simulator as module
 from agglom_mpi.farm.bell import Bell
-from agglom_mpi.farm.messages import TASK, final_results
+from agglom_mpi.farm.messages import NOT_NEEDED, TASK, final_results
 from agglom_mpi.farm.simulator import Batch, Simulator, Watch
 from agglom_mpi.farm.thread import SimulatorThread
 from agglom_mpi.farm.work import CampaignWork
@@ -164,6 +164,31 @@ def test_a_stop_between_samples_is_not_forgotten():
     assert watch.abort[0]
     watch.begin()
     assert watch.end() == (False, True)
+
+
+def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path, monkeypatch):
+    path = write_campaign(tmp_path / "kept.yaml", **SMALL)
+    path.write_text(f"{path.read_text()}\noutput: {{final_particles: true}}\n")
+    campaign = load_campaign(path)
+    simulator = Simulator(CampaignWork(campaign), 2)
+    job, batch = simulator.begin(task(campaign, 3)[0]), Batch([], [], [], [])
+    assert job.go_on()
+    job.give_up()
+    job.take(batch)
+    [rows], [final] = batch.results, batch.finals
+    assert rows["sample"].tolist() == [5, 6, 7]
+    assert rows["reason"].tolist() == [0, NOT_NEEDED, NOT_NEEDED]
+    assert rows["objective"][1:].tolist() == [0.0, 0.0]
+    assert final["sample"].tolist() == [5]
+    assert final_results(rows)["sample"].tolist() == [5]
+    assert batch.failures == []
+
+
+def test_a_hurried_sample_is_done_again(campaign, simulator, monkeypatch):
+    scenes = Scenes(monkeypatch, simulator.watch.hurry)
+    [rows] = done(simulator, task(campaign, 2)).results
+    assert rows["reason"].tolist() == [0, 0]
+    assert scenes.seen == 3
 
 
 def test_without_a_limit_nothing_takes_too_long():
