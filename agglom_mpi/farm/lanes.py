@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-MESSAGES_IN_FLIGHT: Final = 3
-"""Batches a rank holds at most: one that it works on and those that it finds when it is done."""
+MESSAGES_IN_FLIGHT: Final = 2
+"""Batches a rank holds at most: one that it works on and one that it finds when it is done."""
 
 
 class Piece(NamedTuple):

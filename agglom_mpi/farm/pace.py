@@ -5,8 +5,8 @@ from typing import Final
 
 from agglom_mpi.farm.messages import MOST_SAMPLES
 
-BATCH_SECONDS: Final = 0.01
-"""Work in one message, so that a message of some 50 µs costs less than 1 %."""
+BATCH_SECONDS: Final = 0.02
+"""Work in one message: what serving one costs rank 0, some 100 µs, is less than 1 % of it."""
 
 TURNROUND: Final = 4e-3
 """Time that a rank without work waits for more, s: both sides look for mail every so often."""
@@ -14,8 +14,8 @@ TURNROUND: Final = 4e-3
 RUNG_TURNROUND: Final = 1e-3
 """The same where all ring for each other, s."""
 
-LOSSES: Final = (0.004, 0.2)
-"""A rank may hold a second and a third batch where a turn-round is more than these parts of one."""
+LOSS: Final = 0.004
+"""A rank may hold a second batch where a turn-round is more than this part of one."""
 
 QUEUED: Final = 0.6
 """Samples less likely than this to be needed never wait in the queue of a rank that has work."""
@@ -50,12 +50,8 @@ class Pace:
         return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self.mean_seconds, most)))
 
     def in_flight(self, batch: int) -> int:
-        """Batches of so many samples for each rank: short ones must last until the next come.
-
-        Long ones would tie it down.
-        """
-        seconds = batch * self.mean_seconds
-        return 1 + sum(self.turnround > loss * seconds for loss in LOSSES)
+        """Batches of so many samples for each rank: two, but one of long samples ties it down."""
+        return 2 if self.turnround > LOSS * batch * self.mean_seconds else 1
 
     def queued(self, batch: int) -> float:
         """Return how likely samples must be to be needed to wait behind so many others.

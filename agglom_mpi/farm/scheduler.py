@@ -141,7 +141,7 @@ class Scheduler:
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
         self._meet_generation()
-        for batches in range(self._in_flight()):
+        for batches in range(self.pace.in_flight(self._batch_size())):
             while (rank := self.lanes.next_with(batches)) is not None:
                 pieces = self._choose(self._least(batches))
                 if not pieces:
@@ -368,11 +368,6 @@ class Scheduler:
         for sample in range(first, first + count):
             self._doubled[string, sample].holders += 1
         return Piece(string, first, count)
-
-    def _in_flight(self) -> int:
-        """Batches for each rank; a third one must not take what will hardly be needed."""
-        batches = self.pace.in_flight(self._batch_size())
-        return batches if self._surely_needed() >= 1.0 else min(2, batches)
 
     def _least(self, batches: int) -> float:
         """Least likely samples that a rank may be given which holds so many batches."""
