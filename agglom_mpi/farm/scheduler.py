@@ -4,9 +4,9 @@ Events go in (`returned`, `judged`, `heard`, `clock`), assignments and withdrawa
 """
 
 import heapq
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from agglom_mpi.farm.experience import Experience
 from agglom_mpi.farm.lanes import Lanes, Piece
 from agglom_mpi.farm.messages import TASK
+from agglom_mpi.farm.needs import Needs, Progress
 from agglom_mpi.farm.pace import Pace
 from agglom_mpi.farm.ranking import Ranking
 
@@ -36,45 +37,6 @@ SURE: Final = 0.95
 
 GENERATIONS_AHEAD: Final = 4
 """Coming generations of which samples may be simulated."""
-
-
-class Progress(Protocol):
-    """How far the ensemble of a string is."""
-
-    @property
-    def next_sample(self) -> int:
-        """Samples judged so far."""
-
-    @property
-    def max_samples(self) -> int:
-        """Most samples."""
-
-
-class Needs(Protocol):
-    """What the scheduler asks of a campaign; `search.inversion.Inversion` answers it."""
-
-    @property
-    def generation(self) -> int:
-        """Number of the generation that is being judged."""
-
-    @property
-    def live(self) -> Mapping[int, Progress]:
-        """Strings of this generation that are not judged yet."""
-
-    def progress(self, string: int) -> Progress | None:
-        """How far a live or announced string is; None once it is judged."""
-
-    def used(self, string: int) -> int:
-        """Return the number of samples that a judged string needed."""
-
-    def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a proposed string, shape (10,)."""
-
-    def announce(self, generations: int) -> Sequence[int]:
-        """Propose strings of one more coming generation, at most so many ahead of this one.
-
-        Those that depend on no result; none, if there are none or they are all announced.
-        """
 
 
 @dataclass(slots=True)

@@ -1,0 +1,46 @@
+"""What the scheduler asks of a campaign; `search.inversion.Inversion` answers it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Progress(Protocol):
+    """How far the ensemble of a string is."""
+
+    @property
+    def next_sample(self) -> int:
+        """Samples judged so far."""
+
+    @property
+    def max_samples(self) -> int:
+        """Most samples."""
+
+
+class Needs(Protocol):
+    """A campaign: its strings, and which of them need samples."""
+
+    @property
+    def generation(self) -> int:
+        """Number of the generation that is being judged."""
+
+    @property
+    def live(self) -> Mapping[int, Progress]:
+        """Strings of this generation that are not judged yet."""
+
+    def progress(self, string: int) -> Progress | None:
+        """How far a live or announced string is; None once it is judged."""
+
+    def used(self, string: int) -> int:
+        """Return the number of samples that a judged string needed."""
+
+    def parameters(self, string: int) -> NDArray[np.float64]:
+        """Return a proposed string, shape (10,)."""
+
+    def announce(self, generations: int) -> Sequence[int]:
+        """Propose strings of one more coming generation, at most so many ahead of this one.
+
+        Those that depend on no result; none, if there are none or they are all announced.
+        """
