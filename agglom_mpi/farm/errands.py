@@ -1,7 +1,7 @@
 """Tasks that are known beforehand: who does which."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -85,15 +85,15 @@ class Errands:
             tasks[i]["first"], tasks[i]["count"] = piece.first, piece.size
         return tasks
 
-    def returned(self, rank: int, count: int) -> list[tuple[Piece, NDArray[np.bool_]]]:
-        """Take so many samples, the next that a rank was to do.
+    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[Piece, NDArray[np.bool_]]]:
+        """Take the next samples that a rank was to do; none of them is left out.
 
         Returns
         -------
         list
             What they are, and which of each piece nobody had returned before, shape (size,).
         """
-        return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, count)]
+        return [(piece, self._first(piece)) for piece in self._lanes.returned(rank, len(done))]
 
     def _first(self, piece: Piece) -> NDArray[np.bool_]:
         keys = [(piece.string, piece.first + place) for place in range(piece.size)]

@@ -294,15 +294,11 @@ class Master:
 def first_returns(
     work: Scheduler | Errands, rank: int, results: NDArray[np.void]
 ) -> Iterator[tuple[Piece, list[slice]]]:
-    """Pieces that a rank has done, each with where in the results is what nobody did before.
-
-    What was not needed any more nobody did.
-    """
+    """Pieces that a rank has done, each with where in the results is what nobody did before."""
     begin, done = 0, results["reason"] != NOT_NEEDED
     work.pace.learn(results["seconds"][done].tolist())
-    for piece, new in work.returned(rank, len(results)):
+    for piece, new in work.returned(rank, done.tolist()):
         check_turn(rank, piece, results[begin])
-        new &= done[begin : begin + piece.size]
         places = ((begin + first, count) for first, count in unbroken(new))
         yield piece, [slice(first, first + count) for first, count in places]
         begin += piece.size

@@ -30,6 +30,10 @@ class Needs(Protocol):
     def live(self) -> Mapping[int, Progress]:
         """Strings of this generation that are not judged yet."""
 
+    @property
+    def unjudged(self) -> int:
+        """Number of strings in `live`."""
+
     def progress(self, string: int) -> Progress | None:
         """How far a live or announced string is; None once it is judged."""
 

@@ -4,7 +4,7 @@ Events go in (`returned`, `judged`, `heard`, `clock`), assignments and withdrawa
 """
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -116,6 +116,10 @@ class Scheduler:
 
         Those that would be done before a message arrives are not worth one.
         """
+        self._meet_generation()
+        if self._needs.unjudged < len(self._live):  # a race has dropped some
+            for string in [i for i in self._live if self._needs.progress(i) is None]:
+                self._forget(string)
         told: dict[int, list[int]] = {}
         for string in self._settled:
             for rank, samples in self.lanes.holders(string):
@@ -128,24 +132,28 @@ class Scheduler:
         """Take note that all is decided, so that nobody needs what ranks hold."""
         self._settled.extend(self._next)
 
-    def returned(self, rank: int, count: int) -> list[tuple[Piece, NDArray[np.bool_]]]:
-        """Take so many samples, the next that a rank was to simulate.
+    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[Piece, NDArray[np.bool_]]]:
+        """Take the next samples that a rank was to simulate, `done` or left out each.
 
         Returns
         -------
         list
-            What they are, and which of each piece nobody had returned before, shape (size,).
+            What they are, and which of each piece were done by nobody before, shape (size,).
         """
-        return [(piece, self._fresh(piece)) for piece in self.lanes.returned(rank, count)]
+        pieces, begin = [], 0
+        for piece in self.lanes.returned(rank, len(done)):
+            pieces.append((piece, self._fresh(piece, done[begin : begin + piece.size])))
+            begin += piece.size
+        return pieces
 
-    def _fresh(self, piece: Piece) -> NDArray[np.bool_]:
-        fresh = np.ones(piece.size, np.bool_)
+    def _fresh(self, piece: Piece, done: Sequence[bool]) -> NDArray[np.bool_]:
+        fresh = np.array(done)
         for place in range(piece.size) if self._doubled else ():
             pair = piece.string, piece.first + place
             doubled = self._doubled.get(pair)
             if doubled is not None:
-                fresh[place] = not doubled.returned
-                doubled.returned = True
+                fresh[place] = done[place] and not doubled.returned
+                doubled.returned |= done[place]
                 doubled.holders -= 1
                 if not doubled.holders:
                     del self._doubled[pair]

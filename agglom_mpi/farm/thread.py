@@ -103,6 +103,8 @@ class SimulatorThread:
         self._hand_over(batch)
 
     def _goes_on(self, job: Job) -> bool:
+        if self._watch.stopped:  # what was abandoned before has no answer, so this has none
+            return False
         number, string = self._under_way
         if self._withdrawn.get(string, 0) >= number:
             job.give_up()

@@ -144,6 +144,7 @@ class VirtualCluster:
         self._number = 0
         self._seconds: dict[int, list[float]] = {}
         self._outcomes: dict[int, list[Measured]] = {}
+        self._handed_out = 0
         self._simulated = 0
         self._work = 0.0
         self._served = 0.0
@@ -209,7 +210,7 @@ class VirtualCluster:
         done = [sample for sample in samples if sample.needed]
         scheduler.heard(rank, now)
         scheduler.pace.learn([sample.seconds for sample in done])
-        for piece, _ in scheduler.returned(rank, len(samples)):
+        for piece, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
             taken, samples = samples[: piece.size], samples[piece.size :]
             count = sum(sample.needed for sample in taken)
             outcomes = self._outcomes[piece.string][piece.first : piece.first + count]
@@ -228,7 +229,8 @@ class VirtualCluster:
             outcome, duration = self._workload.sample(string, parameters, number)
             outcomes.append(outcome)
             seconds.append(duration)
-        if self._simulated > MOST_SIMULATED:
+        self._handed_out += count
+        if self._handed_out > MOST_SIMULATED:
             raise TooManySamples
         return [Sample(string, duration) for duration in seconds[first : first + count]]
 

@@ -149,6 +149,11 @@ class Inversion:
             for string, ensemble in self._open.items()
         }
 
+    @property
+    def unjudged(self) -> int:
+        """Number of strings of this generation that are not judged yet."""
+        return len(self._open)
+
     def progress(self, string: int) -> Progress | None:
         """How far a live or announced string is; None once it needs no more samples."""
         ensemble = self._open.get(string) or self._early.get(string)

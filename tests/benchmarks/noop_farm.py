@@ -79,7 +79,7 @@ def farm(most, seconds):
         for delivery in crew.deliveries():
             rows = delivery.results
             plan.pace.learn(rows["seconds"].tolist())
-            for piece, fresh in plan.returned(delivery.rank, len(rows)):
+            for piece, fresh in plan.returned(delivery.rank, [True] * len(rows)):
                 needs.done[piece.string] += int(fresh.sum())
                 plan.judged(piece.string)
             returned[delivery.rank] += len(rows)

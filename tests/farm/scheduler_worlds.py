@@ -127,7 +127,6 @@ class World:
         used = [result.samples_used for result in self.inversion.results.values()]
         self.scheduler = Scheduler(self.inversion, ranks, list(self.known), used)
         self.outcomes, self.withdrawn = {}, set()
-        self._returned = set()
         self.handed, self.lost = Counter(), Counter()
         self._given_up = set()
         self._ranks, self._chance = ranks, chance
@@ -264,14 +263,13 @@ class World:
         pairs = [batch.popleft() for _ in range(count)]
         if not batch:
             self._held[rank].popleft()
-        done = [pair for pair in pairs if pair not in self._left_out[rank]]
+        done = set(pairs) - self._left_out[rank]
         self.scheduler.pace.learn([self._typical * self._chance.random() for _ in done])
-        for piece, fresh in self.scheduler.returned(rank, len(pairs)):
+        for piece, fresh in self.scheduler.returned(rank, [pair in done for pair in pairs]):
             turn, pairs = pairs[: piece.size], pairs[piece.size :]
             assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
-            assert fresh.tolist() == [pair not in self._returned for pair in turn]
-            self._returned.update(turn)
-            self._judge(piece, fresh & np.array([pair in done for pair in turn]))
+            assert fresh.tolist() == [pair in done and pair not in self.outcomes for pair in turn]
+            self._judge(piece, fresh)
         assert not pairs
         self._say_something(rank)
 

@@ -73,7 +73,7 @@ def test_a_batch_is_worth_a_message_and_no_more_than_a_share_of_what_waits(secon
     errands = Errands(many(4, 150), 2)
     assert [len(keys(batch)) for _, batch in errands.assignments(0.0)] == [1] * 4
     errands.pace.learn([seconds])
-    errands.returned(0, 1)
+    errands.returned(0, [True] * 1)
     [(rank, batch), *_] = errands.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, size)
     assert keys(batch) == [(0, 34 + sample) for sample in range(size)]
@@ -83,7 +83,7 @@ def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
     errands = Errands(many(1, 9), 2)
     list(errands.assignments(0.0))
     errands.pace.learn([10.0])
-    errands.returned(0, 2)
+    errands.returned(0, [True] * 2)
     [(rank, batch)] = errands.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, 1)
 
@@ -94,13 +94,13 @@ def test_what_two_ranks_have_done_counts_once():
     errands.heard(1, 50.0)
     assert errands.clock(50.0, PATIENCE) == [0]
     errands.pace.learn([0.1])
-    errands.returned(1, 2)
+    errands.returned(1, [True] * 2)
     assert [keys(batch) for _, batch in errands.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
-    [(piece, first)] = errands.returned(1, 1)
+    [(piece, first)] = errands.returned(1, [True] * 1)
     assert (piece, first.tolist()) == ((0, 30, 1), [True])
-    late = errands.returned(0, 2)
+    late = errands.returned(0, [True] * 2)
     assert [(piece.first, first.tolist()) for piece, first in late] == [(30, [False]), (32, [True])]
-    [(piece, first)] = errands.returned(1, 1)
+    [(piece, first)] = errands.returned(1, [True] * 1)
     assert (piece, first.tolist()) == ((0, 32, 1), [False])
 
 

@@ -139,7 +139,7 @@ def test_the_string_whose_judgement_is_nearest_comes_first():
     scheduler = Scheduler(inversion, 1)
     batches = [tasks[["string", "first"]].tolist() for _, tasks in scheduler.assignments(0.0)]
     assert batches == [[(0, 0)], [(1, 0)]]
-    scheduler.returned(0, 1)
+    scheduler.returned(0, [True])
     inversion.accept(0, 0, [simulated(0, inversion.parameters(0), 0)])
     scheduler.judged(0)
     [(_, tasks)] = scheduler.assignments(0.0)
@@ -158,7 +158,7 @@ def batches_of(ranks, seconds, experience=(), turnround=TURNROUND, **options):
     first = [rank for rank, _ in scheduler.assignments(0.0)]
     scheduler.pace.learn([seconds])
     for rank in first:
-        scheduler.returned(rank, 1)
+        scheduler.returned(rank, [True])
     assert scheduler.lanes.samples == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
@@ -206,7 +206,7 @@ def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
     scheduler.heard(1, 100.0)
     assert scheduler.clock(100.0, PATIENCE) == [0]
     scheduler.pace.learn([1e-3])
-    scheduler.returned(1, len(held[1]))
+    scheduler.returned(1, [True] * len(held[1]))
     again = [
         pair
         for _, tasks in scheduler.assignments(100.0)
@@ -227,11 +227,12 @@ def judged_of_three(string):
     return scheduler, {rank for rank, strings in held if string in strings}
 
 
-def test_what_ranks_hold_of_a_judged_string_is_withdrawn_once():
+@pytest.mark.parametrize("by", ["a sample of its own", "a race"])
+def test_what_ranks_hold_of_a_judged_string_is_withdrawn_once(by):
     scheduler, holders = judged_of_three(1)
     scheduler.pace.learn([10.0])
-    assert scheduler.withdrawals() == []
-    scheduler.judged(1)
+    if by == "a sample of its own":
+        scheduler.judged(1)
     told = scheduler.withdrawals()
     assert {rank for rank, _ in told} == holders != set()
     assert all(strings.tolist() == [1] for _, strings in told)
@@ -279,7 +280,7 @@ def test_a_string_that_experience_makes_likelier_to_be_needed_keeps_its_place(us
             for string, first, count in tasks[["string", "first", "count"]].tolist():
                 handed |= {(string, first + i) for i in range(count)}
             scheduler.pace.learn([1.0])
-            scheduler.returned(rank, int(tasks["count"].sum()))
+            scheduler.returned(rank, [True] * int(tasks["count"].sum()))
             scheduler._experience.learn(MAX_SAMPLES)
     live = {pair for pair in handed if pair[0] < 6}
     assert len(live) == 6 * MAX_SAMPLES

@@ -293,6 +293,22 @@ def test_what_is_under_way_is_not_disturbed_by_what_is_withdrawn_of_others():
     assert fake.seen == [0, 1]
 
 
+@pytest.mark.parametrize("withdrawn", [[2], [1, 2]])
+def test_nothing_is_answered_after_what_a_stop_has_abandoned(withdrawn):
+    for _ in range(20):
+        gate = Gate()
+        thread = SimulatorThread(Fake(gate), Bell())
+        thread.put(some(1, 0, 1))
+        thread.put(some(1, 0, 2))
+        assert gate.begun.wait(20.0)
+        thread.withdraw(withdrawn)
+        thread.stop()
+        answers = []
+        while (batch := thread.take()) is not None:
+            answers += told(batch)
+        assert answers == [(1, 0, NOT_NEEDED), (2, 0, NOT_NEEDED)][: len(answers)]
+
+
 def test_a_thread_does_not_remember_withdrawals_for_ever():
     thread = SimulatorThread(Fake(), Bell())
     for string in range(100):
@@ -320,7 +336,7 @@ def test_withdrawals_at_any_moment_lose_no_sample_and_leave_out_no_other():
     thread.stop()
     assert [row[:2] for row in found] == wanted
     left_out = {string for string, _, reason in found if reason}
-    assert 20 < len(left_out) < 380
+    assert len(left_out) > 20
     assert left_out <= withdrawn
 
 
@@ -336,11 +352,13 @@ def test_a_sample_of_a_billion_events_ends_when_it_is_withdrawn(tmp_path):
     thread = SimulatorThread(simulator, Bell())
     thread.put(batch)
     assert taken(thread, 0.5) is None
+    begin = time.monotonic()
     thread.withdraw([3])
-    results = np.concatenate(taken(thread, 1.0).results)
+    results = np.concatenate(taken(thread, 20.0).results)
     thread.stop()
     assert results[["sample", "reason"]].tolist() == [(0, NOT_NEEDED), (1, NOT_NEEDED)]
-    assert results["seconds"][0] >= 0.5 > results["seconds"][1] == 0.0
+    assert results["seconds"][0] > results["seconds"][1] == 0.0
+    assert time.monotonic() - begin < 5.0
     assert len(final_results(results)) == 0
 
 
