@@ -2,23 +2,24 @@
 
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from agglom_mpi.campaign import load_campaign
-    from agglom_mpi.coupling.box import Box
-    from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.version import __version__
 
-__version__ = "0.1.0"
+if TYPE_CHECKING:
+    from agglom_mpi.campaign_file import open_campaign
+    from agglom_mpi.config.campaign import load_campaign
+    from agglom_mpi.coupling.box import Box
+
 __all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
 
 
 def __getattr__(name: str) -> Any:
     """Import the entry points when they are first used, so that importing the package is free."""
     if name == "load_campaign":
-        from agglom_mpi.campaign import load_campaign
+        from agglom_mpi.config.campaign import load_campaign
 
         return load_campaign
     if name == "open_campaign":
-        from agglom_mpi.database.reader import open_campaign
+        from agglom_mpi.campaign_file import open_campaign
 
         return open_campaign
     if name == "Box":

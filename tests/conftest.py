@@ -1,7 +1,23 @@
-import pytest
+import os
+import signal
 
-RANKS = {"cluster", "crash", "farm", "mpi"}
-"""Folders whose tests start ranks and watch the clock: one at a time."""
+# Two workers on two cores: more threads of a linear algebra library only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from pathlib import Path
+
+import pytest
+from compile_once import share_compilations
+from hypothesis import HealthCheck, settings
+from leftovers import VARIABLE, Leftovers
+from once import made_once, shared_folder
+from plain_python import pytest_collection_modifyitems  # noqa: F401
+
+# The same examples every time, and none that fails because the machine is busy.
+settings.register_profile(
+    "certain", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("certain")
 
 
 def pytest_addoption(parser):
@@ -10,17 +26,30 @@ def pytest_addoption(parser):
     )
 
 
-def has_ranks(nodeid):
-    return nodeid.removeprefix("tests/").partition("/")[0] in RANKS
+def pytest_configure(config):
+    """Let the run, not each of its workers, fail if something is left behind."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # Started in the background of a script: what tests start would inherit it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        share_compilations(Path(os.environ[VARIABLE]))
+    elif not config.option.collectonly:
+        config.pluginmanager.register(Leftovers(config.rootpath), "leftovers")
 
 
-@pytest.hookimpl(optionalhook=True)  # pytest-xdist may be missing
-def pytest_xdist_make_scheduler(config, log):
-    """With `-n 2` a file stays on one core, and so do the tests with ranks: most, they begin."""
-    from xdist.scheduler import LoadScopeScheduling
+@pytest.fixture(scope="session")
+def shared_campaign(tmp_path_factory):
+    """Return a function that gives the folder of a finished campaign that tests only read.
 
-    class Together(LoadScopeScheduling):
-        def _split_scope(self, nodeid):
-            return "ranks" if has_ranks(nodeid) else nodeid.partition("::")[0]
+    See `SHARED` for the names. A folder has NAME.yaml and NAME.h5, made once in a test run.
+    """
+    from farm_runs import SHARED, finish, write_campaign
 
-    return Together(config, log)
+    def folder_of(name):
+        def make(folder):
+            write_campaign(folder / f"{name}.yaml", **SHARED[name])
+            finish(folder, f"{name}.yaml")
+
+        return made_once(shared_folder(tmp_path_factory) / f"campaign-{name}", make)
+
+    return folder_of

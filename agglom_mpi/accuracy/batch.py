@@ -6,15 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import agglom_mpi.simulation.adaptive
-import agglom_mpi.simulation.events.engine
-import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
-from agglom_mpi.compilation import kernel
-from agglom_mpi.simulation.allocation import new_particles
-from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
-from agglom_mpi.simulation.particles import new_ledger
-from agglom_mpi.simulation.scene import Scene
+import agglom_mpi.simulation.event_driven.engine
+import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
+from agglom_mpi.kernels import kernel
+from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
+from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.scene import Scene, run_to_end
 
 Floats = NDArray[np.float64]
 
@@ -62,9 +59,9 @@ def run_batch(scene, position, velocity, abort, left):  # type: ignore[no-untype
         particles = new_particles(scene, grains, None)
         particles.position[:] = position[run]
         particles.velocity[:] = velocity[run]
-        drift = enter_frame(scene, particles)
-        end = advance(scene.engine, scene, particles, new_ledger(), abort, None)
-        leave_frame(scene, particles, drift, end)
+        drift = to_mass_frame(scene, particles)
+        end = run_to_end(scene.engine, scene, particles, new_ledger(), abort, None)
+        to_box_frame(scene, particles, drift, end)
         position[run] = particles.position
         velocity[run] = particles.velocity
         left[run] = particles.size[0]

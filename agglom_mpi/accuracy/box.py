@@ -11,11 +11,10 @@ from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
-from agglom_mpi.accuracy.words import digits, measured, time
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.formatting import format_digits, format_mean, format_seconds
 from agglom_mpi.report.picture import Picture
-from agglom_mpi.search.mean import Mean, mean_of
-from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -147,7 +146,7 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
     growth = mean_of(ratios)
-    value, error = make_objective(campaign.objective, particles).of_rows(good)
+    value, error = campaign.objective.build(particles).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,
@@ -169,16 +168,18 @@ SHOWN: Final = (
     Shown("samples", lambda row: f"{row['samples']:.0f}"),
     Shown(
         "mean b/b⁰",
-        lambda row: measured(Mean(row["mean b/b0"], row["standard error"], row["samples"])),
+        lambda row: format_mean(
+            MeanEstimate(row["mean b/b0"], row["standard error"], row["samples"])
+        ),
     ),
     Shown("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
     Shown(
         "objective",
-        lambda row: measured(
-            Mean(row["objective"], row["standard error of the objective"], row["samples"])
+        lambda row: format_mean(
+            MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
         ),
     ),
-    Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),
+    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
 )
 
 
@@ -205,7 +206,7 @@ def _conclusions(
 ) -> Iterator[str]:
     home = frame[frame[column] == own].iloc[0]
     for place in (frame.iloc[0], frame.iloc[-1]):
-        change = Mean(
+        change = MeanEstimate(
             place["mean b/b0"] - home["mean b/b0"],
             float(np.hypot(place["standard error"], home["standard error"])),
             int(place["samples"]),
@@ -213,10 +214,11 @@ def _conclusions(
         beyond = abs(change.value) > change.half_width
         yield (
             f"{place[column] / own:.3g} times {what} ({_plain(place[column])} {unit}) changes mean "
-            f"b/b⁰ by {measured(change)} ({100 * change.value / home['mean b/b0']:+.1f} %), "
+            f"b/b⁰ by {format_mean(change)} ({100 * change.value / home['mean b/b0']:+.1f} %), "
             f"{'beyond' if beyond else 'within'} the error, and the objective from "
             f"{home['objective']:.3f} to {place['objective']:.3f}, at "
-            f"{digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} times the "
+            f"{format_digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} "
+            f"times the "
             "time of a sample."
         )
 

@@ -18,7 +18,7 @@ from agglom_mpi.accuracy.cooling_methods import (
 )
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.words import digits, time
+from agglom_mpi.formatting import format_digits, format_seconds
 from agglom_mpi.physics.cooling import QuarticCooling
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.simulation.scene import Scene
@@ -183,7 +183,7 @@ def measure_errors(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
 
 def span(seconds: float) -> str:
     """Time in a unit that suits it, long ones in s with an exponent."""
-    return time(seconds) if seconds < 1e4 else f"{seconds:.2g} s"
+    return format_seconds(seconds) if seconds < 1e4 else f"{seconds:.2g} s"
 
 
 def _ratio(row: Any, column: str) -> str:
@@ -198,9 +198,9 @@ LIMITS_SHOWN: Final = (
     Shown("overshoots from (× limit)", lambda row: _ratio(row, "overshoots from (s)")),
     Shown("below 0 K from (× limit)", lambda row: _ratio(row, "negative from (s)")),
     Shown("end time over limit", lambda row: f"{row['end time over limit']:.2g}"),
-    Shown("Euler step", lambda row: time(row["seconds per Euler step (s)"])),
-    Shown("exact, end time", lambda row: time(row["seconds exactly to end time (s)"])),
-    Shown("exact, stiff", lambda row: time(row["seconds exactly, stiff (s)"])),
+    Shown("Euler step", lambda row: format_seconds(row["seconds per Euler step (s)"])),
+    Shown("exact, end time", lambda row: format_seconds(row["seconds exactly to end time (s)"])),
+    Shown("exact, stiff", lambda row: format_seconds(row["seconds exactly, stiff (s)"])),
 )
 
 
@@ -227,7 +227,7 @@ def _failures(errors: "pd.DataFrame") -> Iterator[str]:
                 least = found["step over the estimated limit"].min()
                 yield (
                     f"Euler steps {names[str(run)]}: {len(found)} of {len(rows)} runs {words}, "
-                    f"with steps from {digits(least)} times the estimated limit."
+                    f"with steps from {format_digits(least)} times the estimated limit."
                 )
 
 
@@ -250,8 +250,9 @@ def _conclusions(limits: "pd.DataFrame", errors: "pd.DataFrame", scene: Scene) -
     own = limits["seconds exactly to end time (s)"].median()
     far = limits["seconds exactly, stiff (s)"].median()
     yield (
-        f"An Euler step of one grain takes {time(step)}. Exactly to the end time takes "
-        f"{time(own)}, as long as {digits(own / step)} steps, and through a stiff run {time(far)}; "
+        f"An Euler step of one grain takes {format_seconds(step)}. Exactly to the end time takes "
+        f"{format_seconds(own)}, as long as {format_digits(own / step)} steps, and through a "
+        f"stiff run {format_seconds(far)}; "
         "but it is asked for only when a grain collides, and a step is taken by all at every step."
     )
 

@@ -7,15 +7,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import kernel
+from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 from agglom_mpi.physics.cooling import (
     QuarticCooling,
     RadiativeCooling,
-    cooled,
     cooling_rate,
     equilibrium_temperature,
     euler_step,
+    exact_temperature,
 )
 from agglom_mpi.simulation.scene import Scene
 
@@ -78,7 +78,7 @@ def step_on(law, rest, surface, capacity, temperature, step, steps):  # type: ig
 def cool_on(law, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
     """Exact temperature in K after `steps` intervals of `step` s each."""
     for _ in range(steps):
-        temperature = cooled(law, temperature, surface, capacity, step)
+        temperature = exact_temperature(law, temperature, surface, capacity, step)
     return temperature
 
 
@@ -102,7 +102,7 @@ def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats): 
     for _ in range(repeats):
         for i in range(temperature.size):
             surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i] * specific
-            after = cooled(law, temperature[i], surface, capacity, duration)
+            after = exact_temperature(law, temperature[i], surface, capacity, duration)
             lost += capacity * (temperature[i] - after)
     return lost
 

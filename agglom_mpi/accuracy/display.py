@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from agglom_mpi.report.display import Display
+from agglom_mpi.display.display import Display
 
 if TYPE_CHECKING:
-    from agglom_mpi.search import GenerationSummary
+    from agglom_mpi.search.inversion import GenerationSummary
 
 
 class StudyDisplay(Display):

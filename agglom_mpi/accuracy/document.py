@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi import __version__
 from agglom_mpi.accuracy.section import Section, Table
 from agglom_mpi.report.picture import replace_file, write_picture
+from agglom_mpi.version import __version__
 
 NAME: Final = "report.md"
 

@@ -16,17 +16,17 @@ from agglom_mpi.accuracy.stopping_study import (
     study,
     truth_of,
 )
-from agglom_mpi.accuracy.words import percent
+from agglom_mpi.formatting import format_percent
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.picture import Picture
-from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective, make_objective
-from agglom_mpi.search.streams import stream
-from agglom_mpi.simulation.outcome import COMPLETED
+from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective
 
 if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-    from agglom_mpi.campaign import Campaign
+    from agglom_mpi.config.campaign import Campaign
 
 ORDERS: Final = 2000
 QUICK_ORDERS: Final = 400
@@ -65,7 +65,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         few = f"Of {len(rows)} samples {len(pool)} completed; a pool takes at least {FEWEST_ROWS}."
         return _nothing("no pool to draw from", failures=(few,))
     plan, particles = campaign.plan, campaign.scene.particles
-    objective, other = make_objective(campaign.objective, particles), False
+    objective, other = campaign.objective.build(particles), False
     if not isinstance(objective, RadiusObjective):
         plan, objective, other = None, MaximumGrowth(particles), True
     truth = truth_of(pool, objective)
@@ -74,7 +74,7 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         equal = f"All {len(pool)} samples have the same mean radius: one is enough for any rule."
         return _nothing(words.reference(len(pool), truth), conclusions=(equal,))
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
-    draws = stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
+    draws = search_stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
     if plan and plan.ensemble.rule != "fixed":
         rules.append(campaigns_own(plan.ensemble, most))
@@ -170,11 +170,11 @@ def _tables(frame: "pd.DataFrame", goal: float) -> tuple[Table, ...]:
                 f"({row['samples, 10 %']:.0f}, {row['samples, 90 %']:.0f})"
             ),
         ),
-        Shown("rms error", lambda row: percent(row["rms error"])),
-        Shown("median error", lambda row: percent(row["median error"])),
+        Shown("rms error", lambda row: format_percent(row["rms error"])),
+        Shown("median error", lambda row: format_percent(row["median error"])),
         Shown("by luck", lambda row: words.share(row, "stopped by luck")),
         Shown("95 % covers", lambda row: words.share(row, "coverage")),
-        Shown("at max_samples", lambda row: percent(row["ended at max_samples"])),
+        Shown("at max_samples", lambda row: format_percent(row["ended at max_samples"])),
     )
     own = frame[frame["rule"] == OWN]
     chosen = pd.concat([at_goal(of_rules(frame), goal), own])

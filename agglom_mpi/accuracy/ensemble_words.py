@@ -10,12 +10,12 @@ from agglom_mpi.accuracy.ensemble_goal import (
     samples_needed,
 )
 from agglom_mpi.accuracy.stopping_study import FIRST_MOMENT, OWN, WITH_ERROR, Truth
-from agglom_mpi.accuracy.words import digits, percent
+from agglom_mpi.formatting import format_digits, format_percent
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.campaign.plan import AnyEnsemble
+    from agglom_mpi.config.ensemble import AnyEnsemble
 
 TITLE: Final = "Ensemble: how many samples, and when to stop"
 
@@ -58,7 +58,7 @@ def share(row: Any, name: str) -> str:
 
 def reference(samples: int, truth: Truth) -> str:
     """Say what errors are measured against."""
-    spread = percent(truth.spread / truth.mean)
+    spread = format_percent(truth.spread / truth.mean)
     return (
         f"Orders are drawn with replacement from a pool of {samples} completed samples of one "
         f"string: a bootstrap, for which the pool's own mean of b/b⁰, {truth.mean:.6g}, is the "
@@ -92,7 +92,8 @@ def setups(
 def table_caption(goal: float) -> str:
     """Say what a row of the document's table is."""
     return (
-        f"Each rule at its loosest tolerance whose mean is right to {percent(goal)} (rms), or at "
+        f"Each rule at its loosest tolerance whose mean is right to {format_percent(goal)} "
+        f"(rms), or at "
         "the tightest if none is; and the campaign's own, if it has one."
     )
 
@@ -114,11 +115,14 @@ def _cost(frame: "pd.DataFrame", truth: Truth, goal: float) -> str:
     for rule, rows in of_rules(frame).groupby("rule", sort=False):
         needed = samples_needed(rows, goal)
         if math.isnan(needed):
-            costs.append(f"not reached by {rule} ({percent(rows['rms error'].min())} at best)")
+            costs.append(
+                f"not reached by {rule} ({format_percent(rows['rms error'].min())} at best)"
+            )
         else:
             costs.append(f"{needed:.0f} by {rule}")
     return (
-        f"A mean that is right to {percent(goal)} (rms) takes {best:.0f} samples if their number "
+        f"A mean that is right to {format_percent(goal)} (rms) takes {best:.0f} samples if their "
+        f"number "
         f"is fixed beforehand, and on average {'; '.join(costs)}."
     )
 
@@ -130,8 +134,8 @@ def _published(frame: "pd.DataFrame") -> list[str]:
         for _, row in rows.iterrows():
             told.append(
                 f"Successive differences of the mean radius at TOL = {tolerance:g} believe "
-                f"{tolerance:g} and are off by {percent(row['rms error'])} (rms), "
-                f"{digits(row['rms error'] / tolerance)} times as much; "
+                f"{tolerance:g} and are off by {format_percent(row['rms error'])} (rms), "
+                f"{format_digits(row['rms error'] / tolerance)} times as much; "
                 f"{share(row, 'stopped by luck')} of their stops were by luck."
             )
     return told
@@ -155,7 +159,7 @@ def _with_error(frame: "pd.DataFrame", goal: float) -> list[str]:
     row = at_goal(rows, goal).iloc[0]
     told = (
         f"Of the standard-error rule's means at TOL = {row['tolerance']:g}, "
-        f"{percent(row['error believed'])} of the mean, {share(row, 'stopped by luck')} are "
+        f"{format_percent(row['error believed'])} of the mean, {share(row, 'stopped by luck')} are "
         "further off than that, where 5 % should be"
     )
     short = rows[covers_too_little(rows)]
@@ -165,16 +169,17 @@ def _with_error(frame: "pd.DataFrame", goal: float) -> list[str]:
     return [
         f"{told}; but tolerances that {short['samples, mean'].min():.0f} to "
         f"{short['samples, mean'].max():.0f} samples satisfy are met too early by chance, and the "
-        f"intervals then cover {percent(worst['coverage'])} at worst."
+        f"intervals then cover {format_percent(worst['coverage'])} at worst."
     ]
 
 
 def _own(row: Any) -> str:
     return (
         f"This campaign's own rule (TOL = {row['tolerance']:g}) spends {row['samples, mean']:.0f} "
-        f"samples and is off by {percent(row['rms error'])} (rms); its 95 % interval contains the "
+        f"samples and is off by {format_percent(row['rms error'])} (rms); its 95 % interval "
+        f"contains the "
         f"truth in {share(row, 'coverage')} of the ensembles, and "
-        f"{percent(row['ended at max_samples'])} ended at max_samples."
+        f"{format_percent(row['ended at max_samples'])} ended at max_samples."
     )
 
 
@@ -187,7 +192,11 @@ def failures(frame: "pd.DataFrame") -> tuple[str, ...]:
         lucky = known[known["stopped by luck"] > bound]
         if len(lucky):
             low, high = lucky["stopped by luck"].min(), lucky["stopped by luck"].max()
-            between = percent(low) if low == high else f"{percent(low)} to {percent(high)}"
+            between = (
+                format_percent(low)
+                if low == high
+                else f"{format_percent(low)} to {format_percent(high)}"
+            )
             told.append(f"{_name(rule)}: {between} of the stops were by luck, {_where(lucky)}.")
         short = rows[covers_too_little(rows)]
         if len(short):

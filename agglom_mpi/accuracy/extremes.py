@@ -12,10 +12,10 @@ from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
-from agglom_mpi.accuracy.words import measured, percent, time
-from agglom_mpi.campaign import Campaign, load_campaign
-from agglom_mpi.search.mean import Mean, mean_of
-from agglom_mpi.simulation.outcome import REASONS
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.formatting import format_mean, format_percent, format_seconds
+from agglom_mpi.outcome import REASONS
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 Rows = NDArray[np.void]
 
@@ -115,7 +115,7 @@ def _troubles(row: Any, whose: str) -> list[str]:
             f"({row[f'{whose}: reason']})"
         )
     if row[f"{whose}: unsolved impacts"] > 0:
-        troubles.append(f"{percent(row[f'{whose}: unsolved impacts'])} of impacts unsolved")
+        troubles.append(f"{format_percent(row[f'{whose}: unsolved impacts'])} of impacts unsolved")
     if row[f"{whose}: temperatures below zero"] > 0:
         troubles.append("temperatures below zero")
     if row[f"{whose}: energy error"] > CLOSED:
@@ -131,7 +131,9 @@ def _troubles(row: Any, whose: str) -> list[str]:
 
 def _growth(row: Any, whose: str) -> str:
     good = row[f"{whose}: samples"] - row[f"{whose}: failed"]
-    return measured(Mean(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good))
+    return format_mean(
+        MeanEstimate(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good)
+    )
 
 
 SHOWN: Final = (
@@ -140,7 +142,7 @@ SHOWN: Final = (
     Shown("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
     Shown("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
     Shown("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
-    Shown("time", lambda row: time(row["ours: seconds per sample (s)"])),
+    Shown("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
     Shown("published: b/b⁰", lambda row: _growth(row, "published")),
     Shown("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
 )

@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.batch import Starts
 from agglom_mpi.accuracy.exact import Restitution, Sphere, fly
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.duration import CompressionRecoveryDuration
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ConstantHardness
+from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
     ImpactLaws,
     PressureRestitution,
 )
-from agglom_mpi.physics.solvers import RootFinder
-from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.simulation.velocities import UniformX
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +121,7 @@ def scene_of(bodies: FewBodies, engine: Any) -> Scene:
         heating=None,
         reaction=None,
         fragmentation=None,
-        solver=None if constant else RootFinder(),
+        solver=None if constant else BracketedRoot(),
         heat_capacity=math.inf,
     )
     return Scene(

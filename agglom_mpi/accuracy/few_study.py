@@ -18,8 +18,8 @@ from agglom_mpi.accuracy.few_scenes import (
     scene_of,
     starts_of,
 )
-from agglom_mpi.search.mean import mean_of
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
+from agglom_mpi.statistics import mean_of
 
 if TYPE_CHECKING:
     import pandas as pd

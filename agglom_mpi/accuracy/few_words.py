@@ -15,7 +15,7 @@ from agglom_mpi.accuracy.few_scenes import (
     FewBodies,
 )
 from agglom_mpi.accuracy.few_study import CEILING, EDGE, Knobs
-from agglom_mpi.accuracy.words import time
+from agglom_mpi.formatting import format_seconds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -125,7 +125,7 @@ def _event(frame: "pd.DataFrame") -> str:
     return (
         f"The event engine is off by {rows['position error, largest'].max():.1e} box edges and "
         f"{rows['velocity error, largest'].max():.1e} m/s at most, in {rows['runs'].sum()} runs of "
-        f"{len(rows)} scenes; a run takes {time(rows['seconds per run (s)'].median())}."
+        f"{len(rows)} scenes; a run takes {format_seconds(rows['seconds per run (s)'].median())}."
     )
 
 
@@ -163,7 +163,7 @@ def _costs(frame: "pd.DataFrame") -> str:
         seconds = [seconds_at(points, GOAL) for _, points in rows.groupby("scene")]
         reached = [second for second in seconds if second < math.inf]
         missed = len(seconds) - len(reached)
-        text = f"{engine} {time(float(np.median(reached)))}" if reached else f"{engine} –"
+        text = f"{engine} {format_seconds(float(np.median(reached)))}" if reached else f"{engine} –"
         told.append(f"{text} (not reached in {missed} of {len(seconds)})" if missed else text)
     return f"At {GOAL:g} box edges, median of the scenes, a run takes: {', '.join(told)}."
 

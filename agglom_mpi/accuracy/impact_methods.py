@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.impact_reference import Material
-from agglom_mpi.compilation import kernel
+from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.constants import GAS_CONSTANT
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
-from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import (
     ImpactLaws,
     PressureRestitution,
@@ -28,7 +27,7 @@ DENSITY: Final = 5000.0
 RADIUS: Final = 1e-3
 SPEED: Final = 1.0
 TEMPERATURE: Final = 300.0
-PAIR: Final = Encounter(
+PAIR: Final = ContactPair(
     approach_speed=SPEED,
     slip_speed=0.0,
     mass_i=DENSITY * 4.0 / 3.0 * math.pi * RADIUS**3,
@@ -117,7 +116,7 @@ def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):  # 
 def iterate_as_published(laws, pair, hardness, deficit, count):  # type: ignore[no-untyped-def]
     """Count the iterations of the published method, which the package does not report.
 
-    The same loop as `PublishedIteration`: e ← G(e) from e = 0  [A 20] [B 6b].
+    The same loop as `FixedPointIteration`: e ← G(e) from e = 0  [A 20] [B 6b].
     """
     for i in range(hardness.size):
         own = with_hardness(laws, hardness[i])

@@ -15,7 +15,7 @@ from agglom_mpi.accuracy.impact_methods import (
     solve_all,
 )
 from agglom_mpi.accuracy.impact_reference import Exact, Material, exact_impact
-from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
+from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,16 +41,16 @@ class Method(NamedTuple):
     """A way to solve an impact; cap and tolerance are nan for the root finder."""
 
     name: str
-    solver: RootFinder | PublishedIteration
+    solver: BracketedRoot | FixedPointIteration
     cap: float = math.nan
     tolerance: float = math.nan
 
 
 def methods() -> Iterator[Method]:
     """Yield the root finder, and the published iteration with every cap and tolerance."""
-    yield Method(ROOT, RootFinder())
+    yield Method(ROOT, BracketedRoot())
     for cap, tolerance in itertools.product(CAPS, TOLERANCES):
-        yield Method(name_of(cap, tolerance), PublishedIteration(tolerance, cap), cap, tolerance)
+        yield Method(name_of(cap, tolerance), FixedPointIteration(tolerance, cap), cap, tolerance)
 
 
 def name_of(cap: int, tolerance: float) -> str:
@@ -85,7 +85,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
 
     laws, hardness = impact_laws(material, method.solver), hardness_of(material, x)
     found = solve_all(laws, hardness)
-    published = isinstance(method.solver, PublishedIteration)
+    published = isinstance(method.solver, FixedPointIteration)
     bouncing = np.array([not one.bonds for one in exact])
     counts = published_iterations(laws, hardness) if published else np.full(len(x), math.nan)
     seconds = seconds_per_impact(laws, hardness[bouncing], LEAST_TIMED)

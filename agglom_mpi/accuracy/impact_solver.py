@@ -21,7 +21,7 @@ from agglom_mpi.accuracy.impact_outcomes import (
     summary,
 )
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.words import digits, percent, time
+from agglom_mpi.formatting import format_digits, format_percent, format_seconds
 from agglom_mpi.report.picture import Picture
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ def _setups(impacts: "pd.DataFrame") -> str:
     own = impacts[impacts["method"] == ROOT]
     initial = ", ".join(f"{a:g}" for a in sorted(own["a0"].unique()))
     strengths = "; ".join(
-        f"{name}: U/(Rθ) = {SOFTENINGS[name][0]:g}, θ rises by {percent(SOFTENINGS[name][1])}"
+        f"{name}: U/(Rθ) = {SOFTENINGS[name][0]:g}, θ rises by "
+        f"{format_percent(SOFTENINGS[name][1])}"
         for name in own["softening"].unique()
     )
     return (
@@ -105,8 +106,8 @@ SHOWN: Final = (
         "median iterations",
         lambda row: "–" if math.isnan(row["cap"]) else f"{row['median iterations']:.0f}",
     ),
-    Shown("time", lambda row: time(row["seconds per impact (s)"])),
-    Shown("at most", lambda row: time(row["longest of a material (s)"])),
+    Shown("time", lambda row: format_seconds(row["seconds per impact (s)"])),
+    Shown("at most", lambda row: format_seconds(row["longest of a material (s)"])),
 )
 
 
@@ -186,7 +187,8 @@ def _conclusions(impacts: "pd.DataFrame", frame: "pd.DataFrame") -> Iterator[str
         yield (
             f"The published iteration with a cap of {cap} and a tolerance of {TOLERANCES[1]:g} is "
             f"within {DEMANDED:g} in {row['solved']} of {row['bounces']} impacts, and takes "
-            f"{time(row['seconds per impact (s)'])}, {digits(ratio)} times the root finder's time."
+            f"{format_seconds(row['seconds per impact (s)'])}, {format_digits(ratio)} times the "
+            f"root finder's time."
         )
     yield from _on_convergence(impacts[impacts["method"] == name_of(CAPS[-1], TOLERANCES[1])])
 
@@ -198,8 +200,8 @@ def _on_the_root_finder(own: "pd.DataFrame", root: Any) -> Iterator[str]:
         f"The root finder is within {known['error of e'].max():.0e} of the closed form in all "
         f"{len(known)} impacts that have one, and within {others['error of e'].max():.0e} of the "
         f"brute force in the {len(others)} others; {root['capped']} end at a cap. An impact takes "
-        f"{time(root['seconds per impact (s)'])}, with the slowest material "
-        f"{time(root['longest of a material (s)'])}."
+        f"{format_seconds(root['seconds per impact (s)'])}, with the slowest material "
+        f"{format_seconds(root['longest of a material (s)'])}."
     )
 
 

@@ -11,16 +11,13 @@ from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.trials import Trial
-from agglom_mpi.accuracy.words import digits, measured
-from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.campaign.code import Code, recorded_code
-from agglom_mpi.campaign.source import Problem
-from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.report.numbers import duration
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.user_function import UserFunction, recorded_function
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.formatting import format_digits, format_duration, format_mean
 from agglom_mpi.report.picture import Picture
-from agglom_mpi.search.mean import Mean
-from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.search.student import t_95
+from agglom_mpi.statistics import MeanEstimate, t_95
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -35,19 +32,21 @@ def name_of(string: int) -> str:
     return f"string {string} again"
 
 
-def best_strings(history: CampaignFile) -> list[int]:
+def best_strings(history: CampaignData) -> list[int]:
     """Strings that were the best after some generation, in the order they became so."""
     best = [int(row["best_string"]) for row in history.generation_rows()]
     return list(dict.fromkeys(best))
 
 
-def campaign_of(history: CampaignFile) -> Campaign:
+def campaign_of(history: CampaignData) -> Campaign:
     """Campaign of a file; if its objective is a function, without the code."""
-    code = recorded_code(history.identity)
+    code = recorded_function(history.identity)
     return Campaign.from_text(history.campaign_text, str(history.path), code)
 
 
-def trials(history: CampaignFile, samples: int, allowed: Code | None = None) -> dict[str, Trial]:
+def trials(
+    history: CampaignData, samples: int, allowed: UserFunction | None = None
+) -> dict[str, Trial]:
     """Every string that was ever the best, on configurations that no decision has seen.
 
     Raises
@@ -73,7 +72,7 @@ def trials(history: CampaignFile, samples: int, allowed: Code | None = None) -> 
     }
 
 
-def inversion(history: CampaignFile, samples: Mapping[str, Rows]) -> Section:
+def inversion(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
     """Section on the history of a campaign; `samples` as for `trials`."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
@@ -91,7 +90,8 @@ def inversion(history: CampaignFile, samples: Mapping[str, Rows]) -> Section:
         ),
         setups=(
             f"{len(frame)} generations, {int(frame['samples simulated'].iloc[-1])} samples, "
-            f"{duration(float(frame['seconds (s)'].iloc[-1]))} of wall-clock time; ensemble and "
+            f"{format_duration(float(frame['seconds (s)'].iloc[-1]))} of wall-clock time; "
+            f"ensemble and "
             "search are the campaign's own."
         ),
         figures=(
@@ -111,12 +111,12 @@ def inversion(history: CampaignFile, samples: Mapping[str, Rows]) -> Section:
     )
 
 
-def measure(history: CampaignFile, samples: Mapping[str, Rows]) -> "pd.DataFrame":
+def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame":
     """One row for each generation: its best string as it was judged and as it is."""
     import pandas as pd
 
     campaign = campaign_of(history)
-    objective = make_objective(campaign.objective, campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.particles)
     used = {int(row["string"]): int(row["samples_used"]) for row in history.result_rows()}
     rows = []
     for row in history.generation_rows():
@@ -142,16 +142,18 @@ def measure(history: CampaignFile, samples: Mapping[str, Rows]) -> "pd.DataFrame
 
 SHOWN: Final = (
     Shown("generation", lambda row: f"{row['generation'] + 1:.0f}"),
-    Shown("seconds", lambda row: digits(row["seconds (s)"])),
+    Shown("seconds", lambda row: format_digits(row["seconds (s)"])),
     Shown("string", lambda row: f"{row['string']:.0f}"),
     Shown("its samples", lambda row: f"{row['its samples']:.0f}"),
     Shown(
         "objective, as searched",
-        lambda row: measured(Mean(row["objective"], row["standard error"], 2)),
+        lambda row: format_mean(MeanEstimate(row["objective"], row["standard error"], 2)),
     ),
     Shown(
         "estimated again",
-        lambda row: measured(Mean(row["estimated again"], row["standard error of that"], 2)),
+        lambda row: format_mean(
+            MeanEstimate(row["estimated again"], row["standard error of that"], 2)
+        ),
     ),
 )
 
@@ -172,17 +174,17 @@ def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
 
 def _conclusions(frame: "pd.DataFrame") -> Iterator[str]:
     last = frame.iloc[-1]
-    truth = Mean(last["estimated again"], last["standard error of that"], 2)
+    truth = MeanEstimate(last["estimated again"], last["standard error of that"], 2)
     yield (
         f"The search's last best, string {last['string']:.0f}, claims {last['objective']:.4f} ± "
-        f"{last['standard error']:.4f} and is worth {measured(truth)}."
+        f"{last['standard error']:.4f} and is worth {format_mean(truth)}."
     )
     best = frame.iloc[int(frame["estimated again"].argmin())]
-    truth = Mean(best["estimated again"], best["standard error of that"], 2)
+    truth = MeanEstimate(best["estimated again"], best["standard error of that"], 2)
     yield (
         f"Of all strings that were ever the best, string {best['string']:.0f} of generation "
         f"{best['generation'] + 1:.0f} has the lowest objective when estimated again, "
-        f"{measured(truth)}, after {duration(float(best['seconds (s)']))}."
+        f"{format_mean(truth)}, after {format_duration(float(best['seconds (s)']))}."
     )
     changes = frame[frame["string"] != frame["string"].shift()]
     optimism = changes["estimated again"] - changes["objective"]

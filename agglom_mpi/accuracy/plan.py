@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from agglom_mpi.accuracy import box, extremes, inversion, time_integration, whole_method
 from agglom_mpi.accuracy.study import Study
 from agglom_mpi.accuracy.trials import Trial, refusal
-from agglom_mpi.campaign import Campaign, CampaignError, load_campaign
-from agglom_mpi.campaign.source import Problem
-from agglom_mpi.database.reader import CampaignFile, open_inversion
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.storage.reader import CampaignData, read_inversion
 
 
 class Extent(NamedTuple):
@@ -64,7 +64,7 @@ class Plan(NamedTuple):
 
     campaign: Campaign | None
     parameters: NDArray[np.float64]
-    history: CampaignFile | None
+    history: CampaignData | None
     scenes: dict[str, Campaign]
     study: Study
     quick: bool
@@ -79,7 +79,7 @@ def make_plan(options: Options) -> Plan:
         )
     campaign, scenes = _read(options.sources, options.allow_code)
     parameters = campaign.parameters(options.settings) if campaign else np.zeros(0)
-    history = open_inversion(options.history) if options.history else None
+    history = read_inversion(options.history) if options.history else None
     trials: dict[str, Trial] = {}
     if campaign is not None:
         refused = refusal(Trial(campaign, parameters, 1))

@@ -2,16 +2,15 @@
 
 from typing import Final
 
-from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, FixedEngine
-from agglom_mpi.campaign.impact import IterationSolver
-from agglom_mpi.campaign.scene import SceneModel
+from agglom_mpi.config.scene import AdaptiveEngine, Engine, FixedEngine, SceneSection
+from agglom_mpi.config.submodels import IterationSolver
 
 FLOOR: Final = 1e-4
 CEILING: Final = 0.1
 """Shortest and longest step of [B 6.14] over the end time: 1e-6 and 1e-3 s of 0.01 s."""
 
 
-def as_published(scene: SceneModel) -> SceneModel:
+def as_published(scene: SceneSection) -> SceneSection:
     """Return the same physics, box and start with the published numerical method.
 
     - Impacts: the fixed point e ← G(e) from e = 0, to 1e-6, at most 100 times  [A 20] [B 6b]. A
@@ -33,7 +32,7 @@ def as_published(scene: SceneModel) -> SceneModel:
     return scene.model_copy(update=changes)
 
 
-def _engine(scene: SceneModel) -> Engine:
+def _engine(scene: SceneSection) -> Engine:
     if scene.restitution.law == "pressure" and scene.duration.law == "mean_speed":
         return FixedEngine(steps=200)
     if isinstance(scene.end_time, str):

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.objectives import RadiusObjective
-from agglom_mpi.search.stopping import Moments, Rule, StandardError, SuccessiveDifference
-from agglom_mpi.search.student import t_95
+from agglom_mpi.search.stopping import Moments, StandardError, StoppingRule, SuccessiveDifference
+from agglom_mpi.statistics import t_95
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def run_paths(pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.in
     return Paths(mean, deviation, error, _pooled(pool, draws))
 
 
-def stop(rule: Rule, paths: Paths, min_samples: int, max_samples: int) -> Stops:
+def stop(rule: StoppingRule, paths: Paths, min_samples: int, max_samples: int) -> Stops:
     """Return where an `Ensemble` with this rule and these limits would end.
 
     Parameters
@@ -132,7 +132,7 @@ def _pooled(pool: np.ndarray, draws: NDArray[np.int64]) -> tuple[Floats, Floats,
     )
 
 
-def _satisfied(rule: Rule, paths: Paths) -> NDArray[np.bool_]:
+def _satisfied(rule: StoppingRule, paths: Paths) -> NDArray[np.bool_]:
     """Whether the rule is satisfied after each sample, shape (samples, orders)."""
     if isinstance(rule, SuccessiveDifference):
         watched = paths.mean if rule.quantity == "mean_radius" else np.abs(paths.deviation)

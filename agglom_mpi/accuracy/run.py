@@ -10,11 +10,11 @@ from agglom_mpi.accuracy.display import StudyDisplay
 from agglom_mpi.accuracy.document import Header, Part, write_document
 from agglom_mpi.accuracy.plan import Options, Plan, make_plan
 from agglom_mpi.accuracy.sections import extreme_sections, scene_sections
-from agglom_mpi.database.reader import CampaignFile, open_campaign
-from agglom_mpi.farm.order import Order
-from agglom_mpi.farm.run import carry_out
-from agglom_mpi.farm.store import StoreError, check_writable
-from agglom_mpi.report.numbers import duration
+from agglom_mpi.formatting import format_duration
+from agglom_mpi.runtime.file_setup import OutputError, check_writable
+from agglom_mpi.runtime.request import Order
+from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -40,22 +40,22 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
 
     def finish(order: Order) -> None:
         display.message("writing the report")
-        path = report(plans[0], options, open_campaign(order.path))
+        path = report(plans[0], options, read_campaign(order.path))
         display.message(f"{path} with its figures and tables")
 
-    return carry_out(read, display, finish, world, max_walltime=options.max_walltime)
+    return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
 
 
 def check_libraries() -> None:
-    """Raise a StoreError if what draws figures and writes tables is not installed."""
+    """Raise an OutputError if what draws figures and writes tables is not installed."""
     missing = [name for name in ("matplotlib", "pandas") if importlib.util.find_spec(name) is None]
     if missing:
-        raise StoreError(
+        raise OutputError(
             f"the report needs {' and '.join(missing)}: pip install 'agglom_mpi[report]'"
         )
 
 
-def report(plan: Plan, options: Options, file: CampaignFile) -> Path:
+def report(plan: Plan, options: Options, file: CampaignData) -> Path:
     """Write the report of a finished study; its path."""
     samples = plan.study.collect(file)
     parts = []
@@ -88,7 +88,7 @@ def command(options: Options) -> str:
     return shlex.join([*words, "--quick"] if options.quick else words)
 
 
-def facts(plan: Plan, file: CampaignFile) -> Iterator[str]:
+def facts(plan: Plan, file: CampaignData) -> Iterator[str]:
     """Say what was measured, and how long it took."""
     if plan.campaign is not None:
         scene = plan.campaign.scene
@@ -103,12 +103,13 @@ def facts(plan: Plan, file: CampaignFile) -> Iterator[str]:
     legs, rows = file.legs(), file.all_sample_rows()
     yield (
         f"{'quick' if plan.quick else 'full'} study: {len(plan.study.trials)} set-ups, "
-        f"{len(rows)} samples, {duration(float(rows['seconds'].sum()))} of processor time on "
+        f"{len(rows)} samples, {format_duration(float(rows['seconds'].sum()))} of processor time "
+        f"on "
         f"{int(legs['ranks'].max())} ranks"
     )
 
 
 def _fraction(plan: Plan) -> float:
-    from agglom_mpi.campaign.variables import volume_fraction
+    from agglom_mpi.config.bounds import volume_fraction
 
     return volume_fraction(float(plan.parameters[NAMES.index("size_ratio")]))

@@ -17,7 +17,6 @@ from agglom_mpi.accuracy.section import Section
 from agglom_mpi.accuracy.statistics import completed
 from agglom_mpi.accuracy.time_integration import EVENT, time_integration
 from agglom_mpi.accuracy.whole_method import whole_method
-from agglom_mpi.simulation.scene import build_scene
 
 Samples = Mapping[str, NDArray[np.void]]
 
@@ -33,7 +32,7 @@ def scene_sections(plan: Plan, samples: Samples) -> Iterator[Section]:
     if not plan.quick:
         yield few_body()
     yield impact_solver(plan.quick)
-    yield cooling(build_scene(campaign.scene, plan.parameters), plan.quick)
+    yield cooling(campaign.scene.build(plan.parameters), plan.quick)
     if not plan.quick:
         yield whole_method(campaign, samples)
     yield ensemble(campaign, completed(samples[EVENT]), plan.quick)

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.mean import Mean, mean_of
-from agglom_mpi.simulation.outcome import COMPLETED
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 
 def completed(rows: NDArray[np.void]) -> NDArray[np.void]:
@@ -12,7 +12,9 @@ def completed(rows: NDArray[np.void]) -> NDArray[np.void]:
     return rows[rows["state"] == COMPLETED]
 
 
-def paired_difference(rows: NDArray[np.void], reference: NDArray[np.void], name: str) -> Mean:
+def paired_difference(
+    rows: NDArray[np.void], reference: NDArray[np.void], name: str
+) -> MeanEstimate:
     """Mean of a column less that of the reference, over samples that completed in both.
 
     Samples of one number have the same random start, so what they share cancels.

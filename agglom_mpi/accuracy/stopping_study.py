@@ -19,17 +19,16 @@ from agglom_mpi.accuracy.resampling import (
 from agglom_mpi.search.objectives import RadiusObjective
 from agglom_mpi.search.stopping import (
     Moments,
-    Rule,
     StandardError,
+    StoppingRule,
     SuccessiveDifference,
-    make_rule,
 )
-from agglom_mpi.search.student import t_95
+from agglom_mpi.statistics import t_95
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.campaign.plan import AdaptiveEnsemble
+    from agglom_mpi.config.ensemble import AdaptiveEnsemble
 
 FIRST_MOMENT: Final = "successive difference, mean radius"
 """Which the moments rule of order 1 is too."""
@@ -70,7 +69,7 @@ class Family(NamedTuple):
     """A rule at several tolerances, the limits of its ensembles, the highest moment it watches."""
 
     label: str
-    make: Callable[[float], Rule]
+    make: Callable[[float], StoppingRule]
     max_samples: int
     tolerances: tuple[float, ...] = PUBLISHED_TOLERANCES
     min_samples: int = FEWEST_PUBLISHED
@@ -106,7 +105,7 @@ def families(truth: Truth, most: int) -> list[Family]:
 
 def campaigns_own(model: "AdaptiveEnsemble", most: int) -> Family:
     """Return the rule that a campaign's `ensemble` asks for, with its one tolerance."""
-    rule = make_rule(model)
+    rule = model.build()
     order = rule.order if isinstance(rule, Moments) else 1
     limit = min(model.max_samples, most)
     return Family(OWN, lambda _: rule, limit, (model.tolerance,), model.min_samples, order)
@@ -148,7 +147,7 @@ def study(
     )
 
 
-def believed(rule: Rule, truth: Truth) -> float:
+def believed(rule: StoppingRule, truth: Truth) -> float:
     """Relative error of the mean of b^f/b⁰ that a rule's tolerance is, taken as an error bound."""
     if isinstance(rule, StandardError):
         return rule.tolerance / truth.slope / truth.mean

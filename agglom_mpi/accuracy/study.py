@@ -1,4 +1,4 @@
-"""An accuracy study as work for the farm: every trial is a string, all in one generation."""
+"""An accuracy study as an experiment: every trial is a string, all in one generation."""
 
 import hashlib
 import json
@@ -9,19 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.trials import Quota, Trial
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.database.schema import STUDY
-from agglom_mpi.farm.work import Restore, Room, Setup, Stage, Work
-from agglom_mpi.search import Batch, Inversion, Observer
-from agglom_mpi.search.archive import Archive
-from agglom_mpi.search.proposals import RANDOM, as_batch
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage, TableSizes
+from agglom_mpi.search.inversion import Inversion, Observer
+from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.schema import STUDY
 
 FEWEST: Final = 4
 """Samples of a trial, however long they take."""
 
 
-class Listed(Archive):
+class Listed(EvaluatedStrings):
     """A search that proposes given strings at once and learns nothing."""
 
     parents = 1
@@ -30,15 +29,15 @@ class Listed(Archive):
         super().__init__(len(parameters))
         self._given = parameters
 
-    def ask(self) -> Batch:
+    def ask(self) -> Proposals:
         """Propose all strings."""
-        return as_batch(0, self._given, RANDOM)
+        return as_proposals(0, self._given, RANDOM)
 
     def known_proposals(self, generation: int) -> None:
         """There is one generation only."""
 
 
-class Study(Work):
+class Study(Experiment):
     """Trials by name, each with a budget of particle-steps.
 
     Parameters
@@ -62,10 +61,10 @@ class Study(Work):
         self._budget = budget
 
     @property
-    def room(self) -> Room:
+    def room(self) -> TableSizes:
         """Room for one generation of all trials."""
         count = len(self._listed)
-        return Room(count, max(trial.samples for trial in self._listed), 1, count)
+        return TableSizes(count, max(trial.samples for trial in self._listed), 1, count)
 
     @property
     def largest(self) -> str:
@@ -84,12 +83,12 @@ class Study(Work):
         """Digest of `identity`."""
         return _digest(self.identity())
 
-    def setup(self, string: int) -> Setup:
+    def setup(self, string: int) -> SampleSetup:
         """How the samples of a trial are simulated."""
         trial = self._listed[string]
-        return Setup(trial.campaign, trial.engine, trial.first_sample)
+        return SampleSetup(trial.campaign, trial.engine, trial.first_sample)
 
-    def kinds(self) -> Iterator[tuple[Setup, NDArray[np.float64]]]:
+    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """All trials; those of one kind cost nothing after the first."""
         for string, trial in enumerate(self._listed):
             yield self.setup(string), trial.parameters
@@ -110,7 +109,7 @@ class Study(Work):
         """Nothing ends a study but its end."""
         return "all set-ups are measured"
 
-    def collect(self, file: CampaignFile) -> dict[str, NDArray[np.void]]:
+    def collect(self, file: CampaignData) -> dict[str, NDArray[np.void]]:
         """Return the samples of each trial, completed and failed, in order."""
         used = {int(row["string"]): int(row["samples_used"]) for row in file.result_rows()}
         return {

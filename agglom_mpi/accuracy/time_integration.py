@@ -10,14 +10,12 @@ from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import completed, paired_difference
 from agglom_mpi.accuracy.trials import Trial
-from agglom_mpi.accuracy.words import digits, measured, percent, time
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.campaign.engines import AdaptiveEngine, Engine, EventEngine, FixedEngine
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
+from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
+from agglom_mpi.outcome import summaries as outcomes
 from agglom_mpi.report.picture import Picture
-from agglom_mpi.search.mean import Mean, mean_of
-from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.outcome import measured as outcomes
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -66,7 +64,7 @@ def name_of(stepper: Stepper) -> str:
 
 def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
     """End time of a campaign's scene in s."""
-    return build_scene(campaign.scene, parameters).end_time
+    return campaign.scene.build(parameters).end_time
 
 
 def trials(
@@ -113,8 +111,9 @@ def time_integration(
         ),
         reference=(
             "The event engine, which computes the time of every impact from a quadratic and makes "
-            f"no error in time: mean b/b⁰ = {measured(reference)} over {reference.samples} "
-            f"samples, {time(cost)} each. Every method starts from the same random configurations, "
+            f"no error in time: mean b/b⁰ = {format_mean(reference)} over {reference.samples} "
+            f"samples, {format_seconds(cost)} each. Every method starts from the same random "
+            f"configurations, "
             "so the bias is a mean of paired differences; bands are 95 % t intervals of it."
         ),
         setups=(
@@ -179,9 +178,9 @@ def measure(
     return pd.DataFrame(rows)
 
 
-def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> Mean:
+def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
     """Bias of the objective, signed where it is a magnitude."""
-    objective = make_objective(campaign.objective, campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.particles)
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
@@ -196,16 +195,18 @@ SHOWN: Final = (
     Shown("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
     Shown("samples", lambda row: f"{row['samples']:.0f}"),
     Shown("failed", lambda row: f"{row['failed']:.0f}"),
-    Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),
+    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
     Shown(
         "bias of b/b⁰",
-        lambda row: measured(Mean(row["bias of b/b0"], row["standard error"], row["pairs"])),
+        lambda row: format_mean(
+            MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
+        ),
     ),
     Shown("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
     Shown(
         "bias of the objective",
-        lambda row: measured(
-            Mean(row["bias of objective"], row["standard error of that"], row["pairs"])
+        lambda row: format_mean(
+            MeanEstimate(row["bias of objective"], row["standard error of that"], row["pairs"])
         ),
     ),
     Shown("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
@@ -256,7 +257,7 @@ def _failures(frame: "pd.DataFrame") -> Iterator[str]:
 
 def _conclusions(frame: "pd.DataFrame", cost: float) -> Iterator[str]:
     for tolerance in TOLERANCES:
-        found = [f"event {time(cost)}"]
+        found = [f"event {format_seconds(cost)}"]
         for family, rows in frame.groupby("method", sort=False):
             found.append(f"{family} {_reached(rows, tolerance)}")
         yield f"At {100.0 * tolerance:g} % error of mean b/b⁰: {'; '.join(found)}."
@@ -265,8 +266,8 @@ def _conclusions(frame: "pd.DataFrame", cost: float) -> Iterator[str]:
         yield (
             f"The finest steps of {family} are off by {100 * finest['relative bias']:+.2f} ± "
             f"{100 * finest['relative half width']:.2f} % ({CONFIDENCE}) at "
-            f"{time(finest['seconds per sample (s)'])} a sample, "
-            f"{digits(finest['seconds per sample (s)'] / cost)} times the event engine's."
+            f"{format_seconds(finest['seconds per sample (s)'])} a sample, "
+            f"{format_digits(finest['seconds per sample (s)'] / cost)} times the event engine's."
         )
 
 
@@ -281,8 +282,9 @@ def _reached(rows: "pd.DataFrame", tolerance: float) -> str:
     if len(within):
         best = within.sort_values("seconds per sample (s)").iloc[0]
         return (
-            f"{time(best['seconds per sample (s)'])} (steps of {best['shortest step (s)']:.2g} s)"
+            f"{format_seconds(best['seconds per sample (s)'])} (steps of "
+            f"{best['shortest step (s)']:.2g} s)"
         )
     if outside.iloc[-1]:
         return "does not reach it"
-    return f"is not shown to reach it (at best within {percent(float(_bound(rows).min()))})"
+    return f"is not shown to reach it (at best within {format_percent(float(_bound(rows).min()))})"

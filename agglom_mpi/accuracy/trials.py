@@ -7,15 +7,12 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.campaign.engines import Engine
-from agglom_mpi.campaign.identity import objective as objective_identity
-from agglom_mpi.campaign.scene import SceneModel
-from agglom_mpi.search.ensembles import Ensemble
-from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.search.stopping import Snapshot
-from agglom_mpi.simulation.outcome import Measured
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.identity import objective as objective_identity
+from agglom_mpi.config.scene import Engine, SceneSection
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.stopping import EnsembleState
 from agglom_mpi.variables import NAMES
 
 MOVES_PER_STEP: Final = 25
@@ -46,11 +43,11 @@ class Trial(NamedTuple):
 
     def identity(self) -> Iterator[tuple[str, object]]:
         """Yield all that decides the samples of the trial, flat."""
-        scene = {f"scene.{key}": value for key, value in self.campaign.scene.model_dump().items()}
+        scene = {f"scene.{key}": value for key, value in self.campaign.scene.entries().items()}
         yield from scene.items()
         yield "seed", self.campaign.seed
         yield "objective", objective_identity(self.campaign)
-        yield "engine", self.engine.model_dump() if self.engine else None
+        yield "engine", self.engine.entries() if self.engine else None
         yield "samples", self.samples
         yield "first_sample", self.first_sample
         for name, value in zip(NAMES, self.parameters.tolist(), strict=True):
@@ -61,7 +58,7 @@ class Trial(NamedTuple):
 def refusal(trial: Trial) -> str:
     """Why a trial's scene cannot be simulated, in words; empty if it can."""
     try:
-        build_scene(trial.campaign.scene, trial.parameters, trial.engine)
+        trial.campaign.scene.build(trial.parameters, trial.engine)
     except ValueError as error:
         return str(error)
     return ""
@@ -69,7 +66,7 @@ def refusal(trial: Trial) -> str:
 
 def with_scene(campaign: Campaign, **changes: object) -> Campaign:
     """Return the campaign with some entries of its scene replaced; `text` stays as it is."""
-    scene: SceneModel = campaign.scene.model_copy(update=changes)
+    scene: SceneSection = campaign.scene.model_copy(update=changes)
     return replace(campaign, scene=scene)
 
 
@@ -78,7 +75,7 @@ class _Never:
 
     needs_moments: ClassVar[bool] = False
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         return False
 
 
@@ -92,12 +89,12 @@ class Quota(Ensemble):
 
     def __init__(self, trial: Trial, fewest: int, budget: float) -> None:
         particles = trial.campaign.scene.particles
-        objective = make_objective(trial.campaign.objective, particles)
+        objective = trial.campaign.objective.build(particles)
         super().__init__(_Never(), objective, particles, 1, trial.samples)
         self._fewest = fewest
         self._left = budget
 
-    def add(self, outcome: Measured) -> None:
+    def add(self, outcome: SampleSummary) -> None:
         """Judge one more sample."""
         super().add(outcome)
         self._left -= outcome.particle_steps + MOVES_PER_STEP * outcome.steps

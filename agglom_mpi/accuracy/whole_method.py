@@ -11,9 +11,9 @@ from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.accuracy.statistics import completed, paired_difference
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
 from agglom_mpi.accuracy.trials import Trial, with_scene
-from agglom_mpi.accuracy.words import measured, percent, time
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.search.mean import Mean, mean_of
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.formatting import format_mean, format_percent, format_seconds
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,7 +47,7 @@ def whole_method(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
             "each make an error; what do whole samples become?"
         ),
         reference=(
-            f"The event engine with the root finder: mean b/b⁰ = {measured(reference)}. Samples "
+            f"The event engine with the root finder: mean b/b⁰ = {format_mean(reference)}. Samples "
             "start from the same configurations, so the bias is a mean of paired differences."
         ),
         setups=(
@@ -104,10 +104,12 @@ SHOWN: Final = (
     Shown("samples", lambda row: f"{row['samples']:.0f}"),
     Shown(
         "bias of b/b⁰",
-        lambda row: measured(Mean(row["bias of b/b0"], row["standard error"], row["pairs"])),
+        lambda row: format_mean(
+            MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
+        ),
     ),
-    Shown("unsolved impacts", lambda row: percent(row["unsolved impacts"])),
-    Shown("time per sample", lambda row: time(row["seconds per sample (s)"])),
+    Shown("unsolved impacts", lambda row: format_percent(row["unsolved impacts"])),
+    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
 )
 
 
@@ -117,7 +119,8 @@ def _failures(frame: "pd.DataFrame") -> Iterator[str]:
             yield f"{row['method']}: {row['failed']} of {row['samples']} samples failed."
         if row["unsolved impacts"] > 0.0:
             yield (
-                f"{row['method']}: {percent(row['unsolved impacts'])} of all impacts end at the "
+                f"{row['method']}: {format_percent(row['unsolved impacts'])} of all impacts end "
+                f"at the "
                 "iteration's cap, in a cycle."
             )
 

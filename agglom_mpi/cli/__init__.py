@@ -5,9 +5,9 @@ from typing import Final
 
 import click
 
-from agglom_mpi import __version__
 from agglom_mpi.cli.launch import launch
 from agglom_mpi.cli.options import examples
+from agglom_mpi.version import __version__
 
 COMMANDS: Final = {
     "accuracy": "Error against run time, with figures and tables",

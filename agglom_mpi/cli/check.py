@@ -4,7 +4,7 @@ import click
 
 from agglom_mpi.cli.launch import exits
 from agglom_mpi.cli.options import examples
-from agglom_mpi.database.signature import is_hdf5
+from agglom_mpi.storage.signature import is_hdf5
 
 
 @click.command(
@@ -20,12 +20,12 @@ def check(file: str) -> int:
     that: 0 sound, 1 damaged, 2 no campaign file or one of a newer version.
     """
     if is_hdf5(file):
-        from agglom_mpi.farm.check import check_file
+        from agglom_mpi.analysis.replay import check_file
 
         text, code = check_file(file)
         click.echo(text)
         return code
-    from agglom_mpi.campaign import check_campaign
+    from agglom_mpi.config.campaign import check_campaign
 
     loaded = check_campaign(file)
     if loaded.plan is None:

@@ -20,9 +20,9 @@ def doctor(folder: Path) -> int:
     MPI and its launcher, HDF5, compiled kernels, processors, the file system of FOLDER, the batch
     system. Exit code 1 if campaigns do not run like this on several ranks.
     """
-    from agglom_mpi.doctor.run import examine, in_words
-    from agglom_mpi.report.display import print_wide
+    from agglom_mpi.display.display import print_wide
+    from agglom_mpi.doctor import as_table, run_checks
 
-    findings = list(examine(folder.resolve()))
-    print_wide(in_words(findings))
+    findings = list(run_checks(folder.resolve()))
+    print_wide(as_table(findings))
     return FAILURE if any(finding.broken for finding in findings) else 0

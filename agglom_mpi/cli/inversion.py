@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from agglom_mpi import __version__
 from agglom_mpi.cli.launch import connected
 from agglom_mpi.cli.options import (
     ALLOW_CODE,
@@ -16,6 +15,7 @@ from agglom_mpi.cli.options import (
     accept_code_change,
     examples,
 )
+from agglom_mpi.version import __version__
 
 
 @click.command(
@@ -42,7 +42,7 @@ def invert_command(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.farm.run import Options, invert
+        from agglom_mpi.runtime.run import Options, invert
 
         return invert(Options(**options), world)
 

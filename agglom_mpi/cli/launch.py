@@ -13,10 +13,10 @@ from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, STOPPED
 
 def launch(command: click.Command) -> None:
     """Run a command; under MPI only the first rank shows help and usage errors."""
-    from agglom_mpi.encoding import write_anything
-    from agglom_mpi.farm.launch import is_first_rank
+    from agglom_mpi.formatting import replace_unencodable
+    from agglom_mpi.launcher import is_first_rank
 
-    write_anything()
+    replace_unencodable()
     try:
         with nullcontext() if is_first_rank() else redirect_stdout(None):
             code = command(standalone_mode=False)
@@ -35,7 +35,8 @@ def launch(command: click.Command) -> None:
 
 def connected(run: Callable[[Any], int]) -> int:
     """Run on all ranks that the launcher started, or say why they do not find each other."""
-    from agglom_mpi.farm.launch import LaunchError, connect, is_first_rank
+    from agglom_mpi.launcher import is_first_rank
+    from agglom_mpi.runtime.launch import LaunchError, connect
 
     try:
         world = connect()
@@ -77,11 +78,11 @@ def _finish(run: Callable[[], int]) -> int:
 
 def _is_mistake(error: Exception) -> bool:
     """Whether an error says in one message what the user did wrong."""
-    from agglom_mpi.campaign import CampaignError  # which `report` can do without
+    from agglom_mpi.config.yaml_source import CampaignError  # which `report` can do without
 
     if isinstance(error, CampaignError):
         return True
-    from agglom_mpi.database.access import NotACampaign  # HDF5, which `check` can do without
     from agglom_mpi.report.export import ExportError
+    from agglom_mpi.storage.access import NotACampaign  # HDF5, which `check` can do without
 
     return isinstance(error, (NotACampaign, ExportError))

@@ -61,9 +61,9 @@ def plan(as_json: bool, **options: Any) -> int:
     That is a rough guide; the file of a few generations, with --from, is a better one. Exit code 1
     if a forecast would take too many samples.
     """
-    from agglom_mpi.farm.plan import Options, plan
-    from agglom_mpi.farm.plan_words import as_text, in_words
-    from agglom_mpi.report.display import print_wide
+    from agglom_mpi.display.display import print_wide
+    from agglom_mpi.planning.forecast import Options, plan
+    from agglom_mpi.planning.plan_text import as_text, in_words
 
     made = plan(Options(**options))
     if as_json:

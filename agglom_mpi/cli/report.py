@@ -64,7 +64,7 @@ def report(
     if out is not None:
         _page(files[0], out, not stored_only, sensitivity)
         return code
-    from agglom_mpi.report.display import print_wide
+    from agglom_mpi.display.display import print_wide
 
     several = len(files) > 1
     text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
@@ -74,31 +74,31 @@ def report(
 
 def _follow(file: str) -> int:
     """Show how a run goes until it ends; its exit code, or `INTERRUPTED`."""
-    from agglom_mpi.database.reader import open_inversion
     from agglom_mpi.report.follow import follow
+    from agglom_mpi.storage.reader import read_inversion
 
-    return follow(open_inversion(file))
+    return follow(read_inversion(file))
 
 
 def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
     """Write the web page of a file, and say so."""
-    from agglom_mpi.database.reader import open_inversion
     from agglom_mpi.report.page import write_report
+    from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(open_inversion(file), out, again, sensitivity):
+    for line in write_report(read_inversion(file), out, again, sensitivity):
         click.echo(line)
 
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     """Return what one file found, to be printed."""
-    from agglom_mpi.database.reader import open_inversion
-    from agglom_mpi.report.summary import as_text, collect_summary, summarise
+    from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+    from agglom_mpi.storage.reader import read_inversion
 
-    opened, more = open_inversion(file), None
+    opened, more = read_inversion(file), None
     if sensitivity:
-        from agglom_mpi.report import sensitivity as matters
+        from agglom_mpi.analysis import sensitivity as matters
 
-        more = matters.of_campaign(opened)
+        more = matters.sensitivity_of(opened)
     if as_json:
         extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
         return as_text(collect_summary(opened), extra)
@@ -109,8 +109,8 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
     """Return what several files found, to be printed."""
-    from agglom_mpi.database.reader import open_inversion
-    from agglom_mpi.report import comparison
+    from agglom_mpi.analysis import file_comparison as comparison
+    from agglom_mpi.storage.reader import read_inversion
 
-    compared = comparison.compare([open_inversion(file) for file in files])
+    compared = comparison.compare([read_inversion(file) for file in files])
     return comparison.as_text(compared) if as_json else comparison.in_words(compared)

@@ -1,7 +1,7 @@
 """A point of a macroscopic flow that is a box of grains, stepped from outside  [B 9].
 
 >>> from agglom_mpi import Box
->>> from agglom_mpi.campaign import Campaign
+>>> from agglom_mpi.config.campaign import Campaign
 >>> scene = '''
 ... seed: 1
 ... scene:
@@ -39,24 +39,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign, load_campaign
 from agglom_mpi.coupling.given import check_temperatures, read
 from agglom_mpi.coupling.start import start
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
+from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.particles import EXHAUSTED
-from agglom_mpi.simulation.sample import random_stream
-from agglom_mpi.simulation.scene import build_scene
-from agglom_mpi.simulation.stretches import (
-    LOOK,
+from agglom_mpi.simulation.stepwise import (
+    OBSERVATION,
+    advance_run,
     empty_ledger,
     empty_particles,
-    new_looker,
-    run_on,
-    set_out,
+    new_observer,
+    start_run,
 )
 
 if TYPE_CHECKING:
-    from agglom_mpi.campaign.engines import Engine
+    from agglom_mpi.config.scene import Engine
 
 Given = float | npt.ArrayLike | Callable[[np.random.Generator, int], npt.ArrayLike] | Any
 """One value for all, an array, a function of (random, count), or a distribution with `rvs`."""
@@ -129,8 +128,8 @@ class Box:
             campaign = load_campaign(campaign)
         string = campaign.parameters(parameters)
         campaign.check_scales(string)
-        scene = build_scene(campaign.scene, string, campaign.engine(engine))
-        self._random = random_stream(campaign.seed, string, sample, campaign.common_configurations)
+        scene = campaign.scene.build(string, campaign.engine(engine))
+        self._random = sample_stream(campaign.seed, string, sample, campaign.common_configurations)
         self._given = start(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains
         )
@@ -140,9 +139,9 @@ class Box:
         breaks = scene.laws.fragmentation is not None
         self._capacity = 2 * total if breaks else len(self._given.radii)
         self._volume = (2.0 * scene.half_width) ** 3
-        self._elapsed, self._begun = 0.0, 0.0  # s since `set_out`, and until then
+        self._elapsed, self._begun = 0.0, 0.0  # s since `start_run`, and until then
         self._kept: Any = None  # by the engine
-        self._seen = np.zeros(1, LOOK)
+        self._seen = np.zeros(1, OBSERVATION)
         self._abort = np.zeros(1, np.uint8)
         self.reset()
 
@@ -192,7 +191,7 @@ class Box:
             raise ValueError(f"dt is {dt:g} s; must not be lost in rounding at {self.time:g} s")
         ledger, pending = empty_ledger(), float(self._seen["pending"][0])
         arguments = self._particles, self._kept, self._looker, ledger, until, self._abort
-        run_on(self._scene, *arguments, self._seen)
+        advance_run(self._scene, *arguments, self._seen)
         reached = float(self._seen["reached"][0])
         step, self._elapsed = reached - self._elapsed, reached
         time = self._begun + reached
@@ -217,7 +216,7 @@ class Box:
             values = read("temperatures", temperatures, self._random, count)
             check_temperatures(values)
             rows = rows._replace(temperatures=values)
-        struck = self._looker.copy.struck
+        struck = self._looker.copy.last_impact
         since = None if struck is None else struck[:count] - self._elapsed
         self._set_out(rows, since, int(self._particles.labels_given[0]), self.time)
 
@@ -239,13 +238,13 @@ class Box:
         for array, values in zip(particles[3:6], rows[2:5], strict=True):
             array[:count] = values
         if struck is not None:
-            particles.struck[:count] = struck
+            particles.last_impact[:count] = struck
         particles.grains[:count] = rows.grains
         particles.label[:count] = rows.labels
         particles.labels_given[0] = labels_given
-        self._looker = new_looker(self._scene, self._capacity)
+        self._looker = new_observer(self._scene, self._capacity)
         self._particles, self._begun, self._elapsed = particles, time, 0.0
-        self._kept = set_out(self._scene, particles, self._looker, self._seen)
+        self._kept = start_run(self._scene, particles, self._looker, self._seen)
         self._state = homogenise(self._seen[0], empty_ledger(), 0.0, self._volume, time, 0.0)
 
 

@@ -16,10 +16,10 @@ from agglom_mpi.coupling.given import (
 )
 from agglom_mpi.coupling.state import BoxParticles
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
-from agglom_mpi.simulation.box import Periodic
-from agglom_mpi.simulation.placement import EqualSizes, Sizes
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import EqualSizes, Sizes
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.simulation.stretches import empty_particles, overlaps_of, scatter
+from agglom_mpi.simulation.stepwise import empty_particles, overlaps_of, scatter
 
 
 def start(

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import Submodel, question, stage
+from agglom_mpi.kernels import Submodel, dispatch, inlined
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -42,7 +42,7 @@ class QuarticCooling(NamedTuple):
     start: float
 
 
-class ForwardEuler(NamedTuple):
+class EulerCooling(NamedTuple):
     """One explicit step per time step, as published  [A 19] [B 6.21].
 
     It may oscillate about the surroundings and go below zero. The quartic law is held at θ₀, which
@@ -52,25 +52,25 @@ class ForwardEuler(NamedTuple):
     law: Submodel
 
 
-class Exact(NamedTuple):
+class ExactCooling(NamedTuple):
     """The exact solution, applied to a particle when it is touched."""
 
     law: Submodel
 
 
-@question
+@dispatch
 def cooling_rate(law: Submodel, temperature: float, surface: float, capacity: float) -> float:
     """−θ' in K/s at `temperature`; surface 4πb² in m², capacity mC in J/K."""
 
 
-@question
-def cooled(
+@dispatch
+def exact_temperature(
     law: Submodel, temperature: float, surface: float, capacity: float, time: float
 ) -> float:
     """Exact temperature in K after `time` in s."""
 
 
-@question
+@dispatch
 def euler_step(
     law: Submodel, temperature: float, surface: float, capacity: float, step: float
 ) -> float:
@@ -95,25 +95,25 @@ def equilibrium_temperature(
     return 0.5 * (low + high)
 
 
-@cooling_rate.answer(RadiativeCooling)
+@cooling_rate.register(RadiativeCooling)
 def _radiative_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
     radiated = STEFAN_BOLTZMANN * law.emissivity * (temperature**4 - law.surroundings**4)
     return surface / capacity * (radiated + law.convection * (temperature - law.ambient))
 
 
-@cooling_rate.answer(QuarticCooling)
+@cooling_rate.register(QuarticCooling)
 def _quartic_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
     excess = max(0.0, temperature - law.start)
     return quartic_coefficient(law) * excess**4
 
 
-@stage
+@inlined
 def quartic_coefficient(law: QuarticCooling) -> float:
     """B/(ρC)  [A 18]."""
     return STEFAN_BOLTZMANN / (law.density * law.heat_capacity)
 
 
-@stage
+@inlined
 def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
     """−d ln|θ − θ_e|/dt over a_s/(mC), at θ = θ_e + `distance`, in W/(m² K)."""
     rest = law.equilibrium
@@ -122,7 +122,7 @@ def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
     return STEFAN_BOLTZMANN * law.emissivity * radiative + law.convection
 
 
-@stage
+@inlined
 def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
     """Time, times a_s/(mC), in which ln|θ − θ_e| falls by `width` from `distance`."""
     total = 0.0
@@ -131,7 +131,7 @@ def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
     return total * width
 
 
-@stage
+@inlined
 def cooled_towards_zero(law: RadiativeCooling, temperature: float, left: float) -> float:
     """Temperature in K after `left` = time·a_s/(mC) of θ' ∝ −hθ − Bεθ⁴, a Bernoulli equation."""
     convection = law.convection
@@ -140,7 +140,7 @@ def cooled_towards_zero(law: RadiativeCooling, temperature: float, left: float) 
     return temperature * math.exp(-convection * left) * (1.0 + radiated) ** (-1.0 / 3.0)
 
 
-@stage
+@inlined
 def panel_width(law: RadiativeCooling, distance: float, left: float, guess: float) -> float:
     """Width of the panel from `distance` that takes the time `left`, by Newton's method."""
     width = guess
@@ -153,7 +153,7 @@ def panel_width(law: RadiativeCooling, distance: float, left: float, guess: floa
     return width
 
 
-@cooled.answer(RadiativeCooling)
+@exact_temperature.register(RadiativeCooling)
 def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
     left = time * surface / capacity
     start = temperature - law.equilibrium
@@ -175,7 +175,7 @@ def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore
     return law.equilibrium + distance * math.exp(-width)
 
 
-@cooled.answer(QuarticCooling)
+@exact_temperature.register(QuarticCooling)
 def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
     excess = temperature - law.start
     if excess <= 0.0:
@@ -184,12 +184,12 @@ def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[n
     return law.start + excess * (1.0 + growth) ** (-1.0 / 3.0)
 
 
-@euler_step.answer(RadiativeCooling)
+@euler_step.register(RadiativeCooling)
 def _radiative_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
     return temperature - step * cooling_rate(law, temperature, surface, capacity)
 
 
-@euler_step.answer(QuarticCooling)
+@euler_step.register(QuarticCooling)
 def _quartic_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
     following = temperature - step * cooling_rate(law, temperature, surface, capacity)
     return max(following, min(temperature, law.start))

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agglom_mpi.compilation import Submodel, question, stage
+from agglom_mpi.kernels import Submodel, dispatch, inlined
 
 
 class PairEnergyFragmentation(NamedTuple):
@@ -21,47 +21,49 @@ class OwnEnergyFragmentation(NamedTuple):
     surface_energy: float
 
 
-class Breakage(NamedTuple):
+class FragmentCount(NamedTuple):
     """Number of equal pieces (1: it does not break) and the surface energy they take, J."""
 
     pieces: int
     energy: float
 
 
-@question
+@dispatch
 def breakage(
     model: Submodel | None, pair_loss: float, own_change: float, radius: float, grains: int
-) -> Breakage:
+) -> FragmentCount:
     """Breakage of one sphere of `grains` grains and `radius` in m by an impact's energies in J."""
 
 
-@stage
-def equal_pieces(surface_energy: float, absorbed: float, radius: float, grains: int) -> Breakage:
+@inlined
+def equal_pieces(
+    surface_energy: float, absorbed: float, radius: float, grains: int
+) -> FragmentCount:
     """N = floor((1 + δK/(4πγb₀²))³) pieces, at most the grains it has, taking 4πγb₀²(n^⅓ − 1).
 
     [B 5.1–5.3]; after the floor the pieces have radius b₀ n^(−1/3).
     """
     if grains < 2:
-        return Breakage(1, 0.0)
+        return FragmentCount(1, 0.0)
     surface = 4.0 * math.pi * surface_energy * radius * radius
     most = float(grains)
     shrinkage = 1.0 + absorbed / surface
     count = most if shrinkage >= most else min(most, math.floor(shrinkage**3))
     if count < 2.0:
-        return Breakage(1, 0.0)
-    return Breakage(int(count), surface * (count ** (1.0 / 3.0) - 1.0))
+        return FragmentCount(1, 0.0)
+    return FragmentCount(int(count), surface * (count ** (1.0 / 3.0) - 1.0))
 
 
-@breakage.answer(None)
+@breakage.register(None)
 def _unbreakable(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
-    return Breakage(1, 0.0)
+    return FragmentCount(1, 0.0)
 
 
-@breakage.answer(PairEnergyFragmentation)
+@breakage.register(PairEnergyFragmentation)
 def _pair_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
     return equal_pieces(model.surface_energy, 0.5 * pair_loss, radius, grains)
 
 
-@breakage.answer(OwnEnergyFragmentation)
+@breakage.register(OwnEnergyFragmentation)
 def _own_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
     return equal_pieces(model.surface_energy, abs(own_change), radius, grains)

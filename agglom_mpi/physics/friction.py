@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from agglom_mpi.compilation import Submodel, question, stage
-from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.physics.pair import ContactPair
 
 
 class RestitutionScaledFriction(NamedTuple):
@@ -18,76 +18,76 @@ class ConstantFriction(NamedTuple):
     base: float
 
 
-@question
-def tangential_impulse(model: Submodel | None, pair: Encounter, deficit: float) -> float:
+@dispatch
+def tangential_impulse(model: Submodel | None, pair: ContactPair, deficit: float) -> float:
     """Friction impulse min(μJ, m*|u_t|) in N s, against the slip; never more than stops it."""
 
 
-@question
+@dispatch
 def impulse_slopes(
-    model: Submodel | None, pair: Encounter, lower: float, upper: float
+    model: Submodel | None, pair: ContactPair, lower: float, upper: float
 ) -> tuple[float, float]:
     """Least and largest slope in N s of the friction impulse over the deficits [lower, upper]."""
 
 
-@stage
-def stops_slip(coefficient: float, pair: Encounter, deficit: float) -> bool:
+@inlined
+def is_sticking(coefficient: float, pair: ContactPair, deficit: float) -> bool:
     """Whether the Coulomb impulse would do more than stop the slip."""
     return coefficient * (2.0 - deficit) * pair.approach_speed >= pair.slip_speed
 
 
-@stage
-def capped_impulse(coefficient: float, pair: Encounter, deficit: float) -> float:
+@inlined
+def capped_impulse(coefficient: float, pair: ContactPair, deficit: float) -> float:
     """Coulomb impulse μJ with J = m*(1+e)w, capped at the impulse m*|u_t| that stops the slip."""
     sliding = coefficient * pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     return min(sliding, pair.reduced_mass * pair.slip_speed)
 
 
-@tangential_impulse.answer(None)
+@tangential_impulse.register(None)
 def _frictionless(model, pair, deficit):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@tangential_impulse.answer(RestitutionScaledFriction)
+@tangential_impulse.register(RestitutionScaledFriction)
 def _restitution_scaled(model, pair, deficit):  # type: ignore[no-untyped-def]
     return capped_impulse(model.base * deficit, pair, deficit)
 
 
-@tangential_impulse.answer(ConstantFriction)
+@tangential_impulse.register(ConstantFriction)
 def _constant(model, pair, deficit):  # type: ignore[no-untyped-def]
     return capped_impulse(model.base, pair, deficit)
 
 
-@impulse_slopes.answer(None)
+@impulse_slopes.register(None)
 def _flat(model, pair, lower, upper):  # type: ignore[no-untyped-def]
     return 0.0, 0.0
 
 
-@impulse_slopes.answer(RestitutionScaledFriction)
+@impulse_slopes.register(RestitutionScaledFriction)
 def _restitution_scaled_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
     sliding = 2.0 * model.base * pair.reduced_mass * pair.approach_speed
-    least = 0.0 if stops_slip(model.base * upper, pair, upper) else sliding * (1.0 - upper)
-    most = 0.0 if stops_slip(model.base * lower, pair, lower) else sliding * (1.0 - lower)
+    least = 0.0 if is_sticking(model.base * upper, pair, upper) else sliding * (1.0 - upper)
+    most = 0.0 if is_sticking(model.base * lower, pair, lower) else sliding * (1.0 - lower)
     return least, most
 
 
-@impulse_slopes.answer(ConstantFriction)
+@impulse_slopes.register(ConstantFriction)
 def _constant_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
     sliding = -model.base * pair.reduced_mass * pair.approach_speed
-    least = 0.0 if stops_slip(model.base, pair, upper) else sliding
-    most = 0.0 if stops_slip(model.base, pair, lower) else sliding
+    least = 0.0 if is_sticking(model.base, pair, upper) else sliding
+    most = 0.0 if is_sticking(model.base, pair, lower) else sliding
     return least, most
 
 
-@stage
-def normal_loss(pair: Encounter, deficit: float) -> float:
+@inlined
+def normal_loss(pair: ContactPair, deficit: float) -> float:
     """Kinetic energy ½m*w²(1−e²) that the normal impulse dissipates, J."""
     speed = pair.approach_speed
     return 0.5 * pair.reduced_mass * speed * speed * deficit * (2.0 - deficit)
 
 
-@stage
-def friction_loss(pair: Encounter, impulse: float) -> float:
+@inlined
+def friction_loss(pair: ContactPair, impulse: float) -> float:
     """Kinetic energy P|u_t| − P²/(2m*) that a tangential impulse P dissipates, J."""
     if impulse == 0.0:  # known when it is compiled for a scene without friction
         return 0.0

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agglom_mpi.compilation import Submodel, question
+from agglom_mpi.kernels import Submodel, dispatch
 from agglom_mpi.physics.constants import GAS_CONSTANT
 
 
@@ -20,22 +20,22 @@ class ArrheniusHardness(NamedTuple):
     activation_energy: float
 
 
-@question
+@dispatch
 def log_hardening(model: Submodel, temperature: float) -> float:
     """ln(H/H₀) at `temperature` in K, dimensionless; +inf at and below 0 K if U > 0."""
 
 
-@question
+@dispatch
 def softening_rate(model: Submodel, temperature: float) -> float:
     """−d ln H/dθ in 1/K at `temperature` > 0 K."""
 
 
-@log_hardening.answer(ConstantHardness)
+@log_hardening.register(ConstantHardness)
 def _not_hardened(model, temperature):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@log_hardening.answer(ArrheniusHardness)
+@log_hardening.register(ArrheniusHardness)
 def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
     if model.activation_energy == 0.0:
         return 0.0
@@ -44,11 +44,11 @@ def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
     return model.activation_energy / (GAS_CONSTANT * temperature)
 
 
-@softening_rate.answer(ConstantHardness)
+@softening_rate.register(ConstantHardness)
 def _never_softer(model, temperature):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@softening_rate.answer(ArrheniusHardness)
+@softening_rate.register(ArrheniusHardness)
 def _arrhenius_rate(model, temperature):  # type: ignore[no-untyped-def]
     return model.activation_energy / (GAS_CONSTANT * temperature) / temperature

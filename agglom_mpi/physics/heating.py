@@ -1,4 +1,4 @@
-"""Which part of the energy lost at an impact heats which sphere?
+"""Heat of an impact: shares of the dissipated energy, and the heat of reaction.
 
 The search for the smallest root of e = G(e) bounds each heat over an interval of deficits by a
 straight line through its upper end, with the least slope that the heat has in the interval.
@@ -6,14 +6,14 @@ straight line through its upper end, with the least slope that the heat has in t
 
 from typing import NamedTuple
 
-from agglom_mpi.compilation import Submodel, question, stage
-from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.kernels import Submodel, dispatch, inlined
 from agglom_mpi.physics.friction import (
     friction_loss,
     impulse_slopes,
     normal_loss,
     tangential_impulse,
 )
+from agglom_mpi.physics.pair import ContactPair
 
 
 class PairSplit(NamedTuple):
@@ -31,74 +31,74 @@ class OwnEnergy(NamedTuple):
     """
 
 
-@question
+@dispatch
 def impact_heats(
-    model: Submodel | None, friction: Submodel | None, pair: Encounter, deficit: float
+    model: Submodel | None, friction: Submodel | None, pair: ContactPair, deficit: float
 ) -> tuple[float, float]:
     """Mechanical heats (q_i, q_j) in J of a bounce with 1 − e = `deficit`."""
 
 
-@question
+@dispatch
 def least_heat_slopes(
     model: Submodel | None,
     friction: Submodel | None,
-    pair: Encounter,
+    pair: ContactPair,
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
     """Lower bounds in J of the slopes of both heats in the deficit, over [lower, upper]."""
 
 
-@question
-def merge_heat(model: Submodel | None, pair: Encounter) -> float:
+@dispatch
+def merge_heat(model: Submodel | None, pair: ContactPair) -> float:
     """Mechanical heat in J of both spheres together when they bond."""
 
 
-@question
+@dispatch
 def keeps_root_unique(model: Submodel | None) -> bool:
     """Whether heat/deficit never rises with the deficit, friction that rises with e set aside."""
 
 
-@keeps_root_unique.answer(None, PairSplit)
+@keeps_root_unique.register(None, PairSplit)
 def _unique(model):  # type: ignore[no-untyped-def]
     return True
 
 
-@keeps_root_unique.answer(OwnEnergy)
+@keeps_root_unique.register(OwnEnergy)
 def _not_unique(model):  # type: ignore[no-untyped-def]
     return False
 
 
-@stage
-def merge_loss(pair: Encounter) -> float:
+@inlined
+def merge_dissipation(pair: ContactPair) -> float:
     """Kinetic energy ½m*(w² + u_t²) that a merge dissipates, J."""
     square = pair.approach_speed * pair.approach_speed + pair.slip_speed * pair.slip_speed
     return 0.5 * pair.reduced_mass * square
 
 
-@impact_heats.answer(None)
+@impact_heats.register(None)
 def _no_heat(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     return 0.0, 0.0
 
 
-@least_heat_slopes.answer(None)
+@least_heat_slopes.register(None)
 def _no_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
     return 0.0, 0.0
 
 
-@merge_heat.answer(None)
+@merge_heat.register(None)
 def _no_merge_heat(model, pair):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@impact_heats.answer(PairSplit)
+@impact_heats.register(PairSplit)
 def _pair_split(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     impulse = tangential_impulse(friction, pair, deficit)
     half = 0.5 * (normal_loss(pair, deficit) + friction_loss(pair, impulse))
     return half, half
 
 
-@least_heat_slopes.answer(PairSplit)
+@least_heat_slopes.register(PairSplit)
 def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
     # Both parts are concave in the deficit and without a corner where friction stops the slip.
     work = pair.reduced_mass * pair.approach_speed * pair.approach_speed * (1.0 - upper)
@@ -107,12 +107,12 @@ def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-
     return slope, slope
 
 
-@merge_heat.answer(PairSplit)
+@merge_heat.register(PairSplit)
 def _pair_split_merge(model, pair):  # type: ignore[no-untyped-def]
-    return merge_loss(pair)
+    return merge_dissipation(pair)
 
 
-@stage
+@inlined
 def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: ignore[no-untyped-def]
     """Kinetic energy in J that a sphere of this velocity loses to impulses against n and t."""
     work = normal * normal_impulse + tangent * friction_impulse
@@ -120,7 +120,7 @@ def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: 
     return work - 0.5 * square / mass
 
 
-@stage
+@inlined
 def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes):  # type: ignore[no-untyped-def]
     """Lower bound of the slope in the deficit of `own_loss`.
 
@@ -134,7 +134,7 @@ def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes): 
     )
 
 
-@impact_heats.answer(OwnEnergy)
+@impact_heats.register(OwnEnergy)
 def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     rubbing = tangential_impulse(friction, pair, deficit)
@@ -145,7 +145,7 @@ def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
     )
 
 
-@least_heat_slopes.answer(OwnEnergy)
+@least_heat_slopes.register(OwnEnergy)
 def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
     momentum = pair.reduced_mass * pair.approach_speed
     impulse = momentum * (2.0 - upper)
@@ -164,6 +164,27 @@ def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-
     return own_i + work, own_j + work
 
 
-@merge_heat.answer(OwnEnergy)
+@merge_heat.register(OwnEnergy)
 def _own_energy_merge(model, pair):  # type: ignore[no-untyped-def]
-    return merge_loss(pair) + normal_loss(pair, 1.0) * (4.0 / 3.0)
+    return merge_dissipation(pair) + normal_loss(pair, 1.0) * (4.0 / 3.0)
+
+
+class ContactAreaReaction(NamedTuple):
+    """κ a^c for each sphere of the pair  [A 16] [B 6.9]."""
+
+    heat: float
+
+
+@dispatch
+def reaction_heat(model: Submodel | None, area: float) -> float:
+    """Reaction heat of one sphere in J, from the contact area in m²."""
+
+
+@reaction_heat.register(None)
+def _inert(model, area):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@reaction_heat.register(ContactAreaReaction)
+def _contact_area(model, area):  # type: ignore[no-untyped-def]
+    return model.heat * area

@@ -2,16 +2,15 @@
 
 from typing import NamedTuple
 
-from agglom_mpi.compilation import kernel
-from agglom_mpi.physics.contact_area import contact_area
-from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.kernels import kernel
+from agglom_mpi.physics.contact import contact_area
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
-from agglom_mpi.physics.heating import impact_heats
-from agglom_mpi.physics.reaction import reaction_heat
-from agglom_mpi.physics.restitution import ImpactLaws, lasts, solve_restitution
+from agglom_mpi.physics.heating import impact_heats, reaction_heat
+from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.restitution import ImpactLaws, is_still_in_contact, solve_restitution
 
 
-class Impact(NamedTuple):
+class ImpactResult(NamedTuple):
     """The outcome of an impact; impulses act on i against n and t, on j along them.
 
     Attributes
@@ -45,21 +44,21 @@ class Impact(NamedTuple):
 
 
 @kernel
-def solve_impact(laws: ImpactLaws, pair: Encounter) -> Impact:
+def solve_impact(laws: ImpactLaws, pair: ContactPair) -> ImpactResult:
     """Resolve the impact of a pair: restitution or bonding, impulses, heats  [A 4–17] [B 2–6]."""
-    if lasts(laws.restitution, pair):
+    if is_still_in_contact(laws.restitution, pair):
         normal = 2.0 * pair.reduced_mass * pair.approach_speed
-        return Impact(False, 0.0, normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+        return ImpactResult(False, 0.0, normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     solution = solve_restitution(laws.restitution, laws, pair)
     deficit = solution.deficit
     if solution.bonds:
-        return Impact(True, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+        return ImpactResult(True, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
     normal = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     rubbing = tangential_impulse(laws.friction, pair, deficit)
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
     loss = normal_loss(pair, deficit) + friction_loss(pair, rubbing)
-    return Impact(
+    return ImpactResult(
         False,
         deficit,
         normal,

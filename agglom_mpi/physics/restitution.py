@@ -8,18 +8,19 @@ relative accuracy from a nearly elastic impact to bonding, and no Arrhenius fact
 import math
 from typing import Any, NamedTuple
 
-from agglom_mpi.compilation import Submodel, question, stage
-from agglom_mpi.physics.contact_area import (
+from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.physics.contact import (
     ContactArea,
     area_fraction,
     area_slope,
     contact_area,
+    force_scale,
+    restitution_factor,
+    restitution_factor_slope,
 )
-from agglom_mpi.physics.duration import force_fall, force_scale, force_shape
-from agglom_mpi.physics.encounter import Encounter
 from agglom_mpi.physics.hardness import log_hardening, softening_rate
-from agglom_mpi.physics.heating import impact_heats, least_heat_slopes
-from agglom_mpi.physics.reaction import reaction_heat
+from agglom_mpi.physics.heating import impact_heats, least_heat_slopes, reaction_heat
+from agglom_mpi.physics.pair import ContactPair
 
 
 class ImpactLaws(NamedTuple):
@@ -65,7 +66,7 @@ class ContactTimeRestitution(NamedTuple):
     contact_time: float
 
 
-class Solution(NamedTuple):
+class RestitutionSolution(NamedTuple):
     """A solved impact equation: deficit 1 − e, whether it bonds, residual |e − G(e)|, capped."""
 
     deficit: float
@@ -74,43 +75,47 @@ class Solution(NamedTuple):
     capped: bool
 
 
-@question
-def solve_restitution(model: Submodel, laws: ImpactLaws, pair: Encounter) -> Solution:
+@dispatch
+def solve_restitution(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
     """Restitution of a pair under the scene's laws."""
 
 
-@question
-def lasts(model: Submodel, pair: Encounter) -> bool:
+@dispatch
+def is_still_in_contact(model: Submodel, pair: ContactPair) -> bool:
     """Whether the pair is still in its last contact, so that it parts without any loss."""
 
 
-@question
-def solve_pressure_law(solver: Submodel, laws: ImpactLaws, pair: Encounter) -> Solution:
+@dispatch
+def solve_pressure_law(
+    solver: Submodel, laws: ImpactLaws, pair: ContactPair
+) -> RestitutionSolution:
     """Solve e = G(e) by the scene's solver."""
 
 
-@lasts.answer(ConstantRestitution, PressureRestitution)
+@is_still_in_contact.register(ConstantRestitution, PressureRestitution)
 def _instantaneous(model, pair):  # type: ignore[no-untyped-def]
     return False
 
 
-@lasts.answer(ContactTimeRestitution)
+@is_still_in_contact.register(ContactTimeRestitution)
 def _within_contact_time(model, pair):  # type: ignore[no-untyped-def]
     return pair.since < model.contact_time
 
 
-@solve_restitution.answer(ConstantRestitution, ContactTimeRestitution)
+@solve_restitution.register(ConstantRestitution, ContactTimeRestitution)
 def _constant(model, laws, pair):  # type: ignore[no-untyped-def]
-    return Solution(1.0 - model.value, model.value == 0.0, 0.0, False)
+    return RestitutionSolution(1.0 - model.value, model.value == 0.0, 0.0, False)
 
 
-@solve_restitution.answer(PressureRestitution)
+@solve_restitution.register(PressureRestitution)
 def _pressure(model, laws, pair):  # type: ignore[no-untyped-def]
     return solve_pressure_law(laws.solver, laws, pair)
 
 
-@stage
-def hottest(laws: ImpactLaws, pair: Encounter, heats: tuple[float, float], deficit: float) -> float:
+@inlined
+def higher_temperature(
+    laws: ImpactLaws, pair: ContactPair, heats: tuple[float, float], deficit: float
+) -> float:
     """Higher of the two temperatures in K after `heats` and the reaction; the softer decides."""
     reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
     return max(
@@ -119,32 +124,32 @@ def hottest(laws: ImpactLaws, pair: Encounter, heats: tuple[float, float], defic
     )
 
 
-@stage
-def log_pressure_scale(laws: ImpactLaws, pair: Encounter) -> float:
+@inlined
+def log_pressure_scale(laws: ImpactLaws, pair: ContactPair) -> float:
     """Ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
     strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.base
     ratio = force_scale(laws.duration, pair) / strength
     return math.log(ratio) if ratio > 0.0 else -math.inf
 
 
-@stage
+@inlined
 def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: float) -> float:
     """Ln r from ln X, the temperature after the impact in K, and the deficit; +inf at area 0."""
     area = area_fraction(laws.contact_area, deficit)
     if area <= 0.0:
         return math.inf
-    shape = math.log(force_shape(laws.duration, 1.0 - deficit) / area)
+    shape = math.log(restitution_factor(laws.duration, 1.0 - deficit) / area)
     return scale + shape - log_hardening(laws.hardness, temperature)
 
 
-@stage
-def log_pressure_ratio(laws: ImpactLaws, pair: Encounter, scale: float, deficit: float) -> float:
+@inlined
+def log_pressure_ratio(laws: ImpactLaws, pair: ContactPair, scale: float, deficit: float) -> float:
     """Ln r(d): pressure of an impact with this deficit over twice its hardness; r(1) ≥ 1 bonds."""
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
-    return log_bracketed(laws, scale, hottest(laws, pair, heats, deficit), deficit)
+    return log_bracketed(laws, scale, higher_temperature(laws, pair, heats, deficit), deficit)
 
 
-@stage
+@inlined
 def proven_step(
     laws: ImpactLaws, scale: float, temperature: float, slope: float, upper: float, trial: float
 ) -> float:
@@ -166,13 +171,13 @@ def proven_step(
         softening = min(softening, bottom * softening_rate(laws.hardness, end))
     area = laws.contact_area
     widening = (area.final - area.initial) * top / area_fraction(area, top)
-    rise = 1.0 + force_fall(laws.duration, top) + widening - slope * softening
+    rise = 1.0 + restitution_factor_slope(laws.duration, top) + widening - slope * softening
     return min(trial, gap / rise) if rise > 0.0 else trial
 
 
-@stage
+@inlined
 def rootless_step(
-    laws: ImpactLaws, pair: Encounter, scale: float, upper: float, trial: float
+    laws: ImpactLaws, pair: ContactPair, scale: float, upper: float, trial: float
 ) -> float:
     """Way down in ln d from `upper`, at most `trial`, that holds no root; 0 if not proven."""
     top, bottom = math.exp(upper), math.exp(upper - trial)

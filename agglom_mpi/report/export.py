@@ -6,9 +6,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from agglom_mpi.database.compact import write_compact
-from agglom_mpi.database.reader import CampaignFile, open_campaign, open_inversion
-from agglom_mpi.database.whole import refuse_existing, whole_file
+from agglom_mpi.analysis.tables import table_of
+from agglom_mpi.storage.compact import write_compact
+from agglom_mpi.storage.files import atomic_file, require_absent
+from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +41,7 @@ def export(
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
-    file = open_campaign(source) if paraview is None else open_inversion(source)
+    file = read_campaign(source) if paraview is None else read_inversion(source)
     if directory is not None:
         check_library("pandas", "tables")
         check_directory(directory)
@@ -54,7 +55,7 @@ def export(
         shown = chosen(file, paraview)
         targets += [each.path for each in shown]
     for target in targets:
-        refuse_existing(target)
+        require_absent(target)
     if compact is not None:
         copied = write_compact(source, compact)
         sizes = _sizes(compact, source)
@@ -85,17 +86,17 @@ def _sizes(copy: Path, original: Path) -> str:
     return f"{copy.stat().st_size / 1e6:.3g} MB of {taken / 1e6:.3g} MB on disc"
 
 
-def write_tables(file: CampaignFile, directory: Path) -> Iterator[str]:
+def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
     """Write the three tables into a directory, which is made; no name appears before all are whole.
 
     Numbers are written with as many digits as tell them apart, so that they read back to the same
     float64, by Python's `float` and by whatever else rounds correctly.
     """
-    tables = {directory / f"{name}.csv": as_columns(getattr(file, name)) for name in TABLES}
+    tables = {directory / f"{name}.csv": as_columns(table_of(file, name)) for name in TABLES}
     directory.mkdir(parents=True, exist_ok=True)
     with ExitStack() as files:
         for path, table in tables.items():
-            temporary = files.enter_context(whole_file(path))
+            temporary = files.enter_context(atomic_file(path))
             table.to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
     for path, table in tables.items():
         yield f"{path}: {len(table)} rows"

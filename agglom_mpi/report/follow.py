@@ -5,16 +5,22 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.database.timeouts import timed_out
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.display.display import Display
+from agglom_mpi.display.progress import Best, Progress
+from agglom_mpi.display.remaining_time import (
+    DurationStatistics,
+    RemainingTime,
+    in_units,
+    remaining_by_work,
+    remaining_in_turns,
+)
 from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
-from agglom_mpi.report.display import Display
-from agglom_mpi.report.left import Laps, Left, in_units, rest_left, turns_left
-from agglom_mpi.report.news import News
-from agglom_mpi.report.progress import Best, Progress
-from agglom_mpi.report.recorded import recorded_campaign
-from agglom_mpi.search import GenerationSummary
-from agglom_mpi.simulation.outcome import FAILED
+from agglom_mpi.outcome import FAILED
+from agglom_mpi.search.inversion import GenerationSummary
+from agglom_mpi.storage.new_rows import News
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.timeouts import timed_out
 
 CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
 """Exit codes by how the run ended, the same as its own."""
@@ -29,7 +35,7 @@ PATIENCE: Final = 10.0
 """Seconds, beyond three times the longest sample, that a run may write nothing."""
 
 
-def follow(file: CampaignFile) -> int:
+def follow(file: CampaignData) -> int:
     """Show how a campaign goes until its run ends; the exit code, that of the run.
 
     A run that was killed says nothing: it is told since when nothing has changed, and waited for
@@ -63,7 +69,7 @@ class Follower:
         What is in the file.
     """
 
-    def __init__(self, file: CampaignFile) -> None:
+    def __init__(self, file: CampaignData) -> None:
         self.news = News(file)
         self._file = file
         self._campaign = recorded_campaign(file)
@@ -164,7 +170,7 @@ class Follower:
         whole = news.legs[:-1]
         before = float(np.nansum(whole["stopped"] - whole["started"]))
         ends = news.generations["seconds"][news.generations["seconds"] > before]
-        laps = Laps(np.diff(ends, prepend=before).tolist())
+        laps = DurationStatistics(np.diff(ends, prepend=before).tolist())
         lap = elapsed - (float(ends[-1]) - before if len(ends) else 0.0)
         proposed = news.strings["string"][news.strings["generation"] == done]
         return progress._replace(
@@ -172,18 +178,20 @@ class Follower:
             total=news.room,
             unit="generations",
             strings_open=len(np.setdiff1d(proposed, news.results["string"])),
-            left=turns_left(laps, news.room - done, max(0.0, lap)),
+            left=remaining_in_turns(laps, news.room - done, max(0.0, lap)),
             at_most=self._campaign.stopping.target is not None,
         )
 
-    def _of_fresh(self, ours: np.ndarray, rest: int) -> Left | None:
+    def _of_fresh(self, ours: np.ndarray, rest: int) -> RemainingTime | None:
         """Forecast the rest of the fresh samples, in the leg's own pace."""
         mine = ours[ours["sample"] >= self._file.fresh_from]
         if not len(mine):
             return None
         begun = float((mine["finished"] - mine["seconds"]).min())
         took = float(mine["finished"].max()) - begun
-        return rest_left(Laps(mine["seconds"].tolist()), len(mine), rest, took)
+        return remaining_by_work(
+            DurationStatistics(mine["seconds"].tolist()), len(mine), rest, took
+        )
 
 
 def silence(since: float, now: float) -> str:

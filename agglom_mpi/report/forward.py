@@ -8,24 +8,23 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.campaign import Campaign, load_campaign
-from agglom_mpi.database.signature import is_hdf5
-from agglom_mpi.report.numbers import with_error
-from agglom_mpi.report.recorded import (
+from agglom_mpi.analysis.resimulation import (
     is_same,
     mistaken,
     recorded_campaign,
     recorded_parameters,
     recorded_sample,
 )
-from agglom_mpi.search.mean import mean_of
-from agglom_mpi.search.objectives import make_objective
-from agglom_mpi.simulation.outcome import LEDGER
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.formatting import value_with_error
+from agglom_mpi.outcome import LEDGER
 from agglom_mpi.simulation.sample import Outcome
+from agglom_mpi.statistics import mean_of
+from agglom_mpi.storage.signature import is_hdf5
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
-    from agglom_mpi.database.reader import CampaignFile
+    from agglom_mpi.storage.reader import CampaignData
 
 
 LEFT_OUT: Final = "objective left out: a function is never run from a campaign file"
@@ -63,9 +62,9 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         parameters = campaign.parameters(request.settings)
         stored, first = None, 0
     else:
-        from agglom_mpi.database.reader import open_inversion
+        from agglom_mpi.storage.reader import read_inversion
 
-        file = open_inversion(request.source)
+        file = read_inversion(request.source)
         campaign = recorded_campaign(file)
         if request.settings:
             message = "is for YAML files; a recorded string is as it is"
@@ -96,7 +95,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
     return (json.dumps(report, indent=2) if as_json else _in_words(report)), code
 
 
-def _stored_sample(request: Request, file: "CampaignFile") -> np.void | None:
+def _stored_sample(request: Request, file: "CampaignData") -> np.void | None:
     if request.sample is None or request.string is None:
         return None
     return recorded_sample(file, request.string, request.sample)
@@ -124,7 +123,7 @@ def _number(value: float) -> float | None:
 def _report(
     campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: list[Outcome]
 ) -> dict[str, Any]:
-    objective = make_objective(campaign.objective, campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.particles)
     ratios = [outcome.mean_radius_ratio for outcome in outcomes]
     value, error = objective.of_ensemble([outcome.measured for outcome in outcomes])
     measured = {
@@ -159,7 +158,7 @@ def _in_words(report: dict[str, Any]) -> str:
     lines.append(f"mean ± standard error over {report['samples']} samples")
     for name, entry in {"objective": report["objective"], **report["measured"]}.items():
         mean, error = (math.nan if v is None else v for v in entry.values())
-        lines.append(f"  {name:<22}{with_error(mean, error)}")
+        lines.append(f"  {name:<22}{value_with_error(mean, error)}")
     lines.append("ledger, worst sample")
     lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
     lines.extend(report[name] for name in ("note", "replay") if name in report)

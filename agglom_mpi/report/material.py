@@ -3,21 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglom_mpi.database.estimates import Estimate, objective_of
-from agglom_mpi.database.ranking import Ranked, ranked
-from agglom_mpi.database.reader import CampaignFile, Status
-from agglom_mpi.search.stopping import Rule, make_rule
-from agglom_mpi.search.student import t_95
-from agglom_mpi.search.worth import Objective
+from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
+from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.stopping import StoppingRule
+from agglom_mpi.statistics import t_95
+from agglom_mpi.storage.reader import CampaignData, Status
 from agglom_mpi.variables import NAMES, VARIABLES, Variable
 
 if TYPE_CHECKING:
-    from agglom_mpi.campaign import Campaign
+    from agglom_mpi.config.campaign import Campaign
 
 SYMBOLS = {"growth_target": "Λ", "maximum_growth": "Π"}
 """The papers' names of their objectives [A 26] [B 7.1]."""
@@ -25,9 +24,9 @@ SYMBOLS = {"growth_target": "Λ", "maximum_growth": "Π"}
 
 @dataclass(frozen=True)
 class Material:
-    """Rows of a campaign file as they were when it was read; those of `CampaignFile`'s methods."""
+    """Rows of a campaign file as they were when it was read; those of `CampaignData`'s methods."""
 
-    file: CampaignFile
+    file: CampaignData
     status: Status
     generations: np.ndarray
     results: np.ndarray
@@ -51,7 +50,7 @@ class Material:
         CampaignError
             If the text in the file is damaged.
         """
-        from agglom_mpi.report.recorded import recorded_campaign
+        from agglom_mpi.analysis.resimulation import recorded_campaign
 
         return recorded_campaign(self.file)
 
@@ -67,17 +66,15 @@ class Material:
         return f"objective {symbol} (1)" if symbol else "objective (1)"
 
     @cached_property
-    def rule(self) -> Rule:
+    def rule(self) -> StoppingRule:
         """The stopping rule of the campaign's ensembles."""
-        prefix = "ensemble."
-        entries = {
-            k.removeprefix(prefix): v for k, v in self.identity.items() if k.startswith(prefix)
-        }
-        return make_rule(SimpleNamespace(**entries))  # type: ignore[arg-type]
+        from agglom_mpi.config.ensemble import ENSEMBLE
+
+        return ENSEMBLE.validate_python(self.file.section("ensemble")).build()
 
     @cached_property
-    def _ranked(self) -> Ranked:
-        return ranked(self.file, self.results, self.strings, self.samples)
+    def _ranked(self) -> RankedStrings:
+        return rank_strings(self.file, self.results, self.strings, self.samples)
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -162,7 +159,7 @@ class Material:
 _ABSENT = np.full(len(NAMES), np.nan)
 
 
-def gather(file: CampaignFile) -> Material:
+def gather(file: CampaignData) -> Material:
     """Read a campaign file, finished or not, also while it is being written."""
     # In an order in which no row of a growing file is read before those that refer to it.
     status, generations, results = file.status(), file.generation_rows(), file.result_rows()

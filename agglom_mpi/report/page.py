@@ -6,10 +6,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from agglom_mpi.campaign import CampaignError
-from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.report import again, page_answer, page_run
-from agglom_mpi.report import sensitivity as sensitivities
+from agglom_mpi.analysis import sensitivity as sensitivities
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.report import page_answer, page_run, sample_frames
 from agglom_mpi.report.export import check_directory, check_library
 from agglom_mpi.report.figures import (
     busy,
@@ -26,6 +25,7 @@ from agglom_mpi.report.figures import (
 from agglom_mpi.report.html import Section, figure, figures, page, paragraph
 from agglom_mpi.report.material import Material, gather
 from agglom_mpi.report.picture import Picture, replace_file, write_picture
+from agglom_mpi.storage.reader import CampaignData
 
 NAME: Final = "report.html"
 
@@ -40,7 +40,7 @@ NO_CLOUD: Final = (
 
 
 def write_report(
-    file: CampaignFile, directory: Path, simulate: bool = True, sensitivity: bool = False
+    file: CampaignData, directory: Path, simulate: bool = True, sensitivity: bool = False
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, which is made; yield lines on progress.
 
@@ -97,7 +97,7 @@ class Writer:
         if sensitivity:
             search += self._sensitivity()
         yield Section("search", "Search", search or paragraph("No generation is done yet."))
-        if simulate and material.best and not again.all_stored(material):
+        if simulate and material.best and not sample_frames.all_stored(material):
             yield WAIT
         yield Section("particles", "Particles", self._particles(simulate))
         samples = self._several(ensembles, counts)
@@ -122,7 +122,7 @@ class Writer:
         return self.draw(chain.from_iterable(each.pictures(self.material) for each in modules))
 
     def _sensitivity(self) -> str:
-        names, found = sensitivities.of_campaign(self.material.file)
+        names, found = sensitivities.sensitivity_of(self.material.file)
         if found is None:
             return paragraph("Sensitivity: too few strings, or all of them are worth the same.")
         return self.draw([matters.picture_of(names, found)])
@@ -131,12 +131,14 @@ class Writer:
         material = self.material
         if not material.best:
             return paragraph("No string has a result yet.")
-        seconds = again.SECONDS if simulate else 0.0
+        seconds = sample_frames.SECONDS if simulate else 0.0
         best, film, why = material.best[0], None, NO_CLOUD
         try:
-            film = again.film(material, best, seconds)
+            film = sample_frames.frames_of(material, best, seconds)
         except (CampaignError, RuntimeError) as error:
             why = f"No pictures of a sample: {error}"
-        shown = again.final_radii(material, best, seconds)
-        both = chain(radii.pictures(shown, material.target), again.cloud_pictures(material, film))
+        shown = sample_frames.final_radii(material, best, seconds)
+        both = chain(
+            radii.pictures(shown, material.target), sample_frames.cloud_pictures(material, film)
+        )
         return self.draw(both) + ("" if film else paragraph(why))

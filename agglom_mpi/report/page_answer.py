@@ -2,13 +2,13 @@
 
 from typing import Any, Final
 
-from agglom_mpi.database.dataframes import processor_seconds
+from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.analysis.tables import processor_seconds
+from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.report.figures.axes import in_unit
-from agglom_mpi.report.finalists import in_words, verdict
 from agglom_mpi.report.html import listed, paragraph, table
 from agglom_mpi.report.material import Material
-from agglom_mpi.report.numbers import duration, with_error
-from agglom_mpi.report.pairing import Paired
 from agglom_mpi.report.published import paper_of, tables
 from agglom_mpi.variables import VARIABLES
 
@@ -40,7 +40,9 @@ def best_strings(material: Material) -> str:
     if any(string in again for string in shown):
         known = [again.get(string) for string in shown]
         rows[-4:-4] = [
-            _row("on fresh samples", known, lambda e: with_error(e.objective, e.standard_error)),
+            _row(
+                "on fresh samples", known, lambda e: value_with_error(e.objective, e.standard_error)
+            ),
             _row("95 % from", known, lambda e: f"{e.lower:.4f}"),
             _row("95 % to", known, lambda e: f"{e.upper:.4f}"),
             _row("mean b/b0 (1)", known, lambda e: f"{e.mean_radius_ratio:.4g}"),
@@ -48,7 +50,7 @@ def best_strings(material: Material) -> str:
         ]
     headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]
     estimated = sum(string in again for string in shown)
-    paired = Paired.of_file(material.file, material.samples, material.estimates)
+    paired = PairedSamples.of_file(material.file, material.samples, material.estimates)
     said = in_words(verdict(material.estimates, paired), shown, estimated)
     return table(headings, rows) + listed(said)
 
@@ -79,12 +81,12 @@ def _result_rows(material: Material, shown: list[int]) -> list[list[str]]:
         _row(
             "objective, as searched",
             results,
-            lambda r: with_error(float(r["objective"]), float(r["standard_error"])),
+            lambda r: value_with_error(float(r["objective"]), float(r["standard_error"])),
         ),
         _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}"),
         _row("grains per particle (1)", results, lambda r: f"{r['mean_grains']:.4g}"),
         _row("samples used", results, lambda r: str(r["samples_used"])),
-        ["processor time", *(duration(float(cost[string])) for string in shown)],
+        ["processor time", *(format_duration(float(cost[string])) for string in shown)],
     ]
 
 

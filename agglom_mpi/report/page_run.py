@@ -6,15 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.campaign import CampaignError
-from agglom_mpi.campaign.describe import sections
-from agglom_mpi.database.schema import FAILURE_CAPACITY
-from agglom_mpi.database.timeouts import timed_out
+from agglom_mpi.config.describe import sections
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.formatting import format_duration, pluralise
+from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
 from agglom_mpi.report.html import folded, listed, paragraph, table
 from agglom_mpi.report.material import Material
-from agglom_mpi.report.numbers import duration
-from agglom_mpi.simulation.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
-from agglom_mpi.words import counted
+from agglom_mpi.storage.schema import FAILURE_CAPACITY
+from agglom_mpi.storage.timeouts import timed_out
 
 SHOWN: Final = 20
 """Legs and exceptions that are listed, the last ones."""
@@ -49,7 +48,7 @@ def _leg(row: np.void) -> Iterator[str]:
     ended = np.isfinite(lasted)
     available = lasted * row["ranks"] if ended and lasted > 0.0 else np.nan
     yield datetime.fromtimestamp(float(row["started"]), UTC).strftime("%Y-%m-%d %H:%M:%S")
-    yield duration(lasted) if ended else "no end"
+    yield format_duration(lasted) if ended else "no end"
     yield str(row["ranks"])
     yield str(row["nodes"])
     yield str(row["samples"]) if ended else ""
@@ -116,14 +115,16 @@ def failures(material: Material) -> str:
     damaged = material.file.damaged
     text = ""
     if damaged:
-        said = f"{counted(damaged, 'row')} marked final with a wrong checksum, left out here; "
+        said = f"{pluralise(damaged, 'row')} marked final with a wrong checksum, left out here; "
         text += paragraph(f"{said}agglom check {material.file.path.name} names them.", "warning")
     if not len(failed) and not late:
         return text + paragraph(f"None of {len(samples)} samples failed.")
     reasons = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
     lines = [f"{n} of {len(samples)} samples: {_reason(i)}" for i, n in enumerate(reasons) if n]
     if late:
-        lines.append(f"{counted(len(late), 'sample')} without a row: took longer than max_seconds")
+        lines.append(
+            f"{pluralise(len(late), 'sample')} without a row: took longer than max_seconds"
+        )
     text += listed(lines) + _failing_strings(failed)
     if len(material.failures):
         full = ", for more there is no room" * (len(material.failures) == FAILURE_CAPACITY)

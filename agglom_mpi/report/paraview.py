@@ -4,18 +4,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from agglom_mpi.database.ranking import ranked
-from agglom_mpi.database.reader import CampaignFile
-from agglom_mpi.report.recorded import (
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.resimulation import (
     is_same,
     mistaken,
     recorded_campaign,
     recorded_parameters,
     recorded_sample,
 )
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report.vtkhdf import SUFFIX, write_vtkhdf
-from agglom_mpi.simulation.outcome import COMPLETED
-from agglom_mpi.simulation.snapshots import Frames
+from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.reader import CampaignData
 
 FRAMES: Final = 101
 """Pictures of a sample that there are none of; each hundredth of the time."""
@@ -50,7 +50,7 @@ class Shown(NamedTuple):
     path: Path
 
 
-def chosen(file: CampaignFile, choice: Choice) -> list[Shown]:
+def chosen(file: CampaignData, choice: Choice) -> list[Shown]:
     """Find the samples that are meant; several get their numbers in the names of their files.
 
     Raises
@@ -72,18 +72,18 @@ def chosen(file: CampaignFile, choice: Choice) -> list[Shown]:
     return [Shown(string, k, target.with_stem(f"{target.stem}_{string}_{k}")) for k in samples]
 
 
-def _best(file: CampaignFile) -> int:
-    order = ranked(file, file.result_rows(), file.string_rows(), file.all_sample_rows()).order
+def _best(file: CampaignData) -> int:
+    order = rank_strings(file, file.result_rows(), file.string_rows(), file.all_sample_rows()).order
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]
 
 
-def _pictured(file: CampaignFile, string: int) -> list[int]:
+def _pictured(file: CampaignData, string: int) -> list[int]:
     return [sample for other, sample in file.framed() if other == string]
 
 
-def _first_completed(file: CampaignFile, string: int) -> int:
+def _first_completed(file: CampaignData, string: int) -> int:
     rows = file.sample_rows(string)
     completed = rows["sample"][rows["state"] == COMPLETED]
     if not len(completed):
@@ -92,7 +92,7 @@ def _first_completed(file: CampaignFile, string: int) -> int:
 
 
 def write_samples(
-    file: CampaignFile, samples: list[Shown], frames: int | None = None
+    file: CampaignData, samples: list[Shown], frames: int | None = None
 ) -> Iterator[str]:
     """Write a file for ParaView of each sample, yielding a line on each that is there.
 
@@ -125,7 +125,7 @@ def write_samples(
         yield f"{path}: string {string}, sample {sample}, {pictures}, {megabytes}"
 
 
-def _simulated(file: CampaignFile, shown: Shown, frames: int) -> tuple[Frames, str]:
+def _simulated(file: CampaignData, shown: Shown, frames: int) -> tuple[Frames, str]:
     """Look at a sample again; its pictures, and whether it is the one that was recorded."""
     campaign, row = recorded_campaign(file), recorded_sample(file, shown.string, shown.sample)
     number = campaign.first_sample(shown.string) + shown.sample

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.formatting import value_with_error
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report.figures.axes import in_unit
 from agglom_mpi.report.html import table
 from agglom_mpi.report.material import Material
-from agglom_mpi.report.numbers import with_error
-from agglom_mpi.simulation.outcome import COMPLETED
 
 
 class Column(NamedTuple):
@@ -220,7 +220,7 @@ def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[s
     cells = []
     for column in columns:
         if column.name == "objective":
-            cells.append(with_error(value, error))
+            cells.append(value_with_error(value, error))
             continue
         if column.name in found:
             known = found[column.name]

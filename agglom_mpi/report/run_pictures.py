@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.database.whole import refuse_existing
 from agglom_mpi.report.export import check_directory, check_library
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
 from agglom_mpi.report.picture import Picture, write_picture
 from agglom_mpi.report.vtkhdf import SUFFIX, write_vtkhdf
-from agglom_mpi.simulation.snapshots import Frames
+from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.files import require_absent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ def check_room(directory: Path) -> None:
     check_library("matplotlib", "pictures")
     check_directory(directory)
     for name in NAMES:
-        refuse_existing(directory / name)
+        require_absent(directory / name)
 
 
 def write_run(directory: Path, frames: Frames, half_width: float, title: str) -> list[str]:

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.database.disc import new_file
-from agglom_mpi.database.whole import whole_file
-from agglom_mpi.simulation.snapshots import Frames
+from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.files import atomic_file, new_file
 
 if TYPE_CHECKING:
     import h5py
@@ -52,7 +51,7 @@ def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
     OSError
         If it cannot be written; nothing is left behind.
     """
-    with whole_file(path) as temporary, new_file(temporary) as (file, _):
+    with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         file.attrs["title"] = title
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array(_VERSION)

@@ -24,12 +24,11 @@ NUDGE: Final = 1e-6
 INSIDE: Final = 0.381966
 """Where that point is, by each component: nowhere that anybody would ask for twice."""
 
-TWINS: Final = 1e-4
+DUPLICATES: Final = 1e-4
 """Strings that differ by less, in units of the box, are ranked as one."""
 
 POLISHED: Final = 5
 """Strings from which the best expected value is looked for."""
-
 
 SMALLEST: Final = 1e-300
 """What a deviation is divided by at least."""
@@ -99,13 +98,13 @@ def nudged(points: NDArray[np.float64], random: np.random.Generator) -> NDArray[
     return points + NUDGE * random.random(points.shape) * (INSIDE - points)
 
 
-def twins_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> list[int]:
+def duplicates_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> list[int]:
     """Put points, in an order of their places, that are nearly equal to earlier ones at the end."""
     seen: set[bytes] = set()
     distinct: list[int] = []
     twins: list[int] = []
     for place in order.tolist():
-        cell = np.rint(points[place] / TWINS).tobytes()
+        cell = np.rint(points[place] / DUPLICATES).tobytes()
         (twins if cell in seen else distinct).append(place)
         seen.add(cell)
     return distinct + twins

@@ -3,20 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
+from agglom_mpi.search.baselines import NO_STRINGS
 from agglom_mpi.search.proposals import (
     AGAIN,
     GIVEN,
     OFFSPRING,
     RANDOM,
-    Batch,
-    Judged,
+    Evaluations,
+    Proposals,
     Ranked,
-    as_batch,
-    joined,
+    as_proposals,
+    joined_proposals,
 )
-from agglom_mpi.search.sampled import NO_STRINGS
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.streams import OFFSPRING_BLEND, RANDOM_STRING, stream
 from agglom_mpi.variables import COUNT
 
 
@@ -84,16 +84,16 @@ class GeneticSearch:
         self._objectives = np.empty(0)
         self._ranked = np.empty(0, np.int64)
 
-    def ask(self) -> Batch:
+    def ask(self) -> Proposals:
         """Propose the strings of the next generation."""
         random = self._random_strings(self.generation)
         if self.generation == 0:
-            return joined(as_batch(0, self.given, GIVEN), random)
+            return joined_proposals(as_proposals(0, self.given, GIVEN), random)
         if self.again:
-            return joined(self._parents_again(), self._offspring(), random)
-        return joined(self._offspring(), random)
+            return joined_proposals(self._parents_again(), self._offspring(), random)
+        return joined_proposals(self._offspring(), random)
 
-    def tell(self, judged: Judged) -> None:
+    def tell(self, judged: Evaluations) -> None:
         """Take the worth of all strings of the generation last asked for, in any order.
 
         What has no finite objective ranks last.
@@ -120,7 +120,7 @@ class GeneticSearch:
         """Return the mean objective of the k best strings of the population [A 26]."""
         return float(np.mean(self._objectives[self._ranked[:k]]))
 
-    def known_proposals(self, generation: int) -> tuple[int, Batch] | None:
+    def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
         """Return the random strings of a coming generation, and the number of the first of them.
 
         None while the box that they come from is not known.
@@ -140,25 +140,27 @@ class GeneticSearch:
         """Strings of every generation but the first that have to be judged."""
         return self.population if self.again else self.population - self.parents
 
-    def _parents_again(self) -> Batch:
+    def _parents_again(self) -> Proposals:
         kept = self._ranked[: self.parents]
-        batch = as_batch(self.generation, self._parameters[kept], AGAIN)
+        batch = as_proposals(self.generation, self._parameters[kept], AGAIN)
         batch.parents[:, 0] = self.population_ids[kept]
         return batch
 
-    def _random_strings(self, generation: int) -> Batch:
+    def _random_strings(self, generation: int) -> Proposals:
         first = 2 * self.parents if generation else len(self.given)
         parameters = np.empty((self.population - first, COUNT))
         for row, slot in enumerate(range(first, self.population)):
-            parameters[row] = self.box.sample(stream(self.seed, RANDOM_STRING, generation, slot))
-        return as_batch(generation, parameters, RANDOM, first)
+            parameters[row] = self.box.sample(
+                search_stream(self.seed, RANDOM_STRING, generation, slot)
+            )
+        return as_proposals(generation, parameters, RANDOM, first)
 
-    def _offspring(self) -> Batch:
+    def _offspring(self) -> Proposals:
         mates = np.repeat(self._ranked[: self.parents].reshape(-1, 2), 2, axis=0)
         slots = np.arange(self.parents, 2 * self.parents)
         blend = np.array(
             [
-                stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)).uniform(
+                search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)).uniform(
                     *self.blend, COUNT
                 )
                 for slot in slots
@@ -168,7 +170,7 @@ class GeneticSearch:
         # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
         children = self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
         origin = np.full(slots.size, OFFSPRING, np.int8)
-        return Batch(self.generation, slots, origin, self.population_ids[mates], children)
+        return Proposals(self.generation, slots, origin, self.population_ids[mates], children)
 
     def _restrict(self) -> None:
         best = self._ranked[0]

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.ensembles import Ensemble, EnsembleResult
-from agglom_mpi.search.proposals import AGAIN, Batch, Judged, Search
-from agglom_mpi.search.racing import Racing, Standing
-from agglom_mpi.simulation.outcome import Measured
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
+from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals, SearchMethod
+from agglom_mpi.search.stopping import Race, RaceEntry
 
 TARGET_REACHED: Final = "target"
 GENERATIONS_DONE: Final = "generations"
@@ -51,12 +51,12 @@ class GenerationSummary(NamedTuple):
 
 
 class Observer(Protocol):
-    """Whoever keeps the books; it must not call the inversion back."""
+    """Told of every decision; it must not call the inversion back."""
 
-    def announced(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
         """Store strings of a coming generation; called before `Inversion.announce` returns."""
 
-    def proposed(self, batch: Batch, ids: NDArray[np.int64]) -> None:
+    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
         """Store new strings, of which some may be announced; called before they are live."""
 
     def judged(self, string: int, result: EnsembleResult) -> None:
@@ -100,14 +100,14 @@ class Inversion:
 
     def __init__(
         self,
-        search: Search,
+        search: SearchMethod,
         make_ensemble: Callable[[], Ensemble],
         generations: int,
         target: Target | None,
-        restore: Callable[[Batch, int], Batch] | None,
+        restore: Callable[[Proposals, int], Proposals] | None,
         observer: Observer,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
-        racing: Racing | None = None,
+        racing: Race | None = None,
         more_samples: int = 1,
     ) -> None:
         self.results: dict[int, EnsembleResult] = {}
@@ -133,7 +133,7 @@ class Inversion:
         self._origins = np.empty(0, np.int8)
         self._open: dict[int, Ensemble] = {}
         self._early: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, Measured]] = {}
+        self._waiting: dict[int, dict[int, SampleSummary]] = {}
         self._samples_used = 0
 
     @property
@@ -208,7 +208,7 @@ class Inversion:
             self._feed(string, self._early[string])
         return ids.tolist()
 
-    def accept(self, string: int, first: int, outcomes: Sequence[Measured]) -> None:
+    def accept(self, string: int, first: int, outcomes: Sequence[SampleSummary]) -> None:
         """Take the outcomes of consecutive samples, those from `first` on."""
         ensemble = self._open.get(string)
         early = self._early.get(string)
@@ -245,7 +245,7 @@ class Inversion:
         for string, ensemble in list(self._open.items()):
             self._judge(string, ensemble)
 
-    def _begun(self, batch: Batch, place: int) -> Ensemble:
+    def _begun(self, batch: Proposals, place: int) -> Ensemble:
         """Return an empty ensemble, or one that goes on for a string that is proposed again."""
         if batch.origin[place] == AGAIN:
             return self._ended[int(batch.parents[place, 0])].again(self._more_samples)
@@ -331,10 +331,10 @@ class Inversion:
         elif self.generation + 1 >= self._generations:
             self.stop_reason = GENERATIONS_DONE
 
-    def _judged(self) -> Judged:
+    def _judged(self) -> Evaluations:
         """Collect what the strings of this generation turned out to be."""
         results = [self.results[string] for string in self._ids.tolist()]
-        return Judged(
+        return Evaluations(
             self._ids,
             np.array([self._strings[string] for string in self._ids]),
             np.array([result.objective for result in results]),
@@ -343,6 +343,6 @@ class Inversion:
         )
 
 
-def _standing(ensemble: Ensemble) -> Standing:
+def _standing(ensemble: Ensemble) -> RaceEntry:
     result = ensemble.result()
-    return Standing(result.objective, result.standard_error, ensemble.completed)
+    return RaceEntry(result.objective, result.standard_error, ensemble.completed)

@@ -1,9 +1,12 @@
-"""What passes between a search and whoever drives it: strings proposed, and their worth."""
+"""Proposed strings, what their evaluation gave, and the interface of a search method."""
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agglom_mpi.variables import COUNT
 
 RANDOM: Final = 0
 OFFSPRING: Final = 1
@@ -15,7 +18,7 @@ ORIGINS: Final = ("random", "offspring", "model", "given", "again")
 NO_PARENT: Final = -1
 
 
-class Batch(NamedTuple):
+class Proposals(NamedTuple):
     """The n new strings of one generation, in the order in which they get their numbers."""
 
     generation: int
@@ -30,7 +33,7 @@ class Batch(NamedTuple):
     """The strings in SI units, shape (n, 10)."""
 
 
-class Judged(NamedTuple):
+class Evaluations(NamedTuple):
     """What the n new strings of a generation turned out to be, in any order."""
 
     ids: NDArray[np.int64]
@@ -55,7 +58,7 @@ class Ranked(NamedTuple):
     """Of a search's own estimate; None where the objective is that of the string's ensemble."""
 
 
-class Search(Protocol):
+class SearchMethod(Protocol):
     """A method that proposes strings and learns from their objectives, batch by batch."""
 
     @property
@@ -66,10 +69,10 @@ class Search(Protocol):
     def population_ids(self) -> NDArray[np.int64]:
         """Numbers of the strings of the population last told, in slot order."""
 
-    def ask(self) -> Batch:
+    def ask(self) -> Proposals:
         """Propose the strings of the next generation; asking again changes nothing."""
 
-    def known_proposals(self, generation: int) -> tuple[int, Batch] | None:
+    def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
         """Propose strings of a coming generation that no further result changes, the last of it.
 
         Returns
@@ -79,7 +82,7 @@ class Search(Protocol):
             if they are not known yet.
         """
 
-    def tell(self, judged: Judged) -> None:
+    def tell(self, judged: Evaluations) -> None:
         """Take what the proposed strings turned out to be worth."""
 
     def best(self, k: int) -> list[Ranked]:
@@ -89,10 +92,12 @@ class Search(Protocol):
         """Return the mean objective of the k best strings."""
 
 
-def as_batch(generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0) -> Batch:
+def as_proposals(
+    generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0
+) -> Proposals:
     """Strings, shape (n, 10), that have no parents, in the slots from `slot` on."""
     count = len(strings)
-    return Batch(
+    return Proposals(
         generation,
         slot=np.arange(slot, slot + count),
         origin=np.full(count, origin, np.int8),
@@ -103,14 +108,78 @@ def as_batch(generation: int, strings: NDArray[np.float64], origin: int, slot: i
 
 def begun_with(
     given: NDArray[np.float64], random: NDArray[np.float64], generation: int = 0
-) -> Batch:
+) -> Proposals:
     """One batch of strings that were given, shape (n, 10), and random ones in the slots after."""
-    return joined(
-        as_batch(generation, given, GIVEN), as_batch(generation, random, RANDOM, len(given))
+    return joined_proposals(
+        as_proposals(generation, given, GIVEN), as_proposals(generation, random, RANDOM, len(given))
     )
 
 
-def joined(first: Batch, *others: Batch) -> Batch:
+def joined_proposals(first: Proposals, *others: Proposals) -> Proposals:
     """One batch of several of the same generation."""
     columns = zip(*(batch[1:] for batch in (first, *others)), strict=True)
-    return Batch(first.generation, *map(np.concatenate, columns))
+    return Proposals(first.generation, *map(np.concatenate, columns))
+
+
+class EvaluatedStrings:
+    """Strings by number, with their objectives; the best of them are the population.
+
+    Parameters
+    ----------
+    kept
+        Strings of the population at most.
+
+    Attributes
+    ----------
+    generation : int, how many batches were told
+    parameters : array, shape (n, 10), in the order of their numbers
+    objectives, deviations : array, shape (n,), as in `Evaluations`
+    samples : array of int64, shape (n,), how many each of them rests on
+    """
+
+    def __init__(self, kept: int) -> None:
+        self.generation = 0
+        self.parameters = np.empty((0, COUNT))
+        self.objectives = np.empty(0)
+        self.deviations = np.empty(0)
+        self.samples = np.empty(0, np.int64)
+        self._kept = kept
+
+    def __len__(self) -> int:
+        return len(self.objectives)
+
+    def tell(self, judged: Evaluations) -> None:
+        """Take a generation."""
+        order = np.argsort(judged.ids)
+        if not np.array_equal(judged.ids[order], np.arange(len(order)) + len(self)):
+            raise ValueError("a generation is told whole, and after those before it")
+        for name in ("parameters", "objectives", "deviations", "samples"):
+            told = getattr(judged, name)[order]
+            setattr(self, name, np.concatenate((getattr(self, name), told)))
+        self.generation += 1
+
+    @property
+    def population_ids(self) -> NDArray[np.int64]:
+        """Numbers of the strings of the population, the best first."""
+        return self._ranked()[: self._kept]
+
+    def best(self, k: int) -> list[Ranked]:
+        """Return the k best strings, best first."""
+        return [Ranked(int(i), float(self.objectives[i])) for i in self._ranked()[:k]]
+
+    def mean_of_top(self, k: int) -> float:
+        """Return the mean objective of the k best strings."""
+        return float(np.mean([ranked.objective for ranked in self.best(k)]))
+
+    def _ranked(self) -> NDArray[np.int64]:
+        worth = np.where(np.isfinite(self.objectives), self.objectives, np.inf)
+        return np.argsort(worth, kind="stable")
+
+
+def restored(batch: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]) -> Proposals:
+    """Replace the strings of a batch, which are numbered from `first`, that are known."""
+    parameters = batch.parameters.copy()
+    for row in range(len(parameters)):
+        if first + row in known:
+            parameters[row] = known[first + row]
+    return batch._replace(parameters=parameters)

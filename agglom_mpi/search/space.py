@@ -1,14 +1,11 @@
 """The box that is searched: bounds of the ten variables, and how strings are drawn from it."""
 
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.variables import COUNT
-
-if TYPE_CHECKING:
-    from agglom_mpi.campaign.variables import Variables
 
 
 class SearchSpace:
@@ -124,8 +121,3 @@ class SearchSpace:
         lower = np.where(self.searched, lower, self.lower)
         upper = np.where(self.searched, upper, self.upper)
         return type(self)(lower, upper, outer, self.logarithmic)
-
-
-def search_space(variables: "Variables") -> SearchSpace:
-    """Return the box of a campaign's variables."""
-    return SearchSpace(variables.lower, variables.upper, logarithmic=variables.logarithmic)

@@ -1,15 +1,18 @@
-"""When an ensemble is large enough: the papers' two rules, and one by standard error."""
+"""Stopping rules of an ensemble, and races that end hopeless ones.
 
+Strings race in rounds (Maron and Moore 1994). When every string of a generation that needs samples
+has r of them, the intervals of all strings are compared, and those that are out are judged by what
+they have; then r is doubled. Rounds, not arrivals, decide: the ranks play no part.
+"""
+
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, Final, NamedTuple, Protocol
 
-from agglom_mpi.search.student import t_95
-
-if TYPE_CHECKING:
-    from agglom_mpi.campaign.plan import AnyEnsemble
+from agglom_mpi.statistics import t_95, t_quantile
 
 
-class Snapshot(NamedTuple):
+class EnsembleState(NamedTuple):
     """What the completed samples of a string amount to so far."""
 
     samples: int
@@ -23,14 +26,14 @@ class Snapshot(NamedTuple):
     the rule does not need them."""
 
 
-class Rule(Protocol):
+class StoppingRule(Protocol):
     """A test that is made after each completed sample but the first."""
 
     @property
     def needs_moments(self) -> bool:
         """Whether snapshots must have their central moments."""
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         """Tell whether the sample between the two snapshots was the last one needed."""
 
 
@@ -63,7 +66,7 @@ class SuccessiveDifference:
         if self.quantity not in ("mean_radius", "objective"):
             raise ValueError(f"unknown quantity {self.quantity!r}")
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         """Compare the running means."""
         if self.quantity == "mean_radius":
             return _settled(before.mean_radius_ratio, after.mean_radius_ratio, self.tolerance)
@@ -95,14 +98,14 @@ class Moments:
         """The mean alone is there without."""
         return self.order > 1
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         """Compare the moments up to the order."""
         return all(
             _settled(*pair, self.tolerance)
             for pair in zip(self._watched(before), self._watched(after), strict=True)
         )
 
-    def _watched(self, snapshot: Snapshot) -> tuple[float, ...]:
+    def _watched(self, snapshot: EnsembleState) -> tuple[float, ...]:
         central = snapshot.central_moments or ()
         return (snapshot.mean_radius_ratio, *central)[: self.order]
 
@@ -127,7 +130,7 @@ class StandardError:
         if self.min_samples < 3:
             raise ValueError("a standard error needs at least 3 samples")
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         """Compare the half-width with the tolerance."""
         if after.samples < self.min_samples:
             return False
@@ -139,19 +142,78 @@ class FixedNumber:
 
     needs_moments: ClassVar[bool] = False
 
-    def satisfied(self, before: Snapshot, after: Snapshot) -> bool:
+    def satisfied(self, before: EnsembleState, after: EnsembleState) -> bool:
         """Leave the end to the largest number of samples."""
         return False
 
 
-def make_rule(model: "AnyEnsemble") -> Rule:
-    """Return the stopping rule that a campaign's `ensemble` asks for."""
-    if model.rule == "successive_difference":
-        return SuccessiveDifference(model.tolerance, model.quantity)
-    if model.rule == "moments":
-        return Moments(model.tolerance, model.order)
-    if model.rule == "standard_error":
-        return StandardError(model.tolerance, model.min_samples)
-    if model.rule == "fixed":
-        return FixedNumber()
-    raise ValueError(f"unknown stopping rule {model.rule!r}")
+FEWEST: Final = 2
+"""Samples that an interval needs."""
+
+
+class RaceEntry(NamedTuple):
+    """What is known of a string: its objective, the standard error, and samples they rest on."""
+
+    objective: float
+    standard_error: float
+    samples: int
+
+
+class Race(NamedTuple):
+    """Rules of the race.
+
+    Attributes
+    ----------
+    kept
+        Strings that the search keeps, K.
+    confidence
+        Least probability that a string which belongs among the best K is not dropped.
+    first
+        Samples of each string before the first round.
+    """
+
+    kept: int
+    confidence: float
+    first: int
+
+    def samples(self, race: int) -> int:
+        """Return the number of samples that round `race`, from 0, is held at."""
+        return self.first << race
+
+    def dropped(
+        self, race: int, running: dict[int, RaceEntry], others: list[RaceEntry]
+    ) -> list[int]:
+        """Return those running strings that are out.
+
+        One is out if its objective lies above that of K others, whatever of their intervals is
+        true. If all intervals hold, none that belongs among the best K is dropped. Its own and
+        those K intervals all hold with the wanted confidence, over all rounds, if each fails with a
+        probability of (1 - confidence) / 2^(round + 1) / (K + 1) at most (Bonferroni).
+
+        Parameters
+        ----------
+        race
+            Number of the round, from 0.
+        running
+            Strings that still get samples, by number.
+        others
+            Parents, and strings of this generation that have enough.
+        """
+        risk = (1.0 - self.confidence) / 2.0 ** (race + 1) / (self.kept + 1)
+        coverage = 1.0 - 2.0 * risk
+        ends = {string: _interval(standing, coverage) for string, standing in running.items()}
+        uppers = [_interval(standing, coverage)[1] for standing in others]
+        uppers = sorted(uppers + [upper for _, upper in ends.values()])
+        if len(uppers) <= self.kept:
+            return []
+        # A string's own upper end is never below its lower one, so it need not be left out.
+        threshold = uppers[self.kept - 1]
+        return [string for string, (lower, _) in ends.items() if lower > threshold]
+
+
+def _interval(standing: RaceEntry, coverage: float) -> tuple[float, float]:
+    """Confidence interval of an objective; all numbers where nothing is known of its error."""
+    if standing.samples < FEWEST or not math.isfinite(standing.standard_error):
+        return -math.inf, math.inf
+    half = t_quantile(standing.samples - 1, coverage) * standing.standard_error
+    return standing.objective - half, standing.objective + half

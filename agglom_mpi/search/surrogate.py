@@ -12,29 +12,29 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
     POLISHED,
     PROMISING,
     best_expected,
     candidates_about,
+    duplicates_last,
     expected_objective,
     nudged,
-    twins_last,
 )
-from agglom_mpi.search.archive import Archive
-from agglom_mpi.search.one_thread import single_threaded
+from agglom_mpi.search.baselines import NO_STRINGS, sobol_strings
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.search.proposals import (
     MODEL,
     RANDOM,
-    Batch,
-    Judged,
+    EvaluatedStrings,
+    Evaluations,
+    Proposals,
     Ranked,
-    as_batch,
+    as_proposals,
     begun_with,
 )
-from agglom_mpi.search.sampled import NO_STRINGS, sobol_strings
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.streams import SURROGATE, stream
 
 if TYPE_CHECKING:
     from agglom_mpi.search.gaussian_process import Covariance, GaussianProcess
@@ -46,12 +46,12 @@ GROWTH: Final = 1.25
 """The covariance is fitted again when there are so many times as many strings."""
 
 
-class SurrogateSearch(Archive):
+class SurrogateSearch(EvaluatedStrings):
     """Propose by a Gaussian process.
 
     A batch learns from the results of all generations but the one before it, so that it is known,
     and may be simulated, while that one still runs: neither a slow sample nor a fit of the
-    covariance makes the farm wait.
+    covariance makes the ranks wait.
 
     Parameters
     ----------
@@ -92,19 +92,19 @@ class SurrogateSearch(Archive):
         self.given = given
         self._magnitude = magnitude
         self._thread = ThreadPoolExecutor(1) if background else None
-        self._thoughts: dict[int, Future[Batch]] = {}
+        self._thoughts: dict[int, Future[Proposals]] = {}
         self._covariances: dict[int, Covariance] = {}
         self._models: dict[tuple[int, int], GaussianProcess] = {}
         self._expected: list[Ranked] | None = None
 
-    def ask(self) -> Batch:
+    def ask(self) -> Proposals:
         """Propose the strings of the next generation."""
         batch = self._thought(self.generation).result()
         if self._thread is not None:
             self._thought(self.generation + 1)
         return batch
 
-    def known_proposals(self, generation: int) -> tuple[int, Batch] | None:
+    def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
         """Propose the generation after the one that is being judged."""
         if generation > self.generation + 1:
             return None
@@ -125,7 +125,7 @@ class SurrogateSearch(Archive):
         """Numbers of the strings with the best expected objectives, the best first."""
         return np.array([ranked.string for ranked in self.best(self._kept)], np.int64)
 
-    def tell(self, judged: Judged) -> None:
+    def tell(self, judged: Evaluations) -> None:
         """Take a generation."""
         super().tell(judged)
         self._expected = None
@@ -135,7 +135,7 @@ class SurrogateSearch(Archive):
         """Rank all strings, by a covariance that no waiting is needed for."""
         model = self._model(self._told_before(self.generation - 1), self.generation)
         if model is None:
-            return Archive.best(self, len(self))
+            return EvaluatedStrings.best(self, len(self))
         points = self.space.to_unit(self.parameters)
         errors = model.deviation_at_points
         expected = expected_objective(model.mean_at_points, errors, self._magnitude)
@@ -143,7 +143,7 @@ class SurrogateSearch(Archive):
         judged = np.isfinite(self.objectives)
         ranked = [
             Ranked(i, float(expected[i]), float(errors[i]))
-            for i in twins_last(points, order[judged[order]])
+            for i in duplicates_last(points, order[judged[order]])
         ]
         return ranked + [Ranked(i, np.inf) for i in np.flatnonzero(~judged).tolist()]
 
@@ -152,11 +152,11 @@ class SurrogateSearch(Archive):
         sizes = 0, self._first, self.initial
         return sizes[generation] if generation < 3 else self.initial + (generation - 2) * self.batch
 
-    def _thought(self, generation: int) -> Future[Batch]:
+    def _thought(self, generation: int) -> Future[Proposals]:
         """Begin to think of a generation whose results are there, unless that was begun before."""
         if generation not in self._thoughts:
             if self._thread is None or generation < 2:
-                thought: Future[Batch] = Future()
+                thought: Future[Proposals] = Future()
                 thought.set_result(self._propose(generation))
             else:
                 thought = self._thread.submit(self._propose, generation)
@@ -165,21 +165,21 @@ class SurrogateSearch(Archive):
         return self._thoughts[generation]
 
     @single_threaded
-    def _propose(self, generation: int) -> Batch:
+    def _propose(self, generation: int) -> Proposals:
         first, end = map(self._told_before, (generation, generation + 1))
         if generation < 2:
             some = self.given[: end - first] if generation == 0 else NO_STRINGS
             drawn = sobol_strings(self.space, self.seed, first + len(some), end - first - len(some))
             return begun_with(some, drawn, generation)
         known = self._told_before(generation - 1)
-        random = stream(self.seed, SURROGATE, generation)
+        random = search_stream(self.seed, SURROGATE, generation)
         model = self._model(known, generation - 1)
         if model is None:
             points, origin = random.random((end - first, self.space.dimensions)), RANDOM
         else:
             points, origin = self._proposed_by(model, known, end - first, random), MODEL
         strings = self.space.from_unit(nudged(points, random))
-        return as_batch(generation, strings, origin)
+        return as_proposals(generation, strings, origin)
 
     def _proposed_by(
         self, model: "GaussianProcess", known: int, count: int, random: np.random.Generator

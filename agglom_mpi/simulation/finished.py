@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.simulation.outcome import FinalParticles
-from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.outcome import FinalParticles
+
+if TYPE_CHECKING:
+    from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.variables import NAMES
 
 
@@ -49,7 +51,7 @@ class Sample(NamedTuple):
 
 
 def finished_sample(
-    scene: Scene, parameters: NDArray[np.float64], record: Any, final: FinalParticles
+    scene: "Scene", parameters: NDArray[np.float64], record: Any, final: FinalParticles
 ) -> Sample:
     """Return what a function is given of a completed sample.
 

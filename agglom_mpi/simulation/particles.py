@@ -1,10 +1,14 @@
-"""The particles of one sample as a struct of arrays, and their ledger."""
+"""Particles of one sample as a struct of arrays, with the energies exchanged."""
 
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, rare_stage, stage
+from agglom_mpi.kernels import ANY, dispatch_allocating, inlined, inlined_allocating, not_inlined
+from agglom_mpi.physics.cooling import EulerCooling, ExactCooling
+from agglom_mpi.physics.restitution import (
+    ContactTimeRestitution,
+)
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -37,7 +41,7 @@ class Ledger(NamedTuple):
 class Particles(NamedTuple):
     """Particles 0 … `size[0]`−1; a slot with mass 0, infinitely far, is empty until compaction.
 
-    An array that a scene has no use for is `None`; see `allocation`.
+    An array that a scene has no use for is `None`.
 
     Attributes
     ----------
@@ -49,9 +53,9 @@ class Particles(NamedTuple):
         Shape (capacity,), m and kg.
     temperature
         Shape (capacity,), K; without it the scene's holds for all.
-    touched
+    cooled_to
         Time in s up to which `temperature` holds, shape (capacity,).
-    struck
+    last_impact
         Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
         Original grains in each particle, shape (capacity,); what cannot break need not count them.
@@ -65,42 +69,42 @@ class Particles(NamedTuple):
     radius: np.ndarray
     mass: np.ndarray
     temperature: np.ndarray | None
-    touched: np.ndarray | None
-    struck: np.ndarray | None
+    cooled_to: np.ndarray | None
+    last_impact: np.ndarray | None
     grains: np.ndarray | None
     label: np.ndarray | None = None
     labels_given: np.ndarray | None = None
 
 
-@allocating
+@inlined_allocating
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
     return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
 
 
-@stage
-def book_cooling(ledger, energy):  # type: ignore[no-untyped-def]
+@inlined
+def record_cooling(ledger, energy):  # type: ignore[no-untyped-def]
     """Enter `energy` in J that a particle has lost to its surroundings in the ledger."""
     ledger.energy[RADIATED] += energy
     ledger.energy[EXCHANGED] += abs(energy)
 
 
-@stage
-def value_of(values, i, otherwise):  # type: ignore[no-untyped-def]
+@inlined
+def value_or(values, i, otherwise):  # type: ignore[no-untyped-def]
     """`values[i]`, or `otherwise` where the scene has no such array."""
     if values is None:
         return otherwise
     return values[i]
 
 
-@stage
+@inlined
 def set_value(values, i, value):  # type: ignore[no-untyped-def]
     """Let `values[i]` be `value`, where the scene has such an array."""
     if values is not None:
         values[i] = value
 
 
-@stage
+@inlined
 def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
     """Give slot i a label that nobody had before, where there are labels."""
     if label is not None:
@@ -108,14 +112,14 @@ def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
         labels_given[0] += 1
 
 
-@stage
+@inlined
 def copy_value(values, source, others, target):  # type: ignore[no-untyped-def]
     """Let `others[target]` be `values[source]`, where the scene has such arrays."""
     if values is not None:
         others[target] = values[source]
 
 
-@stage
+@inlined
 def copy_slot_to(particles: Particles, source: int, others: Particles, target: int) -> None:
     """Copy one particle into a slot of other particles."""
     for axis in range(3):
@@ -124,19 +128,19 @@ def copy_slot_to(particles: Particles, source: int, others: Particles, target: i
     others.radius[target] = particles.radius[source]
     others.mass[target] = particles.mass[source]
     copy_value(particles.temperature, source, others.temperature, target)
-    copy_value(particles.touched, source, others.touched, target)
-    copy_value(particles.struck, source, others.struck, target)
+    copy_value(particles.cooled_to, source, others.cooled_to, target)
+    copy_value(particles.last_impact, source, others.last_impact, target)
     copy_value(particles.grains, source, others.grains, target)
     copy_value(particles.label, source, others.label, target)
 
 
-@stage
+@inlined
 def copy_slot(particles: Particles, source: int, target: int) -> None:
     """Copy one particle into another slot."""
     copy_slot_to(particles, source, particles, target)
 
 
-@stage
+@inlined
 def empty_slot(particles: Particles, i: int) -> None:
     """Take a particle out; `compact` closes the gap."""
     particles.mass[i] = 0.0
@@ -145,7 +149,7 @@ def empty_slot(particles: Particles, i: int) -> None:
         particles.position[axis, i] = np.inf
 
 
-@rare_stage
+@not_inlined
 def compact(particles: Particles) -> None:
     """Close the gaps that merged particles left, keeping the order of the others."""
     kept = 0
@@ -157,7 +161,7 @@ def compact(particles: Particles) -> None:
     particles.size[0] = kept
 
 
-@rare_stage
+@not_inlined
 def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
     """Let `values[k]` be what `values[order[k]]` was, for the first `count`, if it is there."""
     if values is None:
@@ -168,7 +172,7 @@ def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
         values[k] = scratch[k]
 
 
-@allocating
+@inlined_allocating
 def reorder(particles: Particles, order: np.ndarray) -> None:
     """Let slot k be what slot `order[k]` was, for all slots in use."""
     count = particles.size[0]
@@ -179,8 +183,113 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
     permute(particles.radius, order, count, scratch)
     permute(particles.mass, order, count, scratch)
     permute(particles.temperature, order, count, scratch)
-    permute(particles.touched, order, count, scratch)
-    permute(particles.struck, order, count, scratch)
+    permute(particles.cooled_to, order, count, scratch)
+    permute(particles.last_impact, order, count, scratch)
     whole = np.empty(count, np.int64)
     permute(particles.grains, order, count, whole)
     permute(particles.label, order, count, whole)
+
+
+@dispatch_allocating
+def new_cooling_times(cooling, capacity):  # type: ignore[no-untyped-def]
+    """Return times in s up to which temperatures hold, shape (capacity,), or None."""
+
+
+@new_cooling_times.register(None, EulerCooling)
+def _never_behind(cooling, capacity):  # type: ignore[no-untyped-def]
+    return None
+
+
+@new_cooling_times.register(ExactCooling)
+def _behind(cooling, capacity):  # type: ignore[no-untyped-def]
+    return np.zeros(capacity)
+
+
+@dispatch_allocating
+def new_impact_times(restitution, capacity):  # type: ignore[no-untyped-def]
+    """Return times of last impacts in s, shape (capacity,), or None."""
+
+
+@new_impact_times.register(ANY)
+def _forgotten(restitution, capacity):  # type: ignore[no-untyped-def]
+    return None
+
+
+@new_impact_times.register(ContactTimeRestitution)
+def _remembered(restitution, capacity):  # type: ignore[no-untyped-def]
+    return np.full(capacity, -np.inf)
+
+
+@dispatch_allocating
+def new_grains(fragmentation, capacity):  # type: ignore[no-untyped-def]
+    """Return grains in each particle, shape (capacity,), or None."""
+
+
+@new_grains.register(None)
+def _uncounted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+    return None
+
+
+@new_grains.register(ANY)
+def _counted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+    return np.ones(capacity, np.int64)
+
+
+@inlined_allocating
+def new_temperatures(heating, cooling, capacity, start):  # type: ignore[no-untyped-def]
+    """Return temperatures in K, shape (capacity,), or None where nothing changes them."""
+    if heating is None and cooling is None:
+        return None
+    return np.full(capacity, start)
+
+
+@inlined_allocating
+def new_labels(frames, capacity):  # type: ignore[no-untyped-def]
+    """Return the numbers of the slots, shape (capacity,), or None where no frames are taken."""
+    if frames is None:
+        return None
+    return np.arange(capacity)
+
+
+@inlined_allocating
+def new_count(frames, start):  # type: ignore[no-untyped-def]
+    """Return a count that begins at `start`, shape (1,), or None where no frames are taken."""
+    if frames is None:
+        return None
+    return np.full(1, start)
+
+
+@inlined_allocating
+def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
+    """Return the grains of a scene, not placed yet, with room for `capacity`.
+
+    They have labels if there are `frames` to be taken.
+    """
+    laws = scene.laws
+    particles = Particles(
+        np.zeros(1, np.int64),
+        np.zeros((3, capacity)),
+        np.zeros((3, capacity)),
+        np.zeros(capacity),
+        np.zeros(capacity),
+        new_temperatures(laws.heating, scene.cooling, capacity, scene.temperature),
+        new_cooling_times(scene.cooling, capacity),
+        new_impact_times(laws.restitution, capacity),
+        new_grains(laws.fragmentation, capacity),
+        new_labels(frames, capacity),
+        new_count(frames, scene.particles),
+    )
+    particles.size[0] = scene.particles
+    for i in range(scene.particles):
+        particles.radius[i] = scene.radius
+        particles.mass[i] = scene.mass
+    return particles
+
+
+@inlined
+def largest_radius(particles):  # type: ignore[no-untyped-def]
+    """Largest radius in m."""
+    largest = 0.0
+    for i in range(particles.size[0]):
+        largest = max(largest, particles.radius[i])
+    return largest

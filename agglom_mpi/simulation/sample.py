@@ -1,45 +1,31 @@
 """One sample: a pure function of (campaign, parameters, sample number)."""
 
-import hashlib
-import math
-import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-import agglom_mpi.simulation.adaptive
-import agglom_mpi.simulation.events.engine
-import agglom_mpi.simulation.fixed  # noqa: F401  (all register their engines)
-from agglom_mpi.compilation import kernel, stage
-from agglom_mpi.simulation import outcome as result
-from agglom_mpi.simulation.allocation import new_particles
-from agglom_mpi.simulation.contact import catch_up
-from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.finished import finished_sample
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
-from agglom_mpi.simulation.measures import (
-    fluctuation,
+import agglom_mpi.simulation.event_driven.engine
+import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
+from agglom_mpi import outcome as result
+from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.simulation.collision import cool_until
+from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.simulation.initial_state import EqualSizes, draw_velocities, place_randomly
+from agglom_mpi.simulation.measurement import (
+    fluctuation_energy,
     is_finite,
     measure,
     measure_ledger,
     thermal_energy,
+    to_box_frame,
+    to_mass_frame,
     total_momentum,
 )
-from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
-from agglom_mpi.simulation.placement import EqualSizes, place
-from agglom_mpi.simulation.recorder import new_recorder, note_drift, record_end, record_start
-from agglom_mpi.simulation.scene import Scene, build_scene
-from agglom_mpi.simulation.snapshots import Frames, new_frames
-from agglom_mpi.simulation.velocities import draw_velocities
-
-if TYPE_CHECKING:
-    from agglom_mpi.campaign import Campaign
-
-_PURPOSE = 1
-"""Separates the random streams of samples from those of the search."""
-_COMMON = 2
-"""The same for streams that all strings have in common."""
+from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger, new_particles
+from agglom_mpi.simulation.scene import Scene, run_to_end
+from agglom_mpi.simulation.trajectory import new_recorder, note_drift, record_end, record_start
 
 
 class Outcome(NamedTuple):
@@ -83,18 +69,18 @@ class Outcome(NamedTuple):
     steps: int
     seconds: float
     record: Any
-    final: result.FinalParticles
+    final: FinalParticles
     frames: Frames | None = None
 
     @property
-    def measured(self) -> result.Measured:
+    def measured(self) -> result.SampleSummary:
         """What decisions are made from."""
-        [measured] = result.measured(np.array([self.record], result.OUTCOME))
+        [measured] = result.summaries(np.array([self.record], result.OUTCOME))
         return measured._replace(objective=self.objective)
 
 
 @kernel
-def run(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
+def run_sample(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
     """Place, run and measure one sample; one crossing into compiled code.
 
     Parameters
@@ -119,27 +105,27 @@ def run(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
     record["state"] = result.FAILED
     occupied = particles.position[:, : scene.particles]
     sizes = EqualSizes(2.0 * scene.radius)
-    if not place(random, scene.escape, occupied, sizes, scene.half_width):
+    if not place_randomly(random, scene.escape, occupied, sizes, scene.half_width):
         record["reason"] = result.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
     recorder = new_recorder(frames, scene, capacity)
-    carry_out(scene, particles, ledger, abort, record, recorder)
+    integrate(scene, particles, ledger, abort, record, recorder)
     return particles
 
 
-@stage
-def carry_out(scene, particles, ledger, abort, record, recorder):  # type: ignore[no-untyped-def]
+@inlined
+def integrate(scene, particles, ledger, abort, record, recorder):  # type: ignore[no-untyped-def]
     """Run particles from where they are to the scene's end, and measure them into `record`."""
     record_start(recorder, scene, particles)
-    drift = enter_frame(scene, particles)
+    drift = to_mass_frame(scene, particles)
     note_drift(recorder, drift)
     heat = thermal_energy(scene.laws.heating, scene, particles)
-    start = (*total_momentum(particles), *fluctuation(particles), heat)
-    end = advance(scene.engine, scene, particles, ledger, abort, recorder)
+    start = (*total_momentum(particles), *fluctuation_energy(particles), heat)
+    end = run_to_end(scene.engine, scene, particles, ledger, abort, recorder)
     record["end_time"] = end
     for i in range(particles.size[0]):
-        catch_up(scene.cooling, scene, particles, ledger, i, end)
+        cool_until(scene.cooling, scene, particles, ledger, i, end)
     if ledger.tally[EXHAUSTED] > 0:
         record["reason"] = result.BUDGET_EXCEEDED
         return
@@ -148,34 +134,9 @@ def carry_out(scene, particles, ledger, abort, record, recorder):  # type: ignor
         return
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)
-    leave_frame(scene, particles, drift, end)
+    to_box_frame(scene, particles, drift, end)
     record_end(recorder, scene, particles, end)
     record["state"] = result.COMPLETED
-
-
-def random_stream(
-    seed: int, parameters: npt.NDArray[np.float64], sample: int, common: bool = False
-) -> np.random.Generator:
-    """Return the random stream of one sample, keyed by what it is and by nothing else.
-
-    Parameters
-    ----------
-    seed
-        The campaign's seed.
-    parameters
-        The ten variables in SI units, shape (10,).
-    sample
-        Sample number from 0.
-    common
-        Whether strings have common configurations; their parameters then play no part.
-    """
-    if common:
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, _COMMON, sample])))
-    digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
-    words = np.frombuffer(digest, "<u4").tolist()
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence([seed, _PURPOSE, *words, sample]))
-    )
 
 
 def simulate_scene(
@@ -191,76 +152,5 @@ def simulate_scene(
     """
     out = np.zeros(1, result.OUTCOME)
     abort = np.zeros(1, np.uint8) if abort is None else abort
-    particles = run(scene, random, abort, out, frames)
+    particles = run_sample(scene, random, abort, out, frames)
     return out[0], particles
-
-
-def simulate(
-    campaign: "Campaign",
-    parameters: npt.ArrayLike,
-    sample: int = 0,
-    engine: Any = None,
-    times: npt.NDArray[np.float64] | None = None,
-) -> Outcome:
-    """Simulate one sample exactly as a rank of the campaign does; see `Outcome`.
-
-    Its frames are those at `times` in s, shape (F,), ascending from 0 to the end time at most.
-
-    Raises
-    ------
-    RuntimeError
-        If the sample fails, with the reason.
-    """
-    vector = np.asarray(parameters, dtype=np.float64)
-    scene = build_scene(campaign.scene, vector, engine)
-    frames = None if times is None else new_frames(times, scene.particles)
-    random = random_stream(campaign.seed, vector, sample, campaign.common_configurations)
-    begin = time.perf_counter()
-    record, particles = simulate_scene(scene, random, frames=frames)
-    seconds = time.perf_counter() - begin
-    if record["state"] != result.COMPLETED:
-        raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
-    ratio = float(record["mean_radius_ratio"])
-    final = result.final_particles(scene, particles)
-    try:
-        objective = _objective(campaign, scene, vector, record, final)
-    except Exception as error:  # of the user's own function
-        said = f"{type(error).__name__}: {error}"
-        raise RuntimeError(f"sample {sample} failed: {said}") from error
-    return Outcome(
-        mean_radius_ratio=ratio,
-        objective=objective,
-        particles=int(record["particles"]),
-        radii=final.radii / scene.radius,
-        temperatures=final.temperatures,
-        moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
-        ledger={name: record[name].item() for name in result.LEDGER},
-        collisions=int(record["collisions"]),
-        merges=int(record["merges"]),
-        breakups=int(record["breakups"]),
-        steps=int(record["steps"]),
-        seconds=seconds,
-        record=record,
-        final=final,
-        frames=frames,
-    )
-
-
-def _objective(
-    campaign: "Campaign",
-    scene: Scene,
-    parameters: npt.NDArray[np.float64],
-    record: Any,
-    final: result.FinalParticles,
-) -> float:
-    """Return the campaign's objective of one completed sample."""
-    from agglom_mpi.campaign.code import worth_of
-    from agglom_mpi.search.objectives import make_objective
-
-    code = campaign.code
-    if campaign.objective.law == "function":
-        if code is None or code.source is None:
-            return math.nan
-        return worth_of(code, finished_sample(scene, parameters, record, final))
-    rows = np.array([record], result.OUTCOME)
-    return float(make_objective(campaign.objective, scene.particles).of_samples(rows)[0])

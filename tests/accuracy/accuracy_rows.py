@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from agglom_mpi.database.schema import sample_dtype
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED
+from agglom_mpi.outcome import COMPLETED, FAILED
+from agglom_mpi.storage.schema import sample_dtype
 
 
 def made_up(ratios, seconds=1e-3, failed=(), **columns):

@@ -6,8 +6,7 @@ from accuracy_rows import made_up
 
 from agglom_mpi.accuracy import box as module
 from agglom_mpi.accuracy.time_integration import EVENT
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import load_campaign
 
 
 @pytest.fixture(scope="module")
@@ -16,11 +15,11 @@ def campaign():
 
 
 def test_another_number_of_particles_changes_nothing_but_the_control_volume(campaign):
-    own = build_scene(campaign.scene, campaign.parameters())
+    own = campaign.scene.build(campaign.parameters())
     trials = module.trials(campaign, campaign.parameters(), 9, quick=False)
     for number in module.numbers(campaign, quick=False):
         trial = trials[module.name_of_number(number)]
-        scene = build_scene(trial.campaign.scene, trial.parameters, trial.engine)
+        scene = trial.campaign.scene.build(trial.parameters, trial.engine)
         assert scene.particles == number
         assert scene.radius == pytest.approx(own.radius, rel=1e-14)
         assert scene.mass == pytest.approx(own.mass, rel=1e-14)
@@ -30,11 +29,11 @@ def test_another_number_of_particles_changes_nothing_but_the_control_volume(camp
 
 
 def test_another_end_time_changes_nothing_but_the_end(campaign):
-    own = build_scene(campaign.scene, campaign.parameters())
+    own = campaign.scene.build(campaign.parameters())
     trials = module.trials(campaign, campaign.parameters(), 9, quick=True)
     for factor in module.QUICK_TIMES:
         trial = trials[module.name_of_time(factor)]
-        scene = build_scene(trial.campaign.scene, trial.parameters, trial.engine)
+        scene = trial.campaign.scene.build(trial.parameters, trial.engine)
         assert scene == own._replace(end_time=factor * own.end_time)
 
 

@@ -8,11 +8,12 @@ import h5py
 import numpy as np
 import pytest
 from farm_runs import QUICKSTART, environment, finish, need_mpirun
+from processes import HANG
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.table import Table
-from agglom_mpi.farm.check import check_file
-from agglom_mpi.simulation.outcome import COLUMNS
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.table import Table
 
 
 def run(folder, *arguments, ranks=None, **variables):
@@ -23,7 +24,7 @@ def run(folder, *arguments, ranks=None, **variables):
         env=environment(**variables),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANG,
         check=False,
     )
 
@@ -37,11 +38,17 @@ def scene(folder):
 
 
 @pytest.fixture(scope="module")
-def studied(tmp_path_factory):
-    """Return a folder with a campaign, its file and the quick study of both."""
+def folder(tmp_path_factory):
+    """Return a folder with a campaign and its file."""
     folder = tmp_path_factory.mktemp("study")
     scene(folder)
     finish(folder, "small.yaml", "-q")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studied(folder):
+    """Return that folder with the quick study of both."""
     done = run(folder, "small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "a")
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
@@ -56,6 +63,7 @@ def columns(file):
     }
 
 
+@pytest.mark.slow
 def test_the_report_has_every_section_with_its_figures_and_tables(studied):
     text = (studied / "a" / "report.md").read_text()
     for title in (
@@ -80,6 +88,7 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
 
 
 @pytest.mark.parametrize("command", ["report", "simulate --string 0", "accuracy -o b --history"])
+@pytest.mark.slow
 def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
     words = ["agglom", *command.split(), "a/samples.h5"]
     words += ["small.yaml"] if "accuracy" in command else []
@@ -90,6 +99,7 @@ def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
+@pytest.mark.slow
 def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
     words = ["agglom", "export", "a/samples.h5", "--compact", str(tmp_path / "c.h5")]
     done = subprocess.run(
@@ -110,6 +120,7 @@ def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
     assert lines["strings"] == len(original.string_rows())
 
 
+@pytest.mark.slow
 def test_the_samples_of_a_study_are_checked_but_for_the_search_that_there_was_not(studied):
     text, code = check_file(str(studied / "a" / "samples.h5"))
     assert code == 0, text
@@ -118,6 +129,7 @@ def test_the_samples_of_a_study_are_checked_but_for_the_search_that_there_was_no
     assert text.endswith("\n  finished: all set-ups are measured")
 
 
+@pytest.mark.slow
 def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
     path = tmp_path / "samples.h5"
     shutil.copy(studied / "a" / "samples.h5", path)
@@ -131,6 +143,7 @@ def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
     assert "generations: what 0 rests on is not what it was" in text
 
 
+@pytest.mark.slow
 def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
     history = open_campaign(studied / "small.h5")
     again = open_campaign(studied / "a" / "samples.h5")
@@ -145,6 +158,7 @@ def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studie
     assert not np.isin(fresh, seen).any()
 
 
+@pytest.mark.slow
 def test_a_finished_study_only_writes_its_report_again(studied):
     report = studied / "a" / "report.md"
     samples = (studied / "a" / "samples.h5").read_bytes()
@@ -157,6 +171,7 @@ def test_a_finished_study_only_writes_its_report_again(studied):
     assert (studied / "a" / "samples.h5").read_bytes() == samples
 
 
+@pytest.mark.slow
 def test_ranks_and_a_stop_in_between_change_no_sample(studied):
     need_mpirun()
     arguments = ("small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "b")
@@ -170,6 +185,7 @@ def test_ranks_and_a_stop_in_between_change_no_sample(studied):
     assert (studied / "b" / "report.md").exists()
 
 
+@pytest.mark.slow
 def test_another_study_in_the_same_directory_is_refused(studied):
     done = run(studied, "small.yaml", "--quick", "--samples", 13, "-o", "a")
     assert done.returncode == 2
@@ -187,21 +203,21 @@ def test_another_study_in_the_same_directory_is_refused(studied):
         (["small.yaml", "-o", "x", "--set", "activation_energy=1e9"], "small.yaml: scene: "),
     ],
 )
-def test_bad_input_is_one_message_and_leaves_nothing(studied, arguments, message):
-    done = run(studied, *arguments)
+def test_bad_input_is_one_message_and_leaves_nothing(folder, arguments, message):
+    done = run(folder, *arguments)
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
-    assert not (studied / "x").exists()
+    assert not (folder / "x").exists()
 
 
-def test_without_matplotlib_it_says_what_to_install(studied, tmp_path):
+def test_without_matplotlib_it_says_what_to_install(folder, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(
         "import importlib.util as u\nfind = u.find_spec\n"
         "u.find_spec = lambda name, *rest: None if name == 'matplotlib' else find(name, *rest)\n"
     )
     path = f"{tmp_path}:{Path.cwd()}"
-    done = run(studied, "small.yaml", "--quick", "-o", "x", PYTHONPATH=path)
+    done = run(folder, "small.yaml", "--quick", "-o", "x", PYTHONPATH=path)
     assert done.returncode == 2
     assert done.stderr == "the report needs matplotlib: pip install 'agglom_mpi[report]'\n"

@@ -16,12 +16,12 @@ from agglom_mpi.accuracy.cooling_methods import (
     least_step,
     linear_limit,
 )
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.cooling import Exact, ForwardEuler, QuarticCooling, RadiativeCooling
+from agglom_mpi.physics.contact import ContactArea
+from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
-from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.scene import EventDriven, Scene
-from agglom_mpi.simulation.velocities import UniformX
 
 B = 5.670374419e-8
 RADIATION = RadiativeCooling(0.5, 300.0, 0.0, 300.0, 300.0)
@@ -45,7 +45,7 @@ def scene(cooling, capacity=1000.0, temperature=500.0, end_time=0.01):
     )
 
 
-SCENES = [scene(Exact(RADIATION)), scene(ForwardEuler(QUARTIC), temperature=300.0)]
+SCENES = [scene(ExactCooling(RADIATION)), scene(EulerCooling(QUARTIC), temperature=300.0)]
 BOTH = pytest.mark.parametrize("case", SCENES, ids=["radiation", "quartic"])
 
 

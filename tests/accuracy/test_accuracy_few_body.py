@@ -143,6 +143,21 @@ def test_a_delayed_start_ends_where_the_flight_is_that_much_earlier():
 # the engines
 
 
+@pytest.mark.plain
+def test_few_runs_of_two_spheres_are_as_exact_as_many():
+    knobs = Knobs((100, 400), (1e-5, 1e-6), 6)
+    head_on = study([SCENES["head-on"]], knobs, np.random.default_rng(1))
+    bonds = study([SCENES["bond, then bounce"]], Knobs((), (), 6), np.random.default_rng(2))
+    for rows in (head_on[head_on["engine"] == "event"], bonds):
+        assert rows["position error, largest"].max() < 1e-14
+        assert rows["velocity error, largest"].max() < 1e-13
+        assert not rows["other bonds"].any()
+    for name in ("fixed", "adaptive"):
+        coarse, fine = head_on[head_on["engine"] == name]["position error"]
+        assert fine < coarse
+
+
+@pytest.mark.slow
 def test_event_engine_is_exact_to_rounding(frame):
     rows = frame[frame["engine"] == "event"]
     assert len(rows) == len(bouncing())
@@ -151,6 +166,7 @@ def test_event_engine_is_exact_to_rounding(frame):
     assert not rows["other bonds"].any()
 
 
+@pytest.mark.slow
 def test_event_engine_bonds_and_bounces_exactly():
     rows = study(bonding(), Knobs((), (), 48), np.random.default_rng(2))
     assert rows["position error, largest"].max() < 1e-14
@@ -158,6 +174,7 @@ def test_event_engine_bonds_and_bounces_exactly():
     assert not rows["other bonds"].any()
 
 
+@pytest.mark.slow
 def test_fixed_steps_converge_with_first_order(frame):
     fits = orders(frame)
     fits = fits[fits["engine"] == "fixed"]
@@ -168,6 +185,7 @@ def test_fixed_steps_converge_with_first_order(frame):
         assert abs(fit["position, order"] - 1.0) < 4.0 * error
 
 
+@pytest.mark.slow
 def test_adaptive_steps_converge_with_first_order_where_they_see_the_impact(frame):
     fits = orders(frame).set_index(["engine", "scene"])
     for scene in ("head-on", "oblique", "across a corner"):
@@ -175,6 +193,7 @@ def test_adaptive_steps_converge_with_first_order_where_they_see_the_impact(fram
         assert abs(fit["position, order"] - 1.0) < 4.0 * fit["position, order, standard error"]
 
 
+@pytest.mark.slow
 def test_adaptive_steps_do_not_see_who_is_no_nearest_neighbour(frame):
     rows = frame[(frame["engine"] == "adaptive") & (frame["scene"] == "two pairs")]
     # Seen a tenth of a diameter before they touch, they are late by up to the longest step, in
@@ -184,6 +203,7 @@ def test_adaptive_steps_do_not_see_who_is_no_nearest_neighbour(frame):
     assert abs(fit["position, order"]) < 4.0 * fit["position, order, standard error"]
 
 
+@pytest.mark.slow
 def test_what_the_shift_leaves_of_a_late_impact_is_a_quarter_of_a_step(frame):
     rows = frame[(frame["engine"] == "fixed") & (frame["scene"] == "head-on")]
     expected = HEAD_ON_RESTITUTION * SPEED * rows["step (s)"] / 4.0 / EDGE
@@ -191,6 +211,7 @@ def test_what_the_shift_leaves_of_a_late_impact_is_a_quarter_of_a_step(frame):
     assert np.all(away < 4.0 * rows["position error, standard error"])
 
 
+@pytest.mark.slow
 def test_velocities_of_impacts_in_line_do_not_depend_on_the_step(frame):
     rows = frame[frame["scene"].isin(("head-on", "cradle of five"))]
     assert rows["velocity error, largest"].max() < 1e-13
@@ -228,6 +249,7 @@ def test_seconds_lie_between_the_steps_around_the_goal():
     assert seconds_at(rows, 1.0) == 0.1
 
 
+@pytest.mark.slow
 def test_section_says_what_it_found_and_can_be_drawn(monkeypatch):
     monkeypatch.setattr(section_module, "QUICK", KNOBS)
     section = few_body(quick=True)

@@ -8,9 +8,8 @@ from scipy import stats
 from agglom_mpi.accuracy import time_integration
 from agglom_mpi.accuracy.ensemble import ensemble
 from agglom_mpi.accuracy.stopping_study import OWN
-from agglom_mpi.campaign import Campaign, load_campaign
-from agglom_mpi.campaign.code import Code
-from agglom_mpi.search.objectives import make_objective
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.user_function import UserFunction
 
 TARGET = "{law: growth_target, ratio: 2}"
 MOMENTS = "{law: moments, targets: {mean: 2, spread: 0.5, skewness: 0}}"
@@ -20,7 +19,9 @@ FUNCTION = "{law: function, call: 'shape:worth'}"
 def campaign(objective):
     text = load_campaign("jobs/quickstart.yaml").text
     assert text.count(TARGET) == 1
-    return Campaign.from_text(text.replace(TARGET, objective), code=Code("shape:worth", "0"))
+    return Campaign.from_text(
+        text.replace(TARGET, objective), code=UserFunction("shape:worth", "0")
+    )
 
 
 def pool(seed, count):
@@ -49,7 +50,7 @@ def test_stopping_rules_are_studied_by_growth_and_the_campaigns_own_is_left_out(
 @pytest.mark.parametrize("objective", [MOMENTS, FUNCTION, TARGET])
 def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
     studied, ours, reference = campaign(objective), pool(2, 50), pool(3, 50)
-    law = make_objective(studied.objective, 100)
+    law = studied.objective.build(100)
     bias = time_integration._objective_bias(studied, ours, reference)
     (value, error), (other, other_error) = law.of_rows(ours), law.of_rows(reference)
     # These samples are independent; so the paired error is that of a difference, but for the
@@ -62,6 +63,6 @@ def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
 
 def test_a_function_is_estimated_from_what_is_stored():
     rows = pool(4, 20)
-    value, error = make_objective(campaign(FUNCTION).objective, 100).of_rows(rows)
+    value, error = campaign(FUNCTION).objective.build(100).of_rows(rows)
     assert value == pytest.approx(rows["objective"].mean(), rel=1e-13)
     assert error == pytest.approx(stats.sem(rows["objective"]), rel=1e-12)

@@ -6,7 +6,7 @@ import pytest
 
 from agglom_mpi import load_campaign
 from agglom_mpi.accuracy.published import as_published
-from agglom_mpi.campaign.scene import SceneModel
+from agglom_mpi.config.scene import SceneSection
 
 JOBS = Path(__file__).parents[2] / "jobs"
 METHOD = {"engine", "solver", "cooling"}
@@ -14,7 +14,7 @@ METHOD = {"engine", "solver", "cooling"}
 
 def scene(**entries):
     box = {"particles": 10, "half_width": 0.01, "velocities": "uniform_x", "end_time": 1.0}
-    return SceneModel.model_validate(box | entries)
+    return SceneSection.model_validate(box | entries)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_the_papers_scenes_get_the_papers_methods(job, engine):
 
 def test_the_published_method_is_a_legal_scene():
     own = load_campaign(JOBS / "agglomeration_2004.yaml").scene
-    assert SceneModel.model_validate(as_published(own).model_dump()) == as_published(own)
+    assert SceneSection.model_validate(as_published(own).model_dump()) == as_published(own)
 
 
 def test_what_a_scene_does_not_solve_has_no_published_method():

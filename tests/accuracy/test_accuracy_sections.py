@@ -10,7 +10,7 @@ from agglom_mpi.accuracy import extremes, inversion, whole_method
 from agglom_mpi.accuracy.published import as_published
 from agglom_mpi.accuracy.time_integration import EVENT
 from agglom_mpi.accuracy.trials import with_scene
-from agglom_mpi.campaign import load_campaign
+from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.search.objectives import GrowthTarget
 
 

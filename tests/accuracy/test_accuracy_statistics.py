@@ -5,8 +5,8 @@ import pytest
 from accuracy_rows import made_up
 
 from agglom_mpi.accuracy.statistics import paired_difference
-from agglom_mpi.accuracy.words import digits, measured, percent, time
-from agglom_mpi.search.mean import mean_of
+from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
+from agglom_mpi.statistics import mean_of
 
 
 def test_paired_differences_cancel_what_samples_share():
@@ -26,7 +26,7 @@ def test_samples_that_failed_on_either_side_have_no_pair():
 
 
 def test_no_sample_is_no_measurement():
-    assert measured(mean_of([])) == "none"
+    assert format_mean(mean_of([])) == "none"
 
 
 def test_a_long_reference_is_no_mismatch():
@@ -39,14 +39,14 @@ def test_a_long_reference_is_no_mismatch():
     [(4.5e-4, "450 µs"), (9.4e-3, "9.4 ms"), (12.34, "12 s"), (3e-8, "30 ns"), (math.nan, "none")],
 )
 def test_times_are_in_the_unit_that_suits_them(value, text):
-    assert time(value) == text
+    assert format_seconds(value) == text
 
 
 def test_numbers_have_so_many_digits_and_no_exponent():
-    assert [digits(value) for value in (0.0456, 1.26, 12.6, 1234.0)] == [
+    assert [format_digits(value) for value in (0.0456, 1.26, 12.6, 1234.0)] == [
         "0.046",
         "1.3",
         "13",
         "1200",
     ]
-    assert percent(0.0478) == "4.8 %"
+    assert format_percent(0.0478) == "4.8 %"

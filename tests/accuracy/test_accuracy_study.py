@@ -11,11 +11,12 @@ from agglom_mpi.accuracy import plan as planning
 from agglom_mpi.accuracy.plan import Options, make_plan
 from agglom_mpi.accuracy.study import FEWEST, Study
 from agglom_mpi.accuracy.trials import MOVES_PER_STEP, Quota, Trial, refusal, with_scene
-from agglom_mpi.campaign import CampaignError, load_campaign
-from agglom_mpi.campaign.engines import FixedEngine
-from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.simulator import Batch, Simulator
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.scene import FixedEngine
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
+from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.scheduling.interface import TASK
 
 JOB = "jobs/quickstart.yaml"
 
@@ -38,7 +39,7 @@ def done(simulator, task):
 def outcome(steps=10, state=COMPLETED):
     row = np.zeros(1, OUTCOME)
     row["state"], row["steps"], row["mean_radius_ratio"], row["particles"] = state, steps, 2.0, 50
-    return measured(row)[0]
+    return summaries(row)[0]
 
 
 def test_a_trial_takes_its_samples_and_no_more(campaign):
@@ -123,7 +124,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     parameters = campaign.parameters()
     engine = FixedEngine(steps=20)
     trials = {"a": Trial(campaign, parameters, 3), "b": Trial(campaign, parameters, 3, engine, 40)}
-    simulator = Simulator(Study(campaign, trials, 1e9), 0)
+    simulator = SampleRunner(Study(campaign, trials, 1e9), 0)
     tasks = np.zeros(2, TASK)
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
@@ -173,7 +174,7 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = 1, study.trials["event"].parameters
-    [result], *others = done(Simulator(study, 0), task[0])
+    [result], *others = done(SampleRunner(study, 0), task[0])
     assert others == [[], [], []]
     assert result["state"] == COMPLETED
     quota = Quota(study.trials["event"], 2, 1e9)

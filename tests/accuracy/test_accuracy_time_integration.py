@@ -6,7 +6,7 @@ from accuracy_rows import made_up
 
 from agglom_mpi.accuracy import time_integration as module
 from agglom_mpi.accuracy.section import Section
-from agglom_mpi.campaign import load_campaign
+from agglom_mpi.config.campaign import load_campaign
 
 COUNT = 400
 
@@ -63,7 +63,10 @@ def test_a_coarse_step_that_is_right_by_accident_does_not_count(campaign):
     found = section(campaign, lambda share: 0.0 if share > 0.015 else (0.2 if share > 3e-3 else 0))
     at_one_percent = found.conclusions[1]
     end_time = module.end_time_of(campaign, campaign.parameters())
-    assert f"fixed {module.time(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)" in at_one_percent
+    assert (
+        f"fixed {module.format_seconds(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)"
+        in at_one_percent
+    )
 
 
 def test_noise_is_not_taken_for_accuracy(campaign):

@@ -9,25 +9,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation import allocating, kernel, stage
-from agglom_mpi.simulation.box import inside, separation
-from agglom_mpi.simulation.events.cell_size import BARELY, FEW, best_edge, choose_range, most_cells
-from agglom_mpi.simulation.events.cells import enter, lay_out, new_cells
-from agglom_mpi.simulation.events.engine import look_around, nothing_hit
-from agglom_mpi.simulation.events.movers import (
-    PATH,
-    PLAN,
+from agglom_mpi.kernels import inlined, inlined_allocating, kernel
+from agglom_mpi.simulation.boundary import separation, wrapped
+from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
+from agglom_mpi.simulation.event_driven.cells import (
+    BARELY,
+    FEW,
+    best_edge,
+    choose_range,
+    insert,
+    lay_out,
+    most_cells,
+    new_cells,
+)
+from agglom_mpi.simulation.event_driven.engine import look_around, nothing_hit
+from agglom_mpi.simulation.event_driven.event_queue import earliest, earliest_time, new_event_queue
+from agglom_mpi.simulation.event_driven.flights import (
+    NEXT_EVENT,
     RANGE,
-    Movers,
+    TRAJECTORY,
+    Flights,
     catch_up_position,
     load_velocity,
 )
-from agglom_mpi.simulation.events.prediction import look
-from agglom_mpi.simulation.events.state import Events, new_events, settle_all, start_over
-from agglom_mpi.simulation.events.tournament import earliest, earliest_time, new_tournament
-from agglom_mpi.simulation.events.turns import set_turn, turn
-from agglom_mpi.simulation.neighbours import find_partners, new_neighbours, update_neighbours
-from agglom_mpi.simulation.stepping import move
+from agglom_mpi.simulation.event_driven.prediction import predict_collision
+from agglom_mpi.simulation.event_driven.state import Events, new_events, rebuild, settle_all
+from agglom_mpi.simulation.time_driven.neighbours import (
+    find_partners,
+    new_neighbour_list,
+    update_neighbours,
+)
+from agglom_mpi.simulation.time_driven.stepping import move
 
 NOBODY = -1
 
@@ -39,7 +51,7 @@ class Bare(NamedTuple):
     velocity: np.ndarray
 
 
-@stage
+@inlined
 def bounce(velocity, e, dx, dy, dz, i, j):
     """Let two equal spheres bounce whose centres are (dx, dy, dz) in m apart; whether they do."""
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -61,46 +73,46 @@ def bounce(velocity, e, dx, dy, dz, i, j):
     return True
 
 
-@stage
+@inlined
 def take_next(scene, state, events, counts, now):
     """Let the next event happen; for whom to look around."""
-    movers, cells = events.movers, events.cells
+    flights, cells = events.flights, events.cells
     counts[0] += 1
-    i = earliest(events.tournament)
-    plan = movers.plan[i]
+    i = earliest(events.event_queue)
+    plan = flights.next_event[i]
     j = np.int64(plan["partner"])
     if plan["turn_time"] <= plan["hit_time"]:
-        return i, NOBODY, turn(scene, state, cells, movers, i, now)
-    if movers.plan[j]["version"] != plan["hit_version"]:
+        return i, NOBODY, cross_cell(scene, state, cells, flights, i, now)
+    if flights.next_event[j]["version"] != plan["hit_version"]:
         plan["hit_time"] = np.inf
         plan["partner"] = NOBODY
         return i, NOBODY, RANGE
     i, j = min(i, j), max(i, j)
-    catch_up_position(scene, state, movers, i, now)
-    catch_up_position(scene, state, movers, j, now)
+    catch_up_position(scene, state, flights, i, now)
+    catch_up_position(scene, state, flights, j, now)
     r, half = state.position, scene.half_width
     dx = separation(scene.escape, r[0, j] - r[0, i], half)
     dy = separation(scene.escape, r[1, j] - r[1, i], half)
     dz = separation(scene.escape, r[2, j] - r[2, i], half)
     counts[1] += int(bounce(state.velocity, scene.laws.restitution.value, dx, dy, dz, i, j))
-    load_velocity(movers, state, i)
-    load_velocity(movers, state, j)
-    set_turn(scene, cells, movers, i)
-    set_turn(scene, cells, movers, j)
+    load_velocity(flights, state, i)
+    load_velocity(flights, state, j)
+    schedule_crossing(scene, cells, flights, i)
+    schedule_crossing(scene, cells, flights, j)
     return i, j, RANGE
 
 
-@stage
+@inlined
 def loop(scene, state, events, counts):
     """Let one event happen after another until the end."""
-    cells, movers, tournament = events.cells, events.movers, events.tournament
-    time = earliest_time(tournament)
+    cells, flights, event_queue = events.cells, events.flights, events.event_queue
+    time = earliest_time(event_queue)
     while time <= scene.end_time:
         i, j, face = take_next(scene, state, events, counts, time)
-        look(scene, cells, movers, tournament, i, time, face, j)
+        predict_collision(scene, cells, flights, event_queue, i, time, face, j)
         if j >= 0:
-            look(scene, cells, movers, tournament, j, time, RANGE, i)
-        time = earliest_time(tournament)
+            predict_collision(scene, cells, flights, event_queue, j, time, RANGE, i)
+        time = earliest_time(event_queue)
 
 
 @kernel
@@ -108,7 +120,7 @@ def events_of_whole_state(scene, particles):
     """Run the events of particles with all that the package keeps of them; events and hits."""
     counts = np.zeros(2, np.int64)
     events = new_events(particles)
-    look_around(scene, events, nothing_hit(start_over(scene, particles, events, 0.0), RANGE), 0.0)
+    look_around(scene, events, nothing_hit(rebuild(scene, particles, events, 0.0), RANGE), 0.0)
     loop(scene, particles, events, counts)
     settle_all(scene, particles, events, scene.end_time)
     return counts
@@ -120,21 +132,23 @@ def events_of_bare_state(scene, state):
     counts = np.zeros(2, np.int64)
     events = begin(scene, state)
     for i in range(scene.particles):
-        look(scene, events.cells, events.movers, events.tournament, i, 0.0, RANGE, NOBODY)
+        predict_collision(
+            scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NOBODY
+        )
     loop(scene, state, events, counts)
     for i in range(scene.particles):
-        catch_up_position(scene, state, events.movers, i, scene.end_time)
+        catch_up_position(scene, state, events.flights, i, scene.end_time)
     return counts
 
 
-@allocating
+@inlined_allocating
 def begin(scene, state):
-    """Put everybody into cells, or among the giants where they are few."""
+    """Put everybody into cells, or among the oversize where they are few."""
     count, half = scene.particles, scene.half_width
     events = Events(
-        Movers(np.zeros(count, PATH), np.zeros(count, PLAN)),
+        Flights(np.zeros(count, TRAJECTORY), np.zeros(count, NEXT_EVENT)),
         new_cells(count, count),
-        new_tournament(count),
+        new_event_queue(count),
         np.empty(0, np.int64),
         np.empty(0, np.int64),
     )
@@ -143,12 +157,12 @@ def begin(scene, state):
     lay_out(events.cells, along)
     choose_range(events.cells, scene.radius, half)
     for i in range(count):
-        path = events.movers.path[i]
+        path = events.flights.trajectory[i]
         path["x"], path["y"], path["z"] = state.position[:, i]
         path["time"], path["radius"] = 0.0, scene.radius
-        load_velocity(events.movers, state, i)
-        enter(scene, events.cells, events.movers, i)
-        set_turn(scene, events.cells, events.movers, i)
+        load_velocity(events.flights, state, i)
+        insert(scene, events.cells, events.flights, i)
+        schedule_crossing(scene, events.cells, events.flights, i)
     return events
 
 
@@ -158,7 +172,7 @@ def steps_of_whole_state(scene, particles):
     counts = np.zeros(2, np.int64)
     count = scene.particles
     partner, squared = np.empty(count, np.int64), np.empty(count)
-    neighbours = new_neighbours(count)
+    neighbours = new_neighbour_list(count)
     step = scene.end_time / scene.engine.steps
     reach = scene.radius
     for index in range(scene.engine.steps):
@@ -171,7 +185,7 @@ def steps_of_whole_state(scene, particles):
     return counts
 
 
-@stage
+@inlined
 def bounce_in_turn(scene, particles, partner, squared):
     """Let each sphere bounce off its nearest neighbour if they touch; how many do."""
     r, half, bounces = particles.position, scene.half_width, 0
@@ -193,13 +207,13 @@ def bounce_in_turn(scene, particles, partner, squared):
     return bounces
 
 
-@stage
+@inlined
 def shift(scene, particles, i, overlap):
     """Shift a sphere along its velocity by its share of the overlap  [A 8]."""
     r, v = particles.position, particles.velocity
     speed = math.sqrt(v[0, i] ** 2 + v[1, i] ** 2 + v[2, i] ** 2)
     if overlap > 0.0 and speed > 0.0:
         length = overlap * scene.radius / speed
-        r[0, i] = inside(scene.escape, r[0, i] + length * v[0, i], scene.half_width)
-        r[1, i] = inside(scene.escape, r[1, i] + length * v[1, i], scene.half_width)
-        r[2, i] = inside(scene.escape, r[2, i] + length * v[2, i], scene.half_width)
+        r[0, i] = wrapped(scene.escape, r[0, i] + length * v[0, i], scene.half_width)
+        r[1, i] = wrapped(scene.escape, r[1, i] + length * v[1, i], scene.half_width)
+        r[2, i] = wrapped(scene.escape, r[2, i] + length * v[2, i], scene.half_width)

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.campaign.engines import AdaptiveEngine, EventEngine, FixedEngine
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.scene import AdaptiveEngine, EventEngine, FixedEngine
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
@@ -77,7 +76,7 @@ def print_bias(job, samples=None):
     row, usual = ROWS[job]
     samples = samples or usual
     values = dict(zip(NAMES, row, strict=False))
-    end_time = build_scene(campaign.scene, campaign.parameters(values)).end_time
+    end_time = campaign.scene.build(campaign.parameters(values)).end_time
     exact, cost = growth(campaign, values, samples, EventEngine())
     mean, error = mean_and_error(exact)
     print(f"\n{job}, row 1, {samples} samples, end time {end_time:.4g} s")

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from agglom_mpi import Box
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.scene import build_scene
 
 COUNTS = (100, 1000, 10_000)
 STEPS = (1, 10, 100, 1000)
@@ -53,7 +52,7 @@ def run_in(box, end, steps):
 def measure(count):
     """Medians in s of processor time: the bare kernel, the box in so many steps, an empty step."""
     campaign, end = campaign_of(count)
-    scene, box = build_scene(campaign.scene, campaign.parameters()), Box(campaign)
+    scene, box = campaign.scene.build(campaign.parameters()), Box(campaign)
     box.advance(end)
     simulate_scene(scene, np.random.default_rng(1))
     rows = {"kernel": [], "placement": [], "empty": [], **{steps: [] for steps in STEPS}}

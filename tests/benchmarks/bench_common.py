@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.search.space import search_space
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
@@ -30,7 +29,7 @@ DISTANCES = (1e-3, 0.01, 0.1)
 
 def strings_near(campaign, optimum, distance, count):
     """Strings uniform in the cube around one, shape (count, 10), within the box."""
-    space = search_space(campaign.variables)
+    space = campaign.variables.space()
     [centre] = space.to_unit(campaign.parameters(dict(zip(NAMES, optimum, strict=False)))[None])
     rng = np.random.default_rng(7)
     moves = distance * rng.uniform(-1.0, 1.0, (count, space.dimensions))
@@ -41,9 +40,9 @@ def grown(campaign, strings, samples, common):
     """Mean radius ratios of so many samples of each string, shape (strings, samples)."""
     found = np.empty((len(strings), samples))
     for row, string in zip(found, strings, strict=True):
-        scene = build_scene(campaign.scene, string)
+        scene = campaign.scene.build(string)
         for k in range(samples):
-            record, _ = simulate_scene(scene, random_stream(campaign.seed, string, k, common))
+            record, _ = simulate_scene(scene, sample_stream(campaign.seed, string, k, common))
             row[k] = record["mean_radius_ratio"]
     assert np.isfinite(found).all()
     return found

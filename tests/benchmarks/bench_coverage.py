@@ -14,10 +14,9 @@ import pytest
 from bench_bias import ROWS
 
 from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.estimates import interval
+from agglom_mpi.analysis.estimates import interval
+from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import make_rule
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
@@ -56,7 +55,7 @@ def searched(campaign, law, pool, rng):
     truth, _ = law.of_rows(pool)
     draws = rng.integers(len(pool), size=(rules.max_samples, ORDERS))
     paths = run_paths(pool, law, draws)
-    stops = stop(make_rule(rules), paths, rules.min_samples, rules.max_samples)
+    stops = stop(rules.build(), paths, rules.min_samples, rules.max_samples)
     values = np.abs(at_stop(paths.deviation, stops))
     errors = at_stop(paths.standard_error, stops)
     rows = zip(values, errors, stops.used, strict=True)

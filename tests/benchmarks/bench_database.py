@@ -14,15 +14,15 @@ import h5py
 import pytest
 from farm_runs import environment, finish, start
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
 GENERATIONS = "8"
 RUNS = 5
 POLLER = """
 import sys, time
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.report.summary import summarise
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.analysis.summary import summarise
 
 path, looks, seconds = sys.argv[1], 0, 0.0
 try:
@@ -48,7 +48,8 @@ def run(folder, database=None, ranks=None):
     path = folder / "a.h5"
     path.unlink(missing_ok=True)
     words = [] if database is None else ["--database", database]
-    finish(folder, JOB, "-o", path, "--generations", GENERATIONS, "-q", *words, ranks=ranks)
+    options = {"ranks": ranks, "alone": True}
+    finish(folder, JOB, "-o", path, "--generations", GENERATIONS, "-q", *words, **options)
     return open_campaign(path).legs()[-1], path
 
 

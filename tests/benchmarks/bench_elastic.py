@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from agglom_mpi import load_campaign
-from agglom_mpi.campaign.engines import EventEngine
+from agglom_mpi.config.scene import EventEngine
 
 SCENE = Path(__file__).parents[2] / "jobs" / "extremes" / "elastic.yaml"
 

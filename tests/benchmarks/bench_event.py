@@ -1,7 +1,7 @@
 """Speed of the event engine, beside the steppers and beside REBOUND where that is installed.
 
 Run with `pytest tests/benchmarks/bench_event.py -m benchmark -s` (about five minutes, half of them
-REBOUND's), or one part of it with `-k gas`, `merging`, `published`, `million`, `first` or `giant`.
+REBOUND's), or one part of it with `-k gas`, `merging`, `published`, `million`, `first`, `oversize`.
 One thread each. The engine is timed alone: placement and measuring are set aside.
 """
 
@@ -18,24 +18,27 @@ import numpy as np
 import pytest
 import rebound_peer as peer
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.compilation import kernel
-from agglom_mpi.physics.contact_area import ContactArea
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.kernels import kernel
+from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
 from agglom_mpi.simulation import sample  # noqa: F401  (registers the engines)
-from agglom_mpi.simulation.allocation import new_particles
-from agglom_mpi.simulation.box import Periodic
-from agglom_mpi.simulation.engines import advance
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import (
+    EqualSizes,
+    SpreadVelocities,
+    draw_velocities,
+    place_randomly,
+)
 from agglom_mpi.simulation.particles import (
     COLLISIONS,
     EXHAUSTED,
     STEPS,
     Particles,
     new_ledger,
+    new_particles,
 )
-from agglom_mpi.simulation.placement import EqualSizes, place
-from agglom_mpi.simulation.scene import EventDriven, Scene
-from agglom_mpi.simulation.velocities import SpreadVelocities, draw_velocities
+from agglom_mpi.simulation.scene import EventDriven, Scene, run_to_end
 from agglom_mpi.variables import NAMES
 
 ENGINE = EventDriven(100_000)
@@ -79,7 +82,7 @@ ROWS = {
 JOBS = Path(__file__).parents[2] / "jobs"
 GIANT = 100.0
 SPARSE = 1e-4
-"""Volume fraction of the grains around the giant."""
+"""Volume fraction of the grains around the oversize particle."""
 
 
 def make_scene(count, radius, restitution, end_time, half=HALF):
@@ -133,7 +136,7 @@ def start(scene, random):
     count = scene.particles
     particles = new_particles(scene, count, None)
     sizes = EqualSizes(2.0 * scene.radius)
-    place(random, scene.escape, particles.position, sizes, scene.half_width)
+    place_randomly(random, scene.escape, particles.position, sizes, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
     return particles
 
@@ -141,7 +144,7 @@ def start(scene, random):
 @kernel
 def run_engine(scene, particles, abort):
     ledger = new_ledger()
-    advance(scene.engine, scene, particles, ledger, abort, None)
+    run_to_end(scene.engine, scene, particles, ledger, abort, None)
     return ledger
 
 
@@ -384,7 +387,7 @@ def resident():
 
 FIRST_SAMPLE = """
 import sys
-from agglom_mpi.campaign import load_campaign
+from agglom_mpi import load_campaign
 campaign = load_campaign(sys.argv[1])
 campaign.simulate(eval(sys.argv[2]), 0, "event")
 """
@@ -410,8 +413,8 @@ def seconds_of_process(folder, arguments):
     return time.perf_counter() - begin
 
 
-def around_giant(count, giant):
-    """Return a scene and its start: grains on a jittered lattice, with a giant in their middle."""
+def around_giant(count, oversize):
+    """Return a scene and its start: grains on a jittered lattice about one oversize particle."""
     radius = 1e-5
     spacing = radius * (4.0 * math.pi / 3.0 / SPARSE) ** (1.0 / 3.0)
     reach = (GIANT + 2.0) * radius
@@ -426,17 +429,17 @@ def around_giant(count, giant):
     sites = sites[np.linalg.norm(sites, axis=1) > reach]
     sites = random.permutation(sites)[:count]
     assert len(sites) == count
-    scene = make_scene(count + giant, radius, 1.0, 0.0, half)
+    scene = make_scene(count + oversize, radius, 1.0, 0.0, half)
     scene = scene._replace(end_time=time_of(scene, SPARSE, 1))
-    return scene, grains_and_giant(scene, sites, giant, random)
+    return scene, grains_and_giant(scene, sites, oversize, random)
 
 
-def grains_and_giant(scene, sites, giant, random):
+def grains_and_giant(scene, sites, oversize, random):
     particles = new_state(scene)
     count = len(sites)
     particles.position[:, :count] = sites.T
     particles.velocity[:, :count] = SPEED * random.uniform(-1.0, 1.0, (3, count))
-    if giant:
+    if oversize:
         particles.radius[count] *= GIANT
         particles.mass[count] *= GIANT**3
     return particles
@@ -452,13 +455,13 @@ def test_print_the_cost_of_a_giant():
     warm_up()
     print(f"\ngrains at phi = {SPARSE:g} with and without a sphere {GIANT:g} times their radius")
     widths = (8, 8, 13, 19, 16, 10)
-    titles = ("N", "giant", "collisions", "events/collision", "us/collision", "us/event")
+    titles = ("N", "oversize", "collisions", "events/collision", "us/collision", "us/event")
     print_row(widths, titles)
     for count in (2000, 8000, 32_000):
-        for giant in (False, True):
-            scene, particles = around_giant(count, giant)
+        for oversize in (False, True):
+            scene, particles = around_giant(count, oversize)
             seconds, ledger, _ = median_run(scene, particles, 3)
             impacts, events = int(ledger.tally[COLLISIONS]), int(ledger.tally[STEPS])
-            row = (count, "yes" if giant else "no", impacts, f"{events / impacts:.2f}")
+            row = (count, "yes" if oversize else "no", impacts, f"{events / impacts:.2f}")
             micro = (f"{seconds / impacts * 1e6:.3f}", f"{seconds / events * 1e6:.3f}")
             print_row(widths, row + micro)

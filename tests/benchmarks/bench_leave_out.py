@@ -13,15 +13,14 @@ import pytest
 from bare_kernels import Bare, events_of_bare_state, events_of_whole_state, steps_of_whole_state
 from bench_event import HALF, SPEED, make_gas, print_row, run_engine, start
 
-from agglom_mpi.physics.cooling import Exact, ForwardEuler, RadiativeCooling
-from agglom_mpi.physics.duration import CompressionRecoveryDuration
+from agglom_mpi.physics.contact import CompressionRecoveryDuration
+from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCooling
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import PairSplit
-from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.heating import ContactAreaReaction, PairSplit
+from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.restitution import ContactTimeRestitution, PressureRestitution
-from agglom_mpi.physics.solvers import RootFinder
 from agglom_mpi.simulation.particles import COLLISIONS
 from agglom_mpi.simulation.scene import FixedSteps
 
@@ -62,7 +61,7 @@ def pairs():
         restitution=PressureRestitution(),
         duration=CompressionRecoveryDuration(1.0),
         hardness=ConstantHardness(1e9),
-        solver=RootFinder(),
+        solver=BracketedRoot(),
     )
     frail = PairEnergyFragmentation(1e300)
     everything = {
@@ -77,10 +76,10 @@ def pairs():
         ("heating", lean, warm),
         ("reaction, kappa = 0", warm, changed(warm, reaction=ContactAreaReaction(0.0))),
         ("fragmentation, gamma = 1e300", warm, changed(warm, fragmentation=frail)),
-        ("cooling, emissivity 0", warm, changed(warm, Exact(SHADOW))),
-        ("the same in fixed Euler steps", steps, changed(steps, ForwardEuler(SHADOW))),
+        ("cooling, emissivity 0", warm, changed(warm, ExactCooling(SHADOW))),
+        ("the same in fixed Euler steps", steps, changed(steps, EulerCooling(SHADOW))),
         ("arrhenius hardness, U = 0", hard, changed(hard, hardness=ArrheniusHardness(1e9, 0.0))),
-        ("all but the last two", lean, changed(warm, Exact(SHADOW), **everything)),
+        ("all but the last two", lean, changed(warm, ExactCooling(SHADOW), **everything)),
     ]
 
 

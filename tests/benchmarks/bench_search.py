@@ -14,15 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.search import make_objective
-from agglom_mpi.search.ensembles import Ensemble
-from agglom_mpi.search.space import search_space
-from agglom_mpi.search.stopping import make_rule
-from agglom_mpi.simulation.outcome import measured
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.outcome import summaries
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.simulation.sample import simulate_scene
 
 JOBS = Path(__file__).parents[2] / "jobs"
 JOB, DOUBLING = JOBS / "agglomeration_2004.yaml", JOBS / "accretion_2003.yaml"
@@ -82,17 +79,17 @@ def campaign(name, seed, job=JOB):
 
 
 def simulate(of, parameters, sample):
-    random = random_stream(of.seed, parameters, sample, of.common_configurations)
-    record, _ = simulate_scene(build_scene(of.scene, parameters, None), random)
+    random = sample_stream(of.seed, parameters, sample, of.common_configurations)
+    record, _ = simulate_scene(of.scene.build(parameters, None), random)
     rows = np.zeros(1, record.dtype)
     rows[0] = record
-    return measured(rows)[0]
+    return summaries(rows)[0]
 
 
 def estimate(of, parameters, samples):
     """Objective of a string on fresh samples, and its standard error."""
     outcomes = [simulate(of, parameters, FRESH + i) for i in range(samples)]
-    return make_objective(of.objective, of.scene.particles).of_ensemble(outcomes)
+    return of.objective.build(of.scene.particles).of_ensemble(outcomes)
 
 
 class Best:
@@ -113,7 +110,7 @@ class Best:
 def searched(name, seed, samples, job=JOB):
     """Search with so many samples; yields samples used and the best strings after generations."""
     of, book = campaign(name, seed, job), Best()
-    inversion = CampaignWork(of).inversion(None, book)
+    inversion = InversionExperiment(of).inversion(None, book)
     inversion.start()
     used, told = 0, 0
     while used < samples:
@@ -138,12 +135,12 @@ def searched_by_pymoo(name, seed, samples):
     from pymoo.problems.static import StaticProblem
 
     of = campaign(name, seed)
-    space, ensemble = search_space(of.variables), of.ensemble
+    space, ensemble = of.variables.space(), of.ensemble
     problem = Problem(n_var=space.dimensions, n_obj=1, xl=0.0, xu=1.0)
     algorithm = GA(pop_size=20)
     algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)
-    objective = make_objective(of.objective, of.scene.particles)
-    rule, used = make_rule(ensemble), 0
+    objective = of.objective.build(of.scene.particles)
+    rule, used = ensemble.build(), 0
     while used < samples:
         found = algorithm.ask()
         worth = []

@@ -11,25 +11,28 @@ import numba
 import numpy as np
 import pytest
 
-from agglom_mpi.physics.contact_area import ContactArea
+from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
-from agglom_mpi.simulation.allocation import new_particles
-from agglom_mpi.simulation.box import Periodic
-from agglom_mpi.simulation.fixed import resolve_in_turn
-from agglom_mpi.simulation.neighbours import (
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import (
+    EqualSizes,
+    SpreadVelocities,
+    draw_velocities,
+    place_randomly,
+)
+from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
+from agglom_mpi.simulation.time_driven.neighbours import (
     AGE,
     LASTING,
     find_partners,
-    new_neighbours,
+    new_neighbour_list,
     out_of_date,
     rebuild,
 )
-from agglom_mpi.simulation.particles import new_ledger
-from agglom_mpi.simulation.placement import EqualSizes, place
-from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
-from agglom_mpi.simulation.stepping import move
-from agglom_mpi.simulation.velocities import SpreadVelocities, draw_velocities
+from agglom_mpi.simulation.time_driven.steppers import resolve_sequentially
+from agglom_mpi.simulation.time_driven.stepping import move
 
 COUNTS = (100, 1000, 10_000)
 SHARES = (0.005, 0.02)
@@ -96,9 +99,9 @@ def prepare(scene, random):
     count = scene.particles
     particles = new_particles(scene, count, None)
     sizes = EqualSizes(2.0 * scene.radius)
-    place(random, scene.escape, particles.position, sizes, scene.half_width)
+    place_randomly(random, scene.escape, particles.position, sizes, scene.half_width)
     draw_velocities(scene.velocities, random, particles.velocity)
-    return particles, new_ledger(), new_neighbours(count)
+    return particles, new_ledger(), new_neighbour_list(count)
 
 
 @numba.njit(error_model="numpy")
@@ -114,7 +117,7 @@ def repeat(what, times, scene, particles, ledger, neighbours, partner, squared):
         elif what == 2:
             move(scene, particles, 0.0)
         elif what == 3:
-            resolve_in_turn(scene, particles, ledger, neighbours, partner, squared, 0.0)
+            resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, 0.0)
         elif what == 4:
             particles.position[0, 0] += 1e-30
             stale += out_of_date(scene, particles, neighbours, 0.0)

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from agglom_mpi.campaign import Campaign, load_campaign
-from agglom_mpi.farm import virtual
-from agglom_mpi.farm.rehearsal import Rehearsal
-from agglom_mpi.farm.scheduler import Scheduler
-from agglom_mpi.farm.trial import simulate_some
-from agglom_mpi.farm.virtual import FREE, Costs, VirtualCluster
-from agglom_mpi.farm.work import CampaignWork
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.planning import cluster_simulator as virtual
+from agglom_mpi.planning.cluster_simulator import FREE, ClusterSimulator, MessageCosts
+from agglom_mpi.planning.pilot import run_pilot
+from agglom_mpi.planning.workload import EmpiricalWorkload
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.scheduling.scheduler import Scheduler
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -64,11 +64,11 @@ def sized(campaign, population, parents, generations):
 
 def forecast(campaign, rehearsal, ranks, costs=FREE, used=None):
     """Let the campaign run; the forecast and the samples that strings used."""
-    work = CampaignWork(campaign)
+    work = InversionExperiment(campaign)
     with pytest.MonkeyPatch.context() as patch:
         if used is not None:
             patch.setattr(virtual, "Scheduler", type("Told", (Foresight,), {"used": used}))
-        cluster = VirtualCluster(
+        cluster = ClusterSimulator(
             lambda observer: work.inversion(None, observer), rehearsal, ranks, costs
         )
         return cluster.run(), cluster.chain.used
@@ -77,8 +77,8 @@ def forecast(campaign, rehearsal, ranks, costs=FREE, used=None):
 def print_shares(job, seconds=MEASURE):
     """Print the table of one campaign; all shares."""
     campaign = load_campaign(JOBS / f"{job}.yaml")
-    recorded = simulate_some(campaign, seconds, lambda text: None)
-    rehearsal, costs = Rehearsal(recorded, campaign), Costs()
+    recorded = run_pilot(campaign, seconds, lambda text: None)
+    rehearsal, costs = EmpiricalWorkload(recorded, campaign), MessageCosts()
     times, shares = recorded.rows["seconds"], []
     print(
         f"\n{job}: {len(times)} samples of {len(recorded.parameters)} strings, mean "

@@ -12,24 +12,25 @@ from types import SimpleNamespace
 import numpy as np
 from mpi4py import MPI
 
-from agglom_mpi.farm import messages, pace
-from agglom_mpi.farm.crew import Crew
-from agglom_mpi.farm.scheduler import Scheduler
-from agglom_mpi.farm.simulator import Series, Simulator
-from agglom_mpi.farm.worker import work as serve
-from agglom_mpi.search import Progress
+from agglom_mpi.runtime.sample_runner import SampleRunner, SampleTask
+from agglom_mpi.runtime.worker import serve_coordinator as serve
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.scheduling import estimators as pace
+from agglom_mpi.scheduling import interface
+from agglom_mpi.scheduling.scheduler import Scheduler
+from agglom_mpi.search.inversion import Progress
 
 STRINGS, SAMPLES = 20, 10**9
 
 
-class Nothing(Series):
+class Nothing(SampleTask):
     """Samples that take no time."""
 
     def _do(self, sample):
         """Leave the record empty."""
 
 
-class Idle(Simulator):
+class Idle(SampleRunner):
     """A simulator that has nothing to do."""
 
     def __init__(self, rank):
@@ -66,10 +67,10 @@ def farm(most, seconds):
     pace.MOST_SAMPLES = most
     world = MPI.COMM_WORLD
     if world.rank:
-        messages.MOST_SAMPLES = max(most, messages.MOST_SAMPLES)
+        interface.MOST_SAMPLES = max(most, interface.MOST_SAMPLES)
         serve(world, Idle(world.rank), None)
         return
-    crew, needs, returned = Crew(Idle(0), world), Endless(), [0, 0]
+    crew, needs, returned = WorkerPool(Idle(0), world), Endless(), [0, 0]
     plan = Scheduler(needs, world.size, experience=[10**8] * 10)
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds:
@@ -110,7 +111,7 @@ def wait(_, seconds):
         serve(world, Idle(world.rank), None)
         print((time.process_time() - used) / (time.perf_counter() - begin))
         return
-    crew, end = Crew(Idle(0), world), time.perf_counter() + seconds
+    crew, end = WorkerPool(Idle(0), world), time.perf_counter() + seconds
     while time.perf_counter() < end:
         for _ in crew.deliveries():
             pass

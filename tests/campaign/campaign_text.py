@@ -1,6 +1,6 @@
 """A small valid campaign, and copies of it with single lines changed."""
 
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
 
 TEXT = """\
 title: A test

@@ -3,8 +3,8 @@
 import pytest
 from campaign_text import campaign
 
-from agglom_mpi.campaign import CampaignError
-from agglom_mpi.campaign.plan import FinalAnswer
+from agglom_mpi.config.ensemble import FinalAnswer
+from agglom_mpi.config.yaml_source import CampaignError
 
 
 def test_the_best_are_estimated_again_unless_it_is_switched_off():

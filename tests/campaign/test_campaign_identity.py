@@ -1,11 +1,13 @@
 """The identity holds what decides results, the description says what would run."""
 
 import json
+from typing import Annotated
 
 import pytest
 from campaign_text import campaign, constant
 
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.validation import LATER, Section
 
 
 @pytest.mark.parametrize(
@@ -184,3 +186,17 @@ def test_what_is_stored_of_a_sample_is_described_with_its_size(
     assert found == stored
     left_out = [line.partition(": ")[2] for line in lines if line.startswith("  not stored of a s")]
     assert left_out == ([] if absent is None else [absent])
+
+
+class Later(Section):
+    old: int = 1
+    new: Annotated[int, LATER] = 2
+
+
+class Around(Section):
+    inner: Later = Later()
+
+
+def test_a_field_added_later_is_an_entry_only_if_it_is_asked_for() -> None:
+    assert Around().entries() == {"inner": {"old": 1}}
+    assert Around(inner=Later(new=3)).entries() == {"inner": {"old": 1, "new": 3}}

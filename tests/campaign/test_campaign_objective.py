@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from campaign_text import campaign, edited
 
-from agglom_mpi.campaign import Campaign, CampaignError, check_campaign, load_campaign
-from agglom_mpi.campaign.code import Code, load_function, recorded_code, worth_of
+from agglom_mpi.config.campaign import Campaign, check_campaign, load_campaign
+from agglom_mpi.config.user_function import UserFunction, evaluate, load_function, recorded_function
+from agglom_mpi.config.yaml_source import CampaignError
 
 FUNCTION = "objective: {law: function, call: 'shape:worth'}"
 LINE = edited().splitlines().index("objective: {law: growth_target, ratio: 2}") + 1
@@ -140,8 +141,8 @@ def test_a_check_reads_the_code_but_cannot_run_it(written: Path) -> None:
         checked.describe()
     )
     with pytest.raises(ValueError, match="the source of 'shape:worth' is not known here"):
-        worth_of(checked.code, None)
-    assert recorded_code(allowed.identity()) == checked.code == allowed.code.unread
+        evaluate(checked.code, None)
+    assert recorded_function(allowed.identity()) == checked.code == allowed.code.unread
 
 
 def test_a_campaign_from_text_alone_does_not_know_its_function() -> None:
@@ -185,12 +186,12 @@ def test_the_code_travels_with_the_campaign_and_is_not_read_again(written: Path)
     loaded = load_campaign(written, allow_code=True)
     (written.parent / "shape.py").unlink()
     arrived: Campaign = pickle.loads(pickle.dumps(loaded))
-    assert worth_of(arrived.code, None) == 1.5
+    assert evaluate(arrived.code, None) == 1.5
 
 
-def code(body: str) -> Code:
+def code(body: str) -> UserFunction:
     source = f"def worth(sample):\n    {body}\n".encode()
-    return Code("shape:worth", body, source)
+    return UserFunction("shape:worth", body, source)
 
 
 @pytest.mark.parametrize(
@@ -208,11 +209,11 @@ def code(body: str) -> Code:
 )
 def test_what_is_no_finite_float_is_an_error(body: str, error: type, said: str) -> None:
     with pytest.raises(error, match=said):
-        worth_of(code(body), None)
+        evaluate(code(body), None)
 
 
 def test_numpy_floats_are_floats() -> None:
-    assert worth_of(code("import numpy; return numpy.float64(0.25)"), None) == 0.25
+    assert evaluate(code("import numpy; return numpy.float64(0.25)"), None) == 0.25
 
 
 def test_a_module_may_use_dataclasses_and_is_executed_once() -> None:
@@ -226,6 +227,6 @@ def worth(sample):
     calls.append(sample)
     return float(len(calls)) + Wanted(2.0).mean
 """
-    own = Code("shape:worth", "dataclasses", source)
-    assert [worth_of(own, None), worth_of(own, None)] == [3.0, 4.0]
-    assert load_function(own) is load_function(Code(*own))
+    own = UserFunction("shape:worth", "dataclasses", source)
+    assert [evaluate(own, None), evaluate(own, None)] == [3.0, 4.0]
+    assert load_function(own) is load_function(UserFunction(*own))

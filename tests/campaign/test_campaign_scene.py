@@ -3,18 +3,18 @@
 import pytest
 from campaign_text import campaign, constant
 
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.physics.cooling import Exact, ForwardEuler, QuarticCooling, RadiativeCooling
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
     ContactTimeRestitution,
     PressureRestitution,
 )
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, build_scene
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
 
 
 def built(loaded: Campaign, engine: str | None = None) -> Scene:
-    return build_scene(loaded.scene, loaded.parameters(), loaded.engine(engine))
+    return loaded.scene.build(loaded.parameters(), loaded.engine(engine))
 
 
 def test_the_scene_has_the_engine_of_the_campaign_or_another() -> None:
@@ -23,7 +23,7 @@ def test_the_scene_has_the_engine_of_the_campaign_or_another() -> None:
     assert built(own, "fixed:20").engine == FixedSteps(20)
     assert built(own, "adaptive").engine == AdaptiveSteps(1e-6, 1e-3)
     assert built(campaign(), "event").engine == EventDriven(20_000)
-    assert build_scene(own.scene, own.parameters()).engine == EventDriven(7)
+    assert own.scene.build(own.parameters()).engine == EventDriven(7)
 
 
 LAWS = {
@@ -37,14 +37,14 @@ def test_steppers_cool_as_the_campaign_says_and_the_event_engine_exactly(law: st
     euler = campaign(("  cooling", f"  cooling: {{law: {law}, integration: euler}}"))
     exact = campaign(("  cooling", f"  cooling: {{law: {law}}}"), ("  engine", "  engine: event"))
     wanted = {
-        (euler, None): ForwardEuler,
-        (euler, "fixed:10"): ForwardEuler,
-        (euler, "adaptive"): ForwardEuler,
-        (euler, "event"): Exact,
-        (exact, None): Exact,
-        (exact, "event"): Exact,
-        (exact, "fixed"): Exact,
-        (exact, "adaptive"): Exact,
+        (euler, None): EulerCooling,
+        (euler, "fixed:10"): EulerCooling,
+        (euler, "adaptive"): EulerCooling,
+        (euler, "event"): ExactCooling,
+        (exact, None): ExactCooling,
+        (exact, "event"): ExactCooling,
+        (exact, "fixed"): ExactCooling,
+        (exact, "adaptive"): ExactCooling,
     }
     for (loaded, engine), integration in wanted.items():
         cooling = built(loaded, engine).cooling

@@ -3,7 +3,8 @@
 import pytest
 from campaign_text import campaign, edited
 
-from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.yaml_source import CampaignError
 
 FIXED = (
     ("  relative_speed", "  relative_speed: 3"),

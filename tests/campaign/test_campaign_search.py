@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from campaign_text import campaign
 
-from agglom_mpi.campaign import CampaignError, load_campaign
-from agglom_mpi.campaign.search import EarlierCampaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.search import EarlierCampaign
+from agglom_mpi.config.yaml_source import CampaignError
 
 JOBS = Path(__file__).parents[2] / "jobs"
 

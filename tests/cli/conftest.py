@@ -5,14 +5,9 @@ from click.testing import CliRunner
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory):
+def finished(shared_campaign):
     """Return a folder with a tiny campaign and its file."""
-    from farm_runs import TINY, finish, write_campaign
-
-    folder = tmp_path_factory.mktemp("tiny")
-    write_campaign(folder / "tiny.yaml", **TINY)
-    finish(folder, "tiny.yaml")
-    return folder
+    return shared_campaign("tiny")
 
 
 @pytest.fixture

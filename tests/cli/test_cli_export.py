@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from farm_runs import decisions, environment, invert
+from processes import HANG
 
 from agglom_mpi import open_campaign
 
@@ -158,7 +159,7 @@ def test_a_target_that_cannot_be_written_is_one_message(mistaken, tmp_path):
     assert said == f"{tmp_path}/nowhere/c.h5: No such file or directory"
 
 
-@pytest.mark.parametrize("blocks", [1, 4, 8])
+@pytest.mark.parametrize("blocks", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8))])
 def test_a_full_disc_is_one_message(finished, tmp_path, blocks):
     words = ["agglom", "export", "tiny.h5", "--compact", str(tmp_path / "copy.h5")]
     done = subprocess.run(
@@ -167,7 +168,7 @@ def test_a_full_disc_is_one_message(finished, tmp_path, blocks):
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
         check=False,
     )
     assert (done.returncode, done.stderr) == (2, f"{tmp_path}/copy.h5: File too large\n")

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from bulk_runs import COUNT, STRINGS, write_bulk_campaign
 from farm_runs import TINY, environment, finish
+from processes import HANG
 from vtk_files import assert_shows, read_vtkhdf
 
 from agglom_mpi import load_campaign, open_campaign
-from agglom_mpi.campaign import Campaign, CampaignError
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
-from agglom_mpi.simulation.outcome import COMPLETED
 from agglom_mpi.variables import NAMES
 
 
@@ -171,6 +173,7 @@ def test_what_paraview_is_to_show_is_for_paraview(agglom, tmp_path, words):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_full_disc_is_one_message(pictured, tmp_path):
     words = ["agglom", "export", str(pictured), "--paraview", str(tmp_path / "out.vtkhdf")]
     done = subprocess.run(
@@ -178,7 +181,7 @@ def test_a_full_disc_is_one_message(pictured, tmp_path):
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
         check=False,
     )
     assert (done.returncode, done.stderr) == (2, f"{tmp_path}/out.vtkhdf: File too large\n")

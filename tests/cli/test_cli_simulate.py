@@ -144,7 +144,7 @@ def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):
     def fail(*arguments):
         raise RuntimeError("sample 0 failed: non-finite state")
 
-    monkeypatch.setattr("agglom_mpi.campaign.Campaign.simulate", fail)
+    monkeypatch.setattr("agglom_mpi.config.campaign.Campaign.simulate", fail)
     done = agglom("simulate", "tiny.yaml")
     assert (done.exit_code, done.stdout) == (1, "sample 0 failed: non-finite state\n")
     done = agglom("simulate", "tiny.yaml", "--json")

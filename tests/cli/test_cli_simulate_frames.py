@@ -11,7 +11,7 @@ from matplotlib import image
 from vtk_files import assert_shows
 
 from agglom_mpi import load_campaign, open_campaign
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.variables import NAMES as VARIABLES
 
 NAMES = ["cloud.png", "cloud.svg", "evolution.png", "evolution.svg", "particles.vtkhdf"]

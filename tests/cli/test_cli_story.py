@@ -7,10 +7,11 @@ has an error can be compared.
 import math
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
+import pytest
 from farm_runs import environment, need_mpirun
+from processes import HANG, program
 
 STORY = Path(__file__).parents[2] / "jobs" / "story"
 STARTS = ("agglom ", "mpirun ", "python ")
@@ -31,18 +32,11 @@ def told():
 
 
 def carried_out(command, folder):
-    done = subprocess.run(
-        command,
-        shell=True,
-        cwd=folder,
-        env=environment(MPLBACKEND="Agg", COLUMNS="160"),
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    env = environment(MPLBACKEND="Agg", COLUMNS="160")
+    with program(["bash", "-c", command], cwd=folder, env=env) as process:
+        printed, errors = process.communicate(timeout=4 * HANG)
+    assert process.returncode == 0, errors
+    return printed.splitlines()
 
 
 def labels(lines):
@@ -56,6 +50,7 @@ def mean_radius(lines):
     return [float(number) for number in line.split()[1::2]]
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_story_print_what_it_says(tmp_path):
     need_mpirun()
     for name in ("growth_by_half.yaml", "figure.py"):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from farm_runs import environment
+from processes import HANG
 
 CONFIGURATION = """
 ClusterName=agglom
@@ -71,7 +72,8 @@ class Slurm:
         configuration.write_text(
             CONFIGURATION.format(host=host, folder=folder, port=port, next_port=port % 60000 + 1025)
         )
-        self.environment = environment(SLURM_CONF=str(configuration))
+        kernels = os.environ.get("NUMBA_CACHE_DIR", str(folder / "kernels"))
+        self.environment = environment(SLURM_CONF=str(configuration), NUMBA_CACHE_DIR=kernels)
         self("slurmctld", "-c")
         self("slurmd", "-c")
         self.wait(lambda: self("sinfo", "-h", "-o", "%t").strip() == "idle", "no idle node")
@@ -84,7 +86,7 @@ class Slurm:
             cwd=folder,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=HANG,
             check=False,
         )
         assert done.returncode == 0, f"{words}: {done.stderr}"

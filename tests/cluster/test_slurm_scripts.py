@@ -2,55 +2,54 @@
 
 import pytest
 from farm_runs import (
-    SLOW,
-    SLOWLY,
+    SMALL,
     TINY,
     assert_same,
     assert_sound,
     decisions,
     finish,
-    inject,
     samples_in,
     state,
     write_campaign,
 )
+from held_runs import allow, allow_all, held
 from slurm_daemons import script
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
 
-LONG = SLOW | {"generations": 1000}
-"""Some ten minutes of one processor."""
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def wanted(tmp_path_factory):
+def wanted(shared_campaign):
     """What every run of the campaign must decide."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    write_campaign(folder / "slow.yaml", **SLOW)
-    finish(folder, "slow.yaml")
-    return decisions(folder / "slow.h5")
+    return decisions(shared_campaign("small") / "small.h5")
+
+
+def export(folder):
+    """Option that lets the runs of a job be held."""
+    return f"--export=ALL,PYTHONPATH={held(folder)}"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def limited(slurm, tmp_path_factory):
-    """Submit a job of two minutes that is sent no signal, before the other tests; both."""
+    """Submit a job that stays a minute and is sent no signal, before the other tests; both."""
     folder = tmp_path_factory.mktemp("limited")
-    write_campaign(folder / "long.yaml", **LONG)
-    about = ("-n1", "--time=2", "--signal=B:URG@5")
+    write_campaign(folder / "long.yaml", **SMALL)
+    allow(folder, 100)
+    about = ("-n1", "--time=2", "--signal=B:URG@5", export(folder))
     return folder, slurm.submit(folder, *about, script("campaign.sbatch"), "long.yaml")
 
 
 @pytest.fixture
 def begun(slurm, tmp_path):
-    """Submit the campaign; return its folder and job when there are some samples."""
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
-    path = f"PYTHONPATH={inject(tmp_path / 'slowly', SLOWLY)}"
-    job = slurm.submit(
-        tmp_path, "-n2", f"--export=ALL,{path}", script("campaign.sbatch"), "slow.yaml"
-    )
+    """Submit the campaign; return its folder and job when there are some samples, and no more."""
+    write_campaign(tmp_path / "small.yaml", **SMALL)
+    allow(tmp_path, 100)
+    job = slurm.submit(tmp_path, "-n2", export(tmp_path), script("campaign.sbatch"), "small.yaml")
 
     def enough():
-        return samples_in(tmp_path / "slow.h5") >= 20 or slurm.has_ended(job)
+        return samples_in(tmp_path / "small.h5") >= 20 or slurm.has_ended(job)
 
     slurm.wait(enough, "no samples")
     assert not slurm.has_ended(job), said(tmp_path, job)
@@ -69,13 +68,14 @@ def test_a_job_that_nears_its_walltime_stops_requeues_itself_and_finishes(slurm,
     folder, job = begun
     slurm("scancel", "--signal=USR1", "--batch", job)
     slurm.wait(lambda: slurm.restarts(job) == 1, "not requeued")
-    assert state(folder / "slow.h5")[0] in ("stopped", "running")
-    assert_sound(folder / "slow.h5")
+    allow_all(folder)
+    assert state(folder / "small.h5")[0] in ("stopped", "running")
+    assert_sound(folder / "small.h5")
     slurm.wait(lambda: slurm.has_ended(job), "does not end")
     assert slurm.state(job) == "COMPLETED", said(folder, job)
-    assert legs(folder / "slow.h5") == [75, 0]
-    assert_same(folder / "slow.h5", wanted)
-    assert_sound(folder / "slow.h5")
+    assert legs(folder / "small.h5") == [75, 0]
+    assert_same(folder / "small.h5", wanted)
+    assert_sound(folder / "small.h5")
     assert "received SIGUSR1" in said(folder, job)
 
 
@@ -96,13 +96,13 @@ def test_a_job_that_is_killed_hard_leaves_a_sound_file_that_another_finishes(slu
 
 def go_on(slurm, folder, wanted):
     """Submit the campaign again, and see it end like an undisturbed run."""
-    assert_sound(folder / "slow.h5")
-    assert samples_in(folder / "slow.h5") >= 20
-    job = slurm.submit(folder, "-n2", script("campaign.sbatch"), "slow.yaml")
+    assert_sound(folder / "small.h5")
+    assert samples_in(folder / "small.h5") >= 20
+    job = slurm.submit(folder, "-n2", script("campaign.sbatch"), "small.yaml")
     slurm.wait(lambda: slurm.has_ended(job), "does not end")
     assert slurm.state(job) == "COMPLETED", said(folder, job)
-    assert_same(folder / "slow.h5", wanted)
-    assert_sound(folder / "slow.h5")
+    assert_same(folder / "small.h5", wanted)
+    assert_sound(folder / "small.h5")
 
 
 def test_a_file_that_is_bad_fails_the_job_once_and_for_all(slurm, tmp_path):
@@ -130,13 +130,14 @@ def test_an_array_of_seeds_is_compared_by_a_job_that_depends_on_it(slurm, tmp_pa
 
 def test_one_task_of_an_array_that_stops_early_is_requeued_alone(slurm, tmp_path):
     for name in ("one", "two"):
-        write_campaign(tmp_path / f"{name}.yaml", **SLOW)
-    path = f"PYTHONPATH={inject(tmp_path / 'slowly', SLOWLY)}"
-    export = f"--export=ALL,{path}"
-    campaigns = ["one.yaml", "two.yaml"]
-    array = slurm.submit(tmp_path, "-n1", export, "--array=0-1", script("array.sbatch"), *campaigns)
+        write_campaign(tmp_path / f"{name}.yaml", **SMALL)
+    allow(tmp_path, 100)
+    about = ("-n1", export(tmp_path), "--array=0-1")
+    array = slurm.submit(tmp_path, *about, script("array.sbatch"), "one.yaml", "two.yaml")
     slurm.wait(lambda: samples_in(tmp_path / "two.h5") >= 10, "no samples")
     slurm("scancel", "--signal=USR1", "--batch", f"{array}_1")
+    slurm.wait(lambda: slurm.restarts(f"{array}_1") == 1, "not requeued")
+    allow_all(tmp_path)
     for task in (0, 1):
         slurm.wait(lambda task=task: slurm.has_ended(f"{array}_{task}"), "does not end")
         assert slurm.state(f"{array}_{task}") == "COMPLETED"

@@ -1,10 +1,14 @@
 """Ranks that Slurm starts itself: a world where it and the MPI library understand each other."""
 
+import h5py
 import pytest
 from farm_runs import TINY, assert_same, assert_sound, decisions, mpirun_is_hydra, write_campaign
 from farm_runs import finish as finish_alone
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
+
+# Both builds understand Slurm in their own way.
+pytestmark = pytest.mark.parallel_hdf5 if h5py.get_config().mpi else pytest.mark.slow
 
 
 @pytest.fixture

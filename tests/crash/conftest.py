@@ -1,27 +1,23 @@
+import shutil
+
 import pytest
+from farm_runs import decisions
 
 
 @pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory):
-    """Return a folder with a campaign of some seconds and the file of its undisturbed run."""
-    from farm_runs import SLOW, finish, write_campaign
-
-    folder = tmp_path_factory.mktemp("undisturbed")
-    write_campaign(folder / "slow.yaml", **SLOW)
-    finish(folder, "slow.yaml")
-    return folder
+def undisturbed(shared_campaign):
+    """Return a folder with a small campaign, small.yaml, and the file of its undisturbed run."""
+    return shared_campaign("small")
 
 
 @pytest.fixture(scope="session")
 def wanted(undisturbed):
     """Return what every run of that campaign must decide."""
-    from farm_runs import decisions
-
-    return decisions(undisturbed / "slow.h5")
+    return decisions(undisturbed / "small.h5")
 
 
 @pytest.fixture
 def folder(undisturbed, tmp_path):
     """Return a folder with that campaign alone."""
-    (tmp_path / "slow.yaml").write_bytes((undisturbed / "slow.yaml").read_bytes())
+    shutil.copy(undisturbed / "small.yaml", tmp_path)
     return tmp_path

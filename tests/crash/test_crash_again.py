@@ -7,40 +7,32 @@ import signal
 import h5py
 import pytest
 from farm_runs import (
-    SLOW,
     SMALL,
+    Gate,
     assert_same,
     decisions,
     finish,
     invert,
     running,
-    samples_in,
     state,
     wait_until,
     write_campaign,
 )
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.farm.store import leg_fields
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.runtime.file_setup import leg_fields
+from agglom_mpi.storage.writer import CampaignWriter
 
 
 def fingerprint(path):
     return hashlib.sha256(path.read_bytes()).hexdigest(), path.stat().st_mtime_ns
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """Return a folder with a small campaign and its file."""
-    folder = tmp_path_factory.mktemp("finished")
-    write_campaign(folder / "small.yaml", **SMALL)
-    finish(folder, "small.yaml")
-    return folder
-
-
 @pytest.fixture
-def copy(finished, tmp_path):
-    shutil.copytree(finished, tmp_path / "copy")
+def copy(undisturbed, tmp_path):
+    """Return a folder with a small campaign and its file, which may be changed."""
+    shutil.copytree(undisturbed, tmp_path / "copy")
     return tmp_path / "copy"
 
 
@@ -75,16 +67,16 @@ def test_more_generations_continue_and_equal_a_longer_run(copy):
     assert "finished already" in again.stderr
 
 
-def test_a_second_run_on_the_same_file_is_refused(tmp_path):
-    write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-    with running(tmp_path, "long.yaml") as process:
-        wait_until(lambda: samples_in(tmp_path / "long.h5") > 0, process)
-        done = invert(tmp_path, "long.yaml")
+def test_a_second_run_on_the_same_file_is_refused(folder):
+    gate = Gate(folder / "gate")
+    with running(folder, "small.yaml", inject=gate.folder) as process:
+        wait_until(gate.held, process)
+        done = invert(folder, "small.yaml")
         assert done.returncode == 2
         assert f"in use by process {process.pid} on " in done.stderr
         assert done.stderr.count("\n") == 1
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=30)
+        output_of(process)
         assert process.returncode == 75
 
 

@@ -4,7 +4,6 @@ import os
 import random
 import signal
 
-import h5py
 import pytest
 from bulk_runs import (
     assert_particles_are_those_of_the_samples,
@@ -13,37 +12,54 @@ from bulk_runs import (
     write_bulk_campaign,
 )
 from crash_processes import ranks_below, wait_until_gone
-from farm_runs import SMALL, assert_same, decisions, finish, need_mpirun, start, wait_until
+from farm_runs import (
+    SMALL,
+    assert_same,
+    decisions,
+    finish,
+    need_mpirun,
+    need_parallel_hdf5,
+    running,
+    wait_until,
+)
+from held_runs import allow, allow_all, held
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
 
 KILLS = 2
+PARALLEL = pytest.param("parallel", marks=pytest.mark.parallel_hdf5)
 
 
-@pytest.mark.parametrize("database", ["gathered", "parallel"])
+@pytest.mark.slow
+@pytest.mark.parametrize("database", ["gathered", PARALLEL])
 def test_a_killed_rank_leaves_no_sample_without_its_particles(tmp_path, database):
     need_mpirun()
-    if database == "parallel" and not h5py.get_config().mpi:
-        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
-        pytest.skip("this build of h5py is serial; the other one runs these tests")
+    if database == "parallel":
+        need_parallel_hdf5()
     chance, path = random.Random(12), tmp_path / "kept.h5"
     campaign = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL)
     for kill in range(KILLS):
         judged = len(open_campaign(path).result_rows()) if kill else 0
-        process = start(tmp_path, "kept.yaml", "--database", database, ranks=2)
-        wait_until(
-            lambda judged=judged: path.exists() and len(open_campaign(path).result_rows()) > judged,
-            process,
-        )
-        ranks = ranks_below(process.pid)
-        os.kill(chance.choice(ranks), signal.SIGKILL)
-        process.communicate(timeout=30)
+        allow(tmp_path, 150)
+        options = {"ranks": 2, "inject": held(tmp_path, 0.02)}
+        with running(tmp_path, "kept.yaml", "--database", database, **options) as process:
+            wait_until(
+                lambda judged=judged: (
+                    path.exists() and len(open_campaign(path).result_rows()) > judged
+                ),
+                process,
+            )
+            ranks = ranks_below(process)
+            os.kill(chance.choice(ranks), signal.SIGKILL)
+            output_of(process)
         wait_until_gone(ranks)
         finals, _ = assert_particles_are_those_of_the_samples(path, campaign)
         assert finals == pairs_of(open_campaign(path).all_sample_rows()) != []
         text, code = check_file(str(path))
         assert code == 0, text
+    allow_all(tmp_path)
     finish(tmp_path, "kept.yaml", "--database", database, ranks=2)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
     assert finals == pairs_of(open_campaign(path).all_sample_rows())

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 
 import h5py
 import pytest
@@ -16,26 +15,21 @@ from farm_runs import (
     running,
     samples_in,
     state,
-    stop,
     wait_until,
     write_campaign,
 )
+from held_runs import allow, allow_all, held
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.table import Table
-from agglom_mpi.farm.check import check_file
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.runtime import sample_runner as simulator
+from agglom_mpi.storage.table import Table
 
-EVERY_SAMPLE_RAISES = """
-import agglom_mpi.farm.simulator as simulator
+WRITES_AT_ONCE = """
+import agglom_mpi.storage.sample_writer as buffer
 
-simulate_scene = simulator.simulate_scene
-
-def never(scene, random, abort, frames=None):
-    if not abort[0]:
-        raise ArithmeticError("injected")
-    return simulate_scene(scene, random, abort, frames)
-
-simulator.simulate_scene = never
+buffer.FLUSH_AGE = 0.0
 """
 
 
@@ -51,22 +45,32 @@ def assert_sound(path):
     return text
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted, ranks):
     if ranks is not None:
         need_mpirun()
-    path = folder / "slow.h5"
+    path = folder / "small.h5"
     said = set()
+
+    def looked(enough):
+        said.add(assert_sound(path))
+        return samples_in(path) >= enough
+
     for leg in range(2):
-        with running(folder, "slow.yaml", ranks=ranks) as process:
-            wait_until(lambda: samples_in(path) > 0, process)
-            begin = time.monotonic()
-            while process.poll() is None:
-                said.add(assert_sound(path))
-                if leg == 0 and time.monotonic() - begin > 1.0:
-                    os.killpg(process.pid, signal.SIGKILL)
-                    process.communicate(timeout=30)
-            process.communicate(timeout=30)
+        allow(folder, 10)
+        injected, before = held(folder, text=WRITES_AT_ONCE), samples_in(path)
+        with running(folder, "small.yaml", ranks=ranks, inject=injected) as process:
+            wait_until(lambda before=before: samples_in(path) > before, process)
+            for more in range(20, 140, 20):
+                allow(folder, more)
+                wait_until(lambda enough=before + more: looked(enough), process)
+            if leg == 0:
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                allow_all(folder)
+                while process.poll() is None:
+                    said.add(assert_sound(path))
+            output_of(process)
         assert process.returncode == (-signal.SIGKILL if leg == 0 else 0)
         said.add(assert_sound(path))
     assert len(said) > 10
@@ -75,14 +79,32 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
 
 
 @pytest.fixture
-def stopped(folder):
+def stop_after(monkeypatch):
+    """Return a function that lets the runs of this process be stopped after so many samples."""
+
+    def after(samples):
+        go_on, left = simulator.Task.go_on, samples
+
+        def signalled(job):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGUSR1)
+            return go_on(job) if left > 0 else not job._watch.stopped
+
+        monkeypatch.setattr(simulator.Task, "go_on", signalled)
+        return lambda: monkeypatch.setattr(simulator.Task, "go_on", go_on)
+
+    return after
+
+
+@pytest.fixture
+def stopped(folder, stop_after):
     """Return the file of a campaign that was stopped in mid generation, and a judged string."""
-    path = folder / "slow.h5"
-
-    def judged():
-        return path.exists() and len(open_campaign(path).result_rows()) > 2
-
-    assert stop(folder, "slow", until=judged)[0] == 75
+    path = folder / "small.h5"
+    stop_after(200)
+    assert invert(folder, "small.yaml").returncode == 75
+    assert len(open_campaign(path).result_rows()) > 2
     assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
     return path, int(open_campaign(path).result_rows()["string"][-1])
 
@@ -110,11 +132,17 @@ def test_a_result_that_a_stopped_campaign_must_have_is_missed(stopped):
     assert f"a resume would judge again strings {judged}" in text
 
 
-def test_a_failed_campaign_is_sound(tmp_path):
+def test_a_failed_campaign_is_sound(tmp_path, monkeypatch):
+    simulate_scene = simulator.simulate_scene
+
+    def never(scene, random, abort, frames=None):
+        if not abort[0]:
+            raise ArithmeticError("injected")
+        return simulate_scene(scene, random, abort, frames)
+
+    monkeypatch.setattr(simulator, "simulate_scene", never)
     write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
-    folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
-    done = invert(tmp_path, "small.yaml", inject=folder)
-    assert done.returncode == 1
+    assert invert(tmp_path, "small.yaml").returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"
     text = assert_sound(tmp_path / "small.h5")
     failures = len(open_campaign(tmp_path / "small.h5").failures())
@@ -124,27 +152,26 @@ def test_a_failed_campaign_is_sound(tmp_path):
 
 
 def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
-    finish(folder, "slow.yaml", "--generations", "1")
-    assert "1 of 1 population\n" in assert_sound(folder / "slow.h5")
-    finish(folder, "slow.yaml", "--generations", "2")
-    assert "2 of 2 populations\n" in assert_sound(folder / "slow.h5")
-    finish(folder, "slow.yaml", "--generations", "1")
-    assert_sound(folder / "slow.h5")
+    finish(folder, "small.yaml", "--generations", "1")
+    assert "1 of 1 population\n" in assert_sound(folder / "small.h5")
+    finish(folder, "small.yaml", "--generations", "2")
+    assert "2 of 2 populations\n" in assert_sound(folder / "small.h5")
+    finish(folder, "small.yaml", "--generations", "1")
+    assert_sound(folder / "small.h5")
 
 
 KILLED_WHILE_COMPILING = """
 import os, signal
-import agglom_mpi.farm.simulator as simulator
+import agglom_mpi.runtime.sample_runner as simulator
 
 def warm_up(self):
     os.kill(os.getpid(), signal.SIGKILL)
 
-simulator.Simulator.warm_up = warm_up
+simulator.SampleRunner.warm_up = warm_up
 """
 
 
 def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, tmp_path):
-    write_campaign(folder / "small.yaml", **SMALL)
     finish(folder, "small.yaml", "--generations", "2")
     path = folder / "small.h5"
     strings = len(open_campaign(path).string_rows())
@@ -157,14 +184,13 @@ def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, t
     assert_sound(path)
 
 
-def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder):
-    path = folder / "slow.h5"
-
-    def begun():
-        return path.exists() and len(open_campaign(path).generation_rows()) > 0
-
-    assert stop(folder, "slow", until=begun)[0] == 75
-    done = finish(folder, "slow.yaml", "--generations", "1")
+def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder, stop_after):
+    path = folder / "small.h5"
+    undo = stop_after(500)
+    assert invert(folder, "small.yaml").returncode == 75
+    assert len(open_campaign(path).generation_rows()) > 0
+    undo()
+    done = finish(folder, "small.yaml", "--generations", "1")
     assert "finished already" in done.stderr
     assert state(path)[0] == "finished"
     assert_sound(path)

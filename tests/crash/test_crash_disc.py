@@ -2,12 +2,11 @@
 
 import os
 import subprocess
-import time
 
 import pytest
 from crash_rows import final_rows
 from farm_runs import (
-    SLOW,
+    SMALL,
     assert_same,
     assert_sound,
     decisions,
@@ -20,48 +19,50 @@ from farm_runs import (
     wait_until,
     write_campaign,
 )
+from held_runs import allow, held
+from processes import HANG, output_of
 
 
 @pytest.fixture
 def disc(tmp_path):
-    """Return a small disc of its own with the slow campaign, and how to change its options."""
+    """Return a small disc of its own with the small campaign, and how to change its options."""
     folder = tmp_path / "disc"
     folder.mkdir()
 
     def mount(options):
         words = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
-        return subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
+        return subprocess.run(words, capture_output=True, text=True, timeout=HANG, check=False)
 
     done = mount("size=256k")
     if done.returncode:
         if os.environ.get("CI"):
             pytest.fail(f"no disc can be mounted: {done.stderr}")
         pytest.skip("mounting a small disc needs a superuser")
-    write_campaign(folder / "slow.yaml", **SLOW)
+    write_campaign(folder / "small.yaml", **SMALL)
     yield folder, lambda options: mount(f"remount,{options}")
-    subprocess.run(["umount", "--lazy", str(folder)], timeout=30, check=True)
+    subprocess.run(["umount", "--lazy", str(folder)], timeout=HANG, check=True)
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_full_disc_is_one_message_and_more_room_is_enough_to_go_on(disc, wanted, ranks):
     if ranks is not None:
         need_mpirun()
     folder, remount = disc
     with open(folder / "ballast", "wb") as file:
         file.write(bytes(80_000))
-    done = invert(folder, "slow.yaml", ranks=ranks)
+    done = invert(folder, "small.yaml", ranks=ranks)
     assert done.returncode == 1, done.stderr
     kept = "everything written before is whole, run again to go on"
-    assert f"slow.h5: No space left on device; {kept}\n" in done.stderr
+    assert f"small.h5: No space left on device; {kept}\n" in done.stderr
     assert "Traceback" not in done.stderr
-    rows = final_rows(folder / "slow.h5")
+    rows = final_rows(folder / "small.h5")
     assert any(table == "samples" for table, _ in rows)
-    assert_sound(folder / "slow.h5")
+    assert_sound(folder / "small.h5")
     remount("size=20m")
-    finish(folder, "slow.yaml", ranks=ranks)
-    now = final_rows(folder / "slow.h5")
+    finish(folder, "small.yaml", ranks=ranks)
+    now = final_rows(folder / "small.h5")
     assert [key for key, row in rows.items() if now[key] != row] == []
-    assert_same(folder / "slow.h5", wanted)
+    assert_same(folder / "small.h5", wanted)
 
 
 def test_a_disc_without_room_for_the_file_keeps_none(disc):
@@ -72,7 +73,7 @@ def test_a_disc_without_room_for_the_file_keeps_none(disc):
                 pass
         except OSError:
             pass
-    done = invert(folder, "slow.yaml")
+    done = invert(folder, "small.yaml")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.endswith("No space left on device\n")
     assert done.stderr.count("\n") == 1
@@ -82,37 +83,37 @@ def test_a_disc_without_room_for_the_file_keeps_none(disc):
 def test_a_read_only_disc_is_one_message(disc):
     folder, remount = disc
     remount("ro")
-    done = invert(folder, "slow.yaml")
+    done = invert(folder, "small.yaml")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.endswith("cannot be written\n")
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_file_that_is_taken_away_is_noticed(tmp_path, ranks):
     if ranks is not None:
         need_mpirun()
-    write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-    with running(tmp_path, "long.yaml", ranks=ranks) as process:
-        wait_until(lambda: samples_in(tmp_path / "long.h5") > 0, process)
-        os.remove(tmp_path / "long.h5")
-        removed = time.monotonic()
-        _, said = process.communicate(timeout=30)
+    path = write_campaign(tmp_path / "long.yaml", **SMALL | {"generations": 9}).with_suffix(".h5")
+    allow(tmp_path, 20)
+    with running(tmp_path, "long.yaml", ranks=ranks, inject=held(tmp_path)) as process:
+        wait_until(lambda: samples_in(path) > 0, process)
+        os.remove(path)
+        allow(tmp_path, 600)  # to the end of a generation, when it is noticed
+        _, said = output_of(process)
     assert process.returncode == 1
     assert "long.h5: was removed or replaced while it was being written; it is lost\n" in said
     assert "Traceback" not in said
-    assert time.monotonic() - removed < 15.0
-    assert not (tmp_path / "long.h5").exists()
+    assert not path.exists()
 
 
 def test_a_file_cut_short_is_refused_and_left_as_it_is(undisturbed, folder):
-    path = folder / "slow.h5"
-    content = (undisturbed / "slow.h5").read_bytes()
+    path = folder / "small.h5"
+    content = (undisturbed / "small.h5").read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    done = invert(folder, "slow.yaml")
+    done = invert(folder, "small.yaml")
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "slow.h5: a truncated HDF5 file\n"
+    assert done.stderr == "small.h5: a truncated HDF5 file\n"
     assert path.read_bytes() == content[: len(content) // 2]
-    finish(folder, "slow.yaml", "--output", "fresh.h5")
-    assert_same(folder / "fresh.h5", decisions(undisturbed / "slow.h5"))
+    finish(folder, "small.yaml", "--output", "fresh.h5")
+    assert_same(folder / "fresh.h5", decisions(undisturbed / "small.h5"))
     assert state(folder / "fresh.h5")[0] == "finished"

@@ -3,7 +3,6 @@
 import os
 import random
 import signal
-import time
 
 import h5py
 import numpy as np
@@ -19,25 +18,26 @@ from farm_runs import (
     state,
     wait_until,
 )
+from held_runs import allow, allow_all, held
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
-
-KILLS = 3
+from agglom_mpi.campaign_file import open_campaign
 
 
 def kill_in_mid_campaign(folder, chance, ranks):
     """Run until some more samples are in the file, and kill; the rows that were there before."""
-    path = folder / "slow.h5"
+    path = folder / "small.h5"
     before = samples_in(path)
-    more = chance.randint(1, 110)
-    with running(folder, "slow.yaml", ranks=ranks) as process:
+    more = chance.randint(1, 80)
+    allow(folder, more + 20)  # the campaign has more than two ranks do of it until the third kill
+    with running(folder, "small.yaml", ranks=ranks, inject=held(folder, 0.005)) as process:
         wait_until(lambda: samples_in(path) >= before + more, process)
-        time.sleep(chance.uniform(0.0, 0.1))
         rows = open_campaign(path).all_sample_rows()
-        victim = process.pid if ranks is None else chance.choice(ranks_below(process.pid))
+        victim = process.pid if ranks is None else chance.choice(ranks_below(process))
         os.kill(victim, signal.SIGKILL)
-        process.communicate(timeout=30)
+        output_of(process)
     assert process.returncode not in (0, 2, 75)
+    allow_all(folder)
     return rows
 
 
@@ -52,38 +52,47 @@ def assert_nothing_is_lost(path, rows):
         assert places[row["string"], row["sample"]] == row.tobytes()
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks):
+@pytest.mark.parametrize(
+    ("ranks", "kills"),
+    [
+        (None, 1),
+        (2, 1),
+        pytest.param(None, 3, marks=pytest.mark.slow),
+        pytest.param(2, 3, marks=pytest.mark.slow),
+    ],
+)
+def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks, kills):
     if ranks is not None:
         need_mpirun()
     chance = random.Random(2003 if ranks is None else 2004)
-    path = folder / "slow.h5"
+    path = folder / "small.h5"
     kept = np.zeros(0)
-    for kill in range(KILLS):
+    for kill in range(kills):
         rows = kill_in_mid_campaign(folder, chance, ranks)
         assert len(rows) > len(kept)
         kept = rows
         assert_nothing_is_lost(path, rows)
         assert state(path)[0] == "running"
         assert len(open_campaign(path).legs()) == kill + 1
-    finish(folder, "slow.yaml", ranks=ranks)
+    finish(folder, "small.yaml", ranks=ranks)
     assert_nothing_is_lost(path, kept)
     assert_same(path, wanted)
     assert state(path)[0] == "finished"
-    assert open_campaign(path).legs()["exit_code"].tolist() == [-1] * KILLS + [0]
+    assert open_campaign(path).legs()["exit_code"].tolist() == [-1] * kills + [0]
 
 
+@pytest.mark.slow
 def test_a_campaign_begun_with_ranks_may_be_ended_without(folder, wanted):
     need_mpirun()
     rows = kill_in_mid_campaign(folder, random.Random(7), ranks=2)
-    finish(folder, "slow.yaml")
-    assert_nothing_is_lost(folder / "slow.h5", rows)
-    assert_same(folder / "slow.h5", wanted)
+    finish(folder, "small.yaml")
+    assert_nothing_is_lost(folder / "small.h5", rows)
+    assert_same(folder / "small.h5", wanted)
 
 
 def test_a_torn_sample_is_absent_and_computed_again(undisturbed, folder, wanted):
-    path = folder / "slow.h5"
-    path.write_bytes((undisturbed / "slow.h5").read_bytes())
+    path = folder / "small.h5"
+    path.write_bytes((undisturbed / "small.h5").read_bytes())
     used = open_campaign(path).max_samples * 2 + 1  # sample 1 of string 2
     with h5py.File(path, "r+") as file:
         row = file["samples"][used]
@@ -92,19 +101,19 @@ def test_a_torn_sample_is_absent_and_computed_again(undisturbed, folder, wanted)
         file["samples"][used] = row
     assert open_campaign(path).damaged == 1
     assert decisions(path) != wanted
-    finish(folder, "slow.yaml")
+    finish(folder, "small.yaml")
     assert open_campaign(path).damaged == 0
     assert_same(path, wanted)
     assert open_campaign(path).legs()["samples"].tolist()[1] >= 1
 
 
 def test_a_kill_after_the_last_generation_leaves_only_the_status_to_set(undisturbed, folder):
-    path = folder / "slow.h5"
-    path.write_bytes((undisturbed / "slow.h5").read_bytes())
+    path = folder / "small.h5"
+    path.write_bytes((undisturbed / "small.h5").read_bytes())
     with h5py.File(path, "r+") as file:
         status = file["status"][0]
         status["state"], status["reason"] = b"running", b""
         file["status"][0] = status
-    done = finish(folder, "slow.yaml")
+    done = finish(folder, "small.yaml")
     assert "is finished already" in done.stderr
     assert state(path) == ("finished", "all 3 generations are done")

@@ -2,25 +2,16 @@
 
 import itertools
 import signal
-import subprocess
-import time
 
 import pytest
-from farm_runs import (
-    SLOW,
-    assert_same,
-    environment,
-    need_mpirun,
-    running,
-    state,
-    wait_until,
-    write_campaign,
-)
+from click.testing import CliRunner
+from farm_runs import assert_same, need_mpirun, running, samples_in, state, wait_until
+from held_runs import allow, allow_all, held
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.report.summary import summarise
-
-PERIOD = 0.1
+from agglom_mpi.analysis.summary import summarise
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.cli import main
 
 
 def look(path):
@@ -36,51 +27,49 @@ def look(path):
     return counts
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_a_reader_polling_ten_times_a_second_never_fails(tmp_path, folder, wanted, ranks):
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
     if ranks is not None:
         need_mpirun()
-    path = tmp_path / "slow.h5"
-    seen = []
-    with running(folder, "slow.yaml", ranks=ranks) as process:
-        wait_until(path.exists, process)
+    path, seen = folder / "small.h5", []
+
+    def looked(enough):
+        seen.append(look(path))
+        return seen[-1][2] >= enough
+
+    allow(folder, 10)
+    with running(folder, "small.yaml", ranks=ranks, inject=held(folder)) as process:
+        wait_until(lambda: samples_in(path) > 0, process)
+        for enough in (100, 200, 300):
+            allow(folder, enough)
+            wait_until(lambda enough=enough: looked(enough), process)
+        allow_all(folder)
         while process.poll() is None:
-            begin = time.monotonic()
             seen.append(look(path))
-            time.sleep(max(0.0, begin + PERIOD - time.monotonic()))
-        said = process.communicate(timeout=30)
+        said = output_of(process)
     assert process.returncode == 0, said
-    assert len(seen) >= 5
+    assert len(seen) >= 3
     for earlier, later in itertools.pairwise(seen):
         assert all(a <= b for a, b in zip(earlier, later, strict=True))
     assert any(0 < counts[2] < look(path)[2] for counts in seen), "nothing was seen half done"
     assert_same(path, wanted)
 
 
-def test_report_and_export_work_while_a_run_goes_on(tmp_path):
-    write_campaign(tmp_path / "long.yaml", **SLOW | {"steps": 20_000})
-
+def test_report_and_export_work_while_a_run_goes_on(folder):
     def agglom(*words):
-        return subprocess.run(
-            ["agglom", *words],
-            cwd=tmp_path,
-            env=environment(),
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        )
+        done = CliRunner().invoke(main, list(map(str, words)))
+        assert done.exit_code == 0, done.stderr
+        return done.stdout
 
-    with running(tmp_path, "long.yaml") as process:
-        path = tmp_path / "long.h5"
+    path, copied = folder / "small.h5", folder / "copy.h5"
+    allow(folder, 300)
+    with running(folder, "small.yaml", inject=held(folder)) as process:
         wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 0, process)
-        report = agglom("report", "long.h5").stdout
-        agglom("export", "long.h5", "--compact", "copy.h5")
-        assert "running" in report
-        assert process.poll() is None, "the run was over too soon to be watched"
+        assert "running" in agglom("report", path)
+        agglom("export", path, "--compact", copied)
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=30)
+        output_of(process)
         assert process.returncode == 75
-    copy = open_campaign(tmp_path / "copy.h5")
+    copy = open_campaign(copied)
     assert 0 < len(copy.all_sample_rows()) <= len(open_campaign(path).all_sample_rows())
     assert state(path)[0] == "stopped"

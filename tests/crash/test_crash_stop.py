@@ -4,6 +4,7 @@ import signal
 
 import pytest
 from farm_runs import (
+    Gate,
     assert_same,
     finish,
     invert,
@@ -14,50 +15,56 @@ from farm_runs import (
     stop,
 )
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
+
+SLOW_SIGNALS = [
+    pytest.param(number, marks=pytest.mark.slow) for number in (signal.SIGINT, signal.SIGUSR1)
+]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
+@pytest.mark.parametrize("number", [signal.SIGTERM, *SLOW_SIGNALS])
 def test_a_signal_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, number):
-    code, errors = stop(folder, "slow", number=number)
-    path = folder / "slow.h5"
+    code, errors = stop(folder, "small", number=number)
+    path = folder / "small.h5"
     assert code == 75
-    assert f"stopped: received {number.name}; everything simulated so far is in slow.h5" in errors
+    assert f"stopped: received {number.name}; everything simulated so far is in small.h5" in errors
     assert state(path) == ("stopped", f"received {number.name}")
     leg = open_campaign(path).legs()[0]
     assert leg["exit_code"] == 75
     assert leg["samples"] == samples_in(path)
-    finish(folder, "slow.yaml")
+    finish(folder, "small.yaml")
     assert_same(path, wanted)
     assert state(path)[0] == "finished"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
 def test_a_signal_to_mpirun_stops_all_ranks_cleanly(folder, wanted, number):
     need_mpirun()
     if number != signal.SIGUSR1 and not mpirun_is_hydra():
         pytest.skip("only MPICH's mpirun hands TERM on to the ranks and waits for them")
-    code, errors = stop(folder, "slow", number=number, ranks=2)
+    code, errors = stop(folder, "small", number=number, ranks=2)
     assert code == 75, errors
     assert errors.count(f"stopped: received {number.name}") == 1
-    assert state(folder / "slow.h5")[0] == "stopped"
-    finish(folder, "slow.yaml", ranks=2)
-    assert_same(folder / "slow.h5", wanted)
+    assert state(folder / "small.h5")[0] == "stopped"
+    finish(folder, "small.yaml", ranks=2)
+    assert_same(folder / "small.h5", wanted)
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_walltime_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, ranks):
     if ranks is not None:
         need_mpirun()
-    done = invert(folder, "slow.yaml", "--max-walltime", "1s", ranks=ranks)
+    held = Gate(folder / "gate").folder
+    done = invert(folder, "small.yaml", "--max-walltime", "1s", ranks=ranks, inject=held)
     assert done.returncode == 75
     assert "stopped: the walltime limit is reached" in done.stderr
     assert done.stdout == ""
-    assert state(folder / "slow.h5") == ("stopped", "the walltime limit is reached")
-    finish(folder, "slow.yaml", ranks=ranks)
-    assert_same(folder / "slow.h5", wanted)
+    assert state(folder / "small.h5") == ("stopped", "the walltime limit is reached")
+    finish(folder, "small.yaml", ranks=ranks)
+    assert_same(folder / "small.h5", wanted)
 
 
 def test_a_walltime_that_is_not_reached_changes_nothing(folder, wanted):
-    finish(folder, "slow.yaml", "--max-walltime", "1-0")
-    assert_same(folder / "slow.h5", wanted)
+    finish(folder, "small.yaml", "--max-walltime", "1-0")
+    assert_same(folder / "small.h5", wanted)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agglom_mpi.database.create import create_campaign_file
-from agglom_mpi.database.schema import sample_dtype
+from agglom_mpi.storage.create import create_campaign_file
+from agglom_mpi.storage.schema import sample_dtype
 
 STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION = 40, 100, 5, 6
 LOWER = np.array([0.1, 0.4, 1e3, 1e7, 10.0, 0.01, 273.0, 10.0, 5e6, np.nan])

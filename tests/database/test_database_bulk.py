@@ -5,18 +5,25 @@ import numpy as np
 import pytest
 from database_helpers import MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
 
-from agglom_mpi.campaign.describe import FINAL_BYTES, FRAME_BYTES
-from agglom_mpi.database import buffer, create, particles_check
-from agglom_mpi.database.bulk import final_particles_layout, final_row, frame_rows, frames_layout
-from agglom_mpi.database.compact import Copied, write_compact
-from agglom_mpi.database.create import grow_campaign_file
-from agglom_mpi.database.integrity import read_contents
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.table import Rows, Table
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.farm.check import check_file
-from agglom_mpi.simulation.outcome import FinalParticles
-from agglom_mpi.simulation.snapshots import new_frames
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.describe import FINAL_BYTES, FRAME_BYTES
+from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.storage import create
+from agglom_mpi.storage import sample_writer as buffer
+from agglom_mpi.storage import verify as particles_check
+from agglom_mpi.storage.compact import Copied, write_compact
+from agglom_mpi.storage.create import enlarge_campaign_file
+from agglom_mpi.storage.particle_tables import (
+    final_particles_layout,
+    final_row,
+    frame_rows,
+    frames_layout,
+)
+from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.verify import read_contents
+from agglom_mpi.storage.writer import CampaignWriter
 
 GRAINS, COUNT = 20, 4
 WIDE = {"grains": GRAINS, "final_particles": True, "frames": 3 * COUNT}
@@ -346,7 +353,7 @@ def test_tables_are_added_later_and_every_row_is_kept(tmp_path, monkeypatch, blo
         WIDE | {"frames": 5 * COUNT},
     ]
     for step, room in enumerate(steps):
-        grow_campaign_file(path, STRINGS + step // 3, 1, **room)
+        enlarge_campaign_file(path, STRINGS + step // 3, 1, **room)
         assert rows_of(path) == before
         with CampaignWriter(path) as writer:
             writer.put_samples(*samples_and_finals(4, step, 1))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from database_helpers import sample_rows
 
-from agglom_mpi.database.digest import generation_digest, used_samples
-from agglom_mpi.database.schema import RESULTS, SAMPLES
-from agglom_mpi.farm.evidence import Evidence
+from agglom_mpi.runtime.generation_digest import DigestAccumulator
+from agglom_mpi.storage.digest import generation_digest, used_samples
+from agglom_mpi.storage.schema import RESULTS, SAMPLES
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_every_parameter_changes_it(rested):
 def test_evidence_gathers_the_same_from_pieces_in_any_order(rested):
     parameters, results, samples = rested
     earlier, late = samples[[2, 5]], sample_rows(5, 0, 2)
-    evidence = Evidence(earlier)
+    evidence = DigestAccumulator(earlier)
     evidence.proposed(parameters)
     evidence.simulated(np.concatenate([late, samples[[6, 0]]]))
     evidence.judged(4, results[1:])

@@ -7,11 +7,11 @@ import pytest
 from database_helpers import make, put_result, put_strings, sample_rows
 from scipy import stats
 
-from agglom_mpi.database.estimates import interval, objective_of
-from agglom_mpi.database.ranking import ranking
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.analysis.estimates import interval, objective_of
+from agglom_mpi.analysis.ranking import ranking
+from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.storage.writer import CampaignWriter
 
 REPEATS = 20_000
 FRESH = 20
@@ -105,8 +105,8 @@ def path(tmp_path):
 
 def change(path, string, numbers, **columns):
     """Put other rows in the place of fresh ones, as a run never does."""
-    from agglom_mpi.database.access import open_file
-    from agglom_mpi.database.table import Table
+    from agglom_mpi.storage.access import open_file
+    from agglom_mpi.storage.table import Table
 
     with open_file(path, write=True) as file:
         table = Table(file, "samples", path)

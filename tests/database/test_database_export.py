@@ -17,13 +17,15 @@ from database_helpers import (
     sample_rows,
 )
 
-from agglom_mpi.database import compact, whole
-from agglom_mpi.database.compact import Copied, write_compact
-from agglom_mpi.database.create import grow_campaign_file
-from agglom_mpi.database.disc import Disc
-from agglom_mpi.database.reader import NotACampaign, open_campaign
-from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.report.export import export, write_tables
+from agglom_mpi.storage import compact
+from agglom_mpi.storage import files as whole
+from agglom_mpi.storage.compact import Copied, write_compact
+from agglom_mpi.storage.create import enlarge_campaign_file
+from agglom_mpi.storage.files import CheckedFile
+from agglom_mpi.storage.reader import NotACampaign
+from agglom_mpi.storage.writer import CampaignWriter
 
 
 def fill(writer):
@@ -113,7 +115,7 @@ def test_an_existing_file_is_not_overwritten(filled, copy):
 
 def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path):
     path = tmp_path / "a.csv"
-    writing = whole.whole_file(path)
+    writing = whole.atomic_file(path)
     writing.__enter__().write_text("new")
     path.write_text("precious")
     with pytest.raises(FileExistsError):
@@ -124,9 +126,9 @@ def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path):
 
 def test_two_exports_to_one_name_do_not_mix(tmp_path):
     path = tmp_path / "a.csv"
-    with whole.whole_file(path) as temporary:
+    with whole.atomic_file(path) as temporary:
         temporary.write_text("first")
-        with pytest.raises(OSError, match="written by another process"), whole.whole_file(path):
+        with pytest.raises(OSError, match="written by another process"), whole.atomic_file(path):
             pass
     assert path.read_text() == "first"
     assert os.listdir(tmp_path) == ["a.csv"]
@@ -207,7 +209,7 @@ def test_a_copy_of_a_growing_file_lacks_nothing_that_its_rows_rest_on(tmp_path, 
 def test_a_copy_cannot_be_written_to(filled, copy):
     write_compact(filled, copy)
     before = copy.read_bytes()
-    for touch in (CampaignWriter, lambda path: grow_campaign_file(path, 100, 100)):
+    for touch in (CampaignWriter, lambda path: enlarge_campaign_file(path, 100, 100)):
         with pytest.raises(NotACampaign, match=r"copy\.h5: a compact copy.*--output"):
             touch(copy)
     assert copy.read_bytes() == before
@@ -245,7 +247,7 @@ def run_and_kill(monkeypatch, job, when):
             return call
 
         try:
-            monkeypatch.setattr(Disc, "write", counted(Disc.write))
+            monkeypatch.setattr(CheckedFile, "write", counted(CheckedFile.write))
             monkeypatch.setattr(os, "fsync", counted(os.fsync))
             monkeypatch.setattr(os, "rename", counted(os.rename))
             job()

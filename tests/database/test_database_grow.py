@@ -13,10 +13,10 @@ from database_helpers import (
     sample_rows,
 )
 
-from agglom_mpi.database import create
-from agglom_mpi.database.create import grow_campaign_file
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage import create
+from agglom_mpi.storage.create import enlarge_campaign_file
+from agglom_mpi.storage.writer import CampaignWriter
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
     before = everything(filled)
     with h5py.File(filled, "r+") as file:
         file["results_done"][7] = 1
-    grow_campaign_file(filled, 2 * STRINGS, 9)
+    enlarge_campaign_file(filled, 2 * STRINGS, 9)
     assert same(everything(filled), before)
     assert filled.stat().st_mode & 0o777 == 0o640
     assert os.listdir(filled.parent) == ["grains.h5"]
@@ -78,13 +78,13 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
 
 def test_enough_room_is_left_alone(filled):
     before = filled.stat()
-    grow_campaign_file(filled, STRINGS, 1)
+    enlarge_campaign_file(filled, STRINGS, 1)
     after = filled.stat()
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
 
 
 def test_only_what_is_short_grows(filled):
-    grow_campaign_file(filled, 1, 50)
+    enlarge_campaign_file(filled, 1, 50)
     with h5py.File(filled, "r") as file:
         assert (len(file["generations"]), len(file["strings"])) == (50, STRINGS)
 
@@ -93,6 +93,6 @@ def test_a_failed_growth_leaves_the_old_file(filled, file_size_limit):
     before = filled.read_bytes()
     file_size_limit(filled.stat().st_size)
     with pytest.raises(OSError, match=r"too large.*grains\.h5"):
-        grow_campaign_file(filled, 10 * STRINGS, 1)
+        enlarge_campaign_file(filled, 10 * STRINGS, 1)
     assert filled.read_bytes() == before
     assert os.listdir(filled.parent) == ["grains.h5"]

@@ -8,11 +8,11 @@ import sys
 
 import pytest
 
-from agglom_mpi.database.lock import CampaignInUse, CampaignLock
+from agglom_mpi.storage.files import CampaignInUse, CampaignLock
 
 HOLD = """
 import sys
-from agglom_mpi.database.lock import CampaignLock
+from agglom_mpi.storage.files import CampaignLock
 CampaignLock(sys.argv[1]).acquire()
 """
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from database_helpers import POPULATION, make, put_strings, sample_rows
 
-import agglom_mpi.database
-from agglom_mpi.database.compact import write_compact
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.simulation.outcome import REASONS
+import agglom_mpi.storage
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.outcome import REASONS
+from agglom_mpi.storage.compact import write_compact
+from agglom_mpi.storage.writer import CampaignWriter
 
 GRAINS = 7
-TEXT = (Path(agglom_mpi.database.__file__).parent / "README.md").read_text()
+TEXT = (Path(agglom_mpi.storage.__file__).parent / "README.md").read_text()
 
 
 def tables(part: str) -> list[list[list[str]]]:

@@ -14,17 +14,17 @@ from database_helpers import (
     sample_rows,
 )
 
-from agglom_mpi.database.access import open_file
-from agglom_mpi.database.buffer import FLUSH_AGE, FLUSH_ROWS
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.schema import (
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.access import open_file
+from agglom_mpi.storage.sample_writer import FLUSH_AGE, FLUSH_ROWS
+from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TOOK_TOO_LONG,
     sample_dtype,
 )
-from agglom_mpi.database.table import Rows
-from agglom_mpi.database.writer import CampaignWriter
+from agglom_mpi.storage.table import Rows
+from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
 PLAIN = [name for name in sample_dtype.names if name != "crc"]
@@ -80,10 +80,10 @@ def test_the_first_of_two_rows_for_one_sample_stays(path, writer):
 
 
 def test_samples_wait_for_company_but_not_for_long(path, writer):
-    campaign = open_campaign(path)
+    campaign, now = open_campaign(path), time.monotonic()
     writer.put_samples(sample_rows(0, 0, 3))
     assert len(campaign.sample_rows(0)) == 0
-    assert not writer.flush_due()
+    assert not writer.flush_due(now)
     assert writer.flush_due(time.monotonic() + FLUSH_AGE)
     assert len(campaign.sample_rows(0)) == 3
     assert not writer.flush_due(time.monotonic() + FLUSH_AGE)
@@ -117,8 +117,9 @@ def test_a_result_never_precedes_its_samples(path, writer, monkeypatch):
 
 
 def test_results_wait_for_company_but_not_for_long(path, writer):
+    now = time.monotonic()
     put_result(writer, 5, 0.5)
-    assert not writer.flush_due()
+    assert not writer.flush_due(now)
     assert len(open_campaign(path).result_rows()) == 0
     assert writer.flush_due(time.monotonic() + FLUSH_AGE)
     assert len(open_campaign(path).result_rows()) == 1

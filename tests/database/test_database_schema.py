@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from database_helpers import LOWER, MAX_SAMPLES, POPULATION, STRINGS, TEXT, UPPER, make, sample_rows
 
-from agglom_mpi.database.create import create_campaign_file, grow_campaign_file
-from agglom_mpi.database.schema import layouts, sample_dtype
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.simulation.outcome import OUTCOME
+from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
+from agglom_mpi.storage.schema import layouts, sample_dtype
+from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
 
@@ -74,7 +74,7 @@ def test_unwritten_space_is_a_hole(tmp_path):
     assert path.stat().st_blocks * 512 < 1e6
     with CampaignWriter(path) as writer:
         writer.put_samples(sample_rows(500, 500, 3))
-    grow_campaign_file(path, 2000, 5)
+    enlarge_campaign_file(path, 2000, 5)
     assert path.stat().st_size > 300e6
     assert path.stat().st_blocks * 512 < 1e6
 
@@ -108,7 +108,7 @@ def test_a_symbolic_link_keeps_pointing_at_the_file(tmp_path):
     link = tmp_path / "grains.h5"
     link.symlink_to(tmp_path / "disc" / "real.h5")
     make(link)
-    grow_campaign_file(link, STRINGS + 1, 1)
+    enlarge_campaign_file(link, STRINGS + 1, 1)
     assert link.is_symlink()
     assert os.listdir(tmp_path / "disc") == ["real.h5"]
 

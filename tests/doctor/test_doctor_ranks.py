@@ -1,12 +1,20 @@
 import os
+import subprocess
 import sys
 import sysconfig
 from pathlib import Path
 
 import pytest
 from farm_runs import environment, need_mpirun
+from processes import HANG
 
-from agglom_mpi.doctor import ranks
+from agglom_mpi import doctor as ranks
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """Give MPI all the time that a busy machine may take."""
+    monkeypatch.setattr(ranks, "TRIED_FOR", HANG)
 
 
 @pytest.fixture
@@ -24,12 +32,12 @@ def launcher(tmp_path):
 
 
 def last(environment):
-    return list(ranks.look(environment))[-1]
+    return list(ranks.check_mpi(environment))[-1]
 
 
 def test_two_ranks_of_this_machine_find_each_other():
     need_mpirun()
-    library, found = ranks.look(environment())
+    library, found = ranks.check_mpi(environment())
     assert "thread level" in library.found
     assert "2 ranks find each other" in found.found, found
     assert not found.advice
@@ -51,11 +59,15 @@ def test_a_launcher_that_refuses_root_is_told_how(launcher):
 
 
 def test_a_launcher_that_hangs_is_given_up(launcher, monkeypatch):
-    where = launcher("sleep 30")
-    monkeypatch.setattr(ranks, "TRIED_FOR", 5.0)
+    run, where = subprocess.run, launcher(f"exec sleep {HANG}")
+
+    def impatient(words, timeout, **options):
+        return run(words, timeout=0.1 if "mpirun" in words[0] else timeout, **options)
+
+    monkeypatch.setattr(subprocess, "run", impatient)
     found = last(where)
     assert found.broken
-    assert "no answer in 5 s" in found.found
+    assert f"no answer in {HANG:.0f} s" in found.found
 
 
 def test_the_launcher_of_an_environment_that_is_not_activated_is_found(launcher, monkeypatch):
@@ -74,12 +86,12 @@ def test_no_launcher_is_told_where_to_get_one(tmp_path, monkeypatch):
 
 def test_no_library_is_told_in_one_line(tmp_path):
     (tmp_path / "mpi4py.py").write_text("raise RuntimeError('cannot load MPI library')")
-    (found,) = ranks.look(environment(tmp_path))
+    (found,) = ranks.check_mpi(environment(tmp_path))
     assert found.broken
     assert found.found == "cannot be loaded: RuntimeError: cannot load MPI library"
     assert "agglom_mpi[mpi]" in found.advice
 
 
 def test_a_rank_does_not_start_others():
-    (found,) = ranks.look({"PMI_SIZE": "4", "PATH": str(Path(sys.executable).parent)})
+    (found,) = ranks.check_mpi({"PMI_SIZE": "4", "PATH": str(Path(sys.executable).parent)})
     assert found.found == "4 ranks"

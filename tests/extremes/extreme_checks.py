@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.physics.cooling import Exact
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.heating import OwnEnergy
-from agglom_mpi.simulation.box import Periodic
-from agglom_mpi.simulation.outcome import COMPLETED
+from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.particles import EXCHANGED, REACTION, SURFACE
 from agglom_mpi.simulation.scene import EventDriven
 
@@ -122,7 +122,7 @@ def assert_temperatures(scene, before, record, particles):
     assert np.all(np.isfinite(theta))
     assert np.all(theta >= 0.0)
     assert theta.min() <= record["mean_temperature"] <= theta.max()
-    if isinstance(scene.laws.heating, OwnEnergy) or not isinstance(scene.cooling, Exact):
+    if isinstance(scene.laws.heating, OwnEnergy) or not isinstance(scene.cooling, ExactCooling):
         return
     assert record["floored_temperatures"] == 0
     coldest = min(before.temperature[:start].min(), scene.cooling.law.equilibrium)

@@ -7,12 +7,12 @@ import numpy as np
 from extreme_scenes import decades
 from hypothesis import strategies as st
 
-from agglom_mpi.compilation import kernel
+from agglom_mpi.kernels import kernel
+from agglom_mpi.outcome import FAILED, OUTCOME
 from agglom_mpi.physics.restitution import ContactTimeRestitution
-from agglom_mpi.simulation.outcome import FAILED, OUTCOME
 from agglom_mpi.simulation.particles import Particles, new_ledger
-from agglom_mpi.simulation.sample import carry_out
-from agglom_mpi.simulation.scene import EventDriven, build_scene
+from agglom_mpi.simulation.sample import integrate
+from agglom_mpi.simulation.scene import EventDriven
 
 PLENTY = 10**6
 """Events per particle: a light sphere meets two heavy ones √(mass ratio) times and more."""
@@ -27,7 +27,7 @@ MOTIONS = ("gas", "gas", "inwards", "decades", "one", "alike")
 @kernel
 def carry(scene, particles, abort, out):
     ledger = new_ledger()
-    carry_out(scene, particles, ledger, abort, out[0], None)
+    integrate(scene, particles, ledger, abort, out[0], None)
     return ledger
 
 
@@ -133,7 +133,7 @@ def arranged(draw, kind, periodic, most=24):
     drawn = draw(kind)
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     campaign = drawn.campaign()
-    scene = build_scene(campaign.scene, campaign.parameters())
+    scene = campaign.scene.build(campaign.parameters())
     half, speed = scene.half_width, scene.velocities.speed
     number, layout = draw(st.integers(2, most)), draw(st.sampled_from(LAYOUTS))
     spread, largest = draw(st.sampled_from([0, 0, 1, 3])), 0.49 * half * draw(decades(-2, 0))

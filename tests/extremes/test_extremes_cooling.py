@@ -19,8 +19,8 @@ from agglom_mpi.physics.cooling import (
     PANEL,
     QuarticCooling,
     RadiativeCooling,
-    cooled,
     equilibrium_temperature,
+    exact_temperature,
     panel_time,
 )
 
@@ -35,7 +35,7 @@ STARTS = pytest.mark.parametrize("start", [0.0, 1e-3, 1.0, 299.0, 301.0, 5e3, 1e
 
 @numba.njit(error_model="numpy")
 def exact(law, temperature, time):
-    return cooled(law, temperature, SURFACE, CAPACITY, time)
+    return exact_temperature(law, temperature, SURFACE, CAPACITY, time)
 
 
 def radiative(emissivity=0.5, surroundings=300.0, convection=0.0, ambient=300.0):

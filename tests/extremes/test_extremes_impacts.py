@@ -27,8 +27,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from impacts import R, encounter, isothermal_laws, pressure_scale
 
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.impact import solve_impact
 
 KINDS = pytest.mark.parametrize("make", CLOSED)
@@ -36,6 +35,8 @@ ALL_KINDS = pytest.mark.parametrize("make", [*CLOSED, make_own_energy])
 DURATIONS = pytest.mark.parametrize(
     "duration", [MeanSpeedDuration(1e-6), CompressionRecoveryDuration(1.0)], ids=["2003", "2004"]
 )
+SHARES = pytest.mark.parametrize("share", [0.1, pytest.param(1, marks=pytest.mark.slow)])
+"""Of the examples that the slow tier draws."""
 ULPS = range(-30, 31)
 
 
@@ -136,8 +137,9 @@ def test_just_short_of_bonding_restitution_goes_to_zero_with_its_closed_form(dur
 
 
 @KINDS
-def test_impacts_of_any_size_are_sound(make):
-    @examples(300)
+@SHARES
+def test_impacts_of_any_size_are_sound(make, share):
+    @examples(300 * share)
     @given(impacts(make))
     def check(case):
         assert_sound(*case, solve_impact(*case))
@@ -177,8 +179,9 @@ def test_impacts_with_everything_at_an_extreme_are_sound(make, initial):
 
 
 @ALL_KINDS
-def test_no_impact_needs_many_steps(make):
-    @examples(200)
+@SHARES
+def test_no_impact_needs_many_steps(make, share):
+    @examples(200 * share)
     @given(impacts(make))
     def check(case):
         assert walk(*case)[1] <= MOST_STEPS
@@ -192,10 +195,11 @@ SCAN = -np.concatenate([[0.0], np.logspace(-9.0, 2.0, 4001)])
 
 
 @KINDS
-def test_no_root_of_less_restitution_is_passed_over(make):
+@SHARES
+def test_no_root_of_less_restitution_is_passed_over(make, share):
     """Everywhere above the deficit that was found the pressure asks for a smaller one."""
 
-    @examples(200)
+    @examples(200 * share)
     @given(impacts(make, softening=(0.0, 4.0)))
     def check(case):
         laws, pair = case
@@ -212,8 +216,9 @@ def test_no_root_of_less_restitution_is_passed_over(make):
 
 
 @ALL_KINDS
-def test_beside_a_fold_the_impact_ends_there_or_far_beyond_as_the_fold_says(make):
-    @examples(150)
+@SHARES
+def test_beside_a_fold_the_impact_ends_there_or_far_beyond_as_the_fold_says(make, share):
+    @examples(150 * share)
     @given(folded_impacts(make))
     def check(case):
         assume(case is not None)
@@ -261,8 +266,9 @@ def test_partners_of_two_temperatures_may_be_swapped_to_the_bit(make):
 
 
 @KINDS
-def test_the_partners_may_be_swapped(make):
-    @examples(150)
+@SHARES
+def test_the_partners_may_be_swapped(make, share):
+    @examples(150 * share)
     @given(impacts(make))
     def check(case):
         laws, pair = case
@@ -316,10 +322,11 @@ POWERS = st.integers(-30, 30).map(lambda power: 2.0**power)
 
 
 @ALL_KINDS
-def test_in_units_of_powers_of_two_an_impact_is_the_same_to_the_bit(make):
+@SHARES
+def test_in_units_of_powers_of_two_an_impact_is_the_same_to_the_bit(make, share):
     """The logarithms of pressure and hardness, taken apart, depended on the units."""
 
-    @examples(150)
+    @examples(150 * share)
     @given(impacts(make), POWERS, POWERS, POWERS, POWERS)
     def check(case, length, mass, time, kelvin):
         laws, pair = case

@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from plain_python import PLAIN
 
 from agglom_mpi import load_campaign
-from agglom_mpi.campaign.impact import ConstantRestitution
-from agglom_mpi.campaign.variables import volume_fraction
 from agglom_mpi.cli import main
+from agglom_mpi.config.bounds import volume_fraction
+from agglom_mpi.config.submodels import ConstantRestitution
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.physics.constants import GAS_CONSTANT, STEFAN_BOLTZMANN
-from agglom_mpi.physics.encounter import Encounter
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.simulation.outcome import COMPLETED
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.sample import simulate_scene
 
 SCENES = sorted((Path(__file__).parents[2] / "jobs" / "extremes").glob("*.yaml"))
 NAMES = [path.stem for path in SCENES]
@@ -27,13 +28,30 @@ SAMPLES = 3
 TRANSIENT = {"thousand_pieces": 1000, "coarse_steps": 300}
 """Scenes in which many spheres overlap at the end, with how many pairs of them at most."""
 
+IN_PLAIN_PYTHON = {
+    "at_rest", "cold", "fold", "hot", "kilometres", "nanometres", "no_time", "soft",
+    "strong_softening", "thermal_runaway", "two_particles", "zero_initial_contact_area",
+}  # fmt: skip
+"""Small ones of the type of `jobs/accretion_2003.yaml`."""
+LONG = {"coarse_steps", "creeping", "hard"}
+
 tested: set[str] = set()
 
 
+def marks_of(name):
+    return [PLAIN] * (name in IN_PLAIN_PYTHON) + [pytest.mark.slow] * (name in LONG)
+
+
 def about(*names):
-    """Note that a test is about these scenes."""
+    """Note that a test is about these scenes, and mark it as they are."""
     tested.update(names)
-    return lambda test: test
+
+    def mark(test):
+        for each in marks_of(names[0]):
+            test = each(test)
+        return test
+
+    return mark
 
 
 @cache
@@ -59,14 +77,14 @@ def total(name, quantity):
 
 @cache
 def built(name):
-    return build_scene(campaign(name).scene, campaign(name).parameters())
+    return campaign(name).scene.build(campaign(name).parameters())
 
 
 def head_on(name, speed, laws=None):
     """Let two grains of a scene meet head-on with an approach speed in m/s."""
     scene = built(name)
     theta = scene.temperature
-    pair = Encounter(
+    pair = ContactPair(
         speed, 0.0, scene.mass, scene.mass, 0.5 * scene.mass, scene.radius, theta, theta,
         speed, 0.0, 0.0, 0.0,
     )  # fmt: skip
@@ -89,7 +107,7 @@ def test_every_extreme_is_a_valid_scene_that_says_what_it_is(path):
     assert "Expected:" in " ".join(text.partition("title:")[0].split())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=marks_of(n)) for n in NAMES])
 def test_samples_of_every_extreme_are_sound(name):
     for outcome in outcomes(name):
         assert outcome.record["state"] == COMPLETED
@@ -340,7 +358,7 @@ def test_a_scene_is_the_same_in_nanometres_and_in_kilometres():
     parameters = campaign("nanometres").parameters()
     ends = []
     for name in ("nanometres", "kilometres"):
-        record, particles = simulate_scene(built(name), random_stream(1, parameters, 0))
+        record, particles = simulate_scene(built(name), sample_stream(1, parameters, 0))
         left = int(record["particles"])
         ends.append((record, particles.radius[:left] / built(name).radius, particles.temperature))
     (small, radii, theta), (large, same_radii, same_theta) = ends

@@ -8,17 +8,20 @@ import pytest
 from extreme_checks import assert_sound, motion
 from extreme_scenes import Drawn
 from extreme_states import Arranged, carry
+from plain_python import PLAIN, cases
 
-from agglom_mpi.compilation import kernel
+from agglom_mpi.kernels import kernel
+from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED, OUTCOME
 from agglom_mpi.physics.scales import grain_mass
-from agglom_mpi.simulation.box import Periodic, Reentry
-from agglom_mpi.simulation.contact import merged_radius
-from agglom_mpi.simulation.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED, OUTCOME
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.boundary import Periodic, Reentry
+from agglom_mpi.simulation.collision import merged_radius
+from agglom_mpi.simulation.initial_state import EqualSizes, place_randomly
 from agglom_mpi.simulation.particles import BREAKUPS, EXHAUSTED, STEPS
-from agglom_mpi.simulation.placement import EqualSizes, place
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import EventDriven, build_scene
+from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.scene import EventDriven
 
+SLOW = pytest.mark.slow
 HARD = 1e15
 """A hardness in Pa at which slow impacts are elastic but for 1e-9."""
 
@@ -70,14 +73,14 @@ def scene_of(cooling=None, engine=None, velocities=None, **changes):
     values = {key: value for key, value in changes.items() if key in VALUES}
     drawn = Drawn(section, {**VALUES, **values}, 0)
     campaign = drawn.campaign()
-    return build_scene(campaign.scene, campaign.parameters()), drawn
+    return campaign.scene.build(campaign.parameters()), drawn
 
 
 def sample_of(**changes):
     """Return a scene, the record of its sample 0, and its particles."""
     scene, drawn = scene_of(**changes)
     campaign = drawn.campaign()
-    return scene, *simulate_scene(scene, random_stream(0, campaign.parameters(), 0))
+    return scene, *simulate_scene(scene, sample_stream(0, campaign.parameters(), 0))
 
 
 def state_of(positions, velocities, radii, grains=None, budget=100_000, **changes):
@@ -98,6 +101,7 @@ def state_of(positions, velocities, radii, grains=None, budget=100_000, **change
 # events without end
 
 
+@pytest.mark.plain
 def test_approaches_below_the_rounding_of_velocities_are_no_contact():
     """Two spheres touch a third, obliquely: the impulse is lost in velocities of 1 m/s each."""
     step, b = 2.0**-52, 1.0 / 16.0
@@ -116,8 +120,14 @@ def test_approaches_below_the_rounding_of_velocities_are_no_contact():
     assert_sound(state.scene, state.particles(), record, particles, ledger)
 
 
-@pytest.mark.parametrize("pieces", [100, 300])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("seed", "pieces"),
+    [
+        pytest.param(0, 100, marks=PLAIN),
+        *(pytest.param(seed, 100, marks=SLOW) for seed in (1, 2)),
+        *(pytest.param(seed, 300, marks=SLOW) for seed in range(3)),
+    ],
+)
 def test_pieces_that_touch_each_other_share_a_blow_in_finitely_many_impacts(pieces, seed):
     """An aggregate breaks into pieces, packed around its centre, and is hit again and again."""
     generator = np.random.default_rng(seed)
@@ -143,6 +153,7 @@ def test_pieces_that_touch_each_other_share_a_blow_in_finitely_many_impacts(piec
     assert_sound(state.scene, state.particles(), record, particles, ledger)
 
 
+@pytest.mark.slow
 def test_an_aggregate_breaks_into_two_thousand_pieces():
     state = state_of(
         [[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0]],
@@ -159,13 +170,15 @@ def test_an_aggregate_breaks_into_two_thousand_pieces():
     assert_sound(state.scene, state.particles(), record, particles, ledger)
 
 
-def test_spheres_without_any_room_fail_at_the_budget_and_not_by_hanging():
+@pytest.mark.parametrize("budget", cases([50, 1000], [50], SLOW))
+@pytest.mark.plain
+def test_spheres_without_any_room_fail_at_the_budget_and_not_by_hanging(budget):
     """A chain that fills the box from face to face: no time passes between impacts."""
     count = 8
     along = (np.arange(count) + 0.5) * 2.0 / count - 1.0
     places = np.stack([along, np.zeros(count), np.zeros(count)], axis=1)
     speeds = np.stack([np.cos(np.arange(count)), np.zeros(count), np.zeros(count)], axis=1)
-    state = state_of(places, speeds, 0.01 / count, hardness=1e30, budget=1000)
+    state = state_of(places, speeds, 0.01 / count, hardness=1e30, budget=budget)
     record, particles, _ = state.carried()
     assert (record["state"], record["reason"]) == (FAILED, BUDGET_EXCEEDED)
     assert 0.0 <= record["end_time"] < state.scene.end_time
@@ -177,6 +190,7 @@ def test_spheres_without_any_room_fail_at_the_budget_and_not_by_hanging():
 # heat and temperatures
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("speed", [1e-12, 1e-6])
 def test_heat_too_small_for_a_temperature_is_in_the_ledger(speed):
     """At 1 µm/s an impact warms by 1e-15 K, and float64 has steps of 6e-14 K at 300 K."""
@@ -189,6 +203,7 @@ def test_heat_too_small_for_a_temperature_is_in_the_ledger(speed):
     assert abs(record["energy_error"]) <= 1e-12
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("ambient", [0.0, 1e-25])
 def test_the_mean_of_temperatures_is_between_them_however_far_they_fell(ambient):
     cooling = {"convection": 1e6, "ambient": ambient}
@@ -197,6 +212,7 @@ def test_the_mean_of_temperatures_is_between_them_however_far_they_fell(ambient)
     assert 0.0 <= theta.min() <= record["mean_temperature"] <= theta.max() <= 1e-20
 
 
+@pytest.mark.plain
 def test_a_merge_with_a_giant_leaves_it_its_own_temperature():
     """A mean of 1e6 K and 1e-3 K by mass, 1 to 1e12, keeps all digits of the small one."""
     state = state_of(
@@ -215,6 +231,7 @@ def test_a_merge_with_a_giant_leaves_it_its_own_temperature():
     assert_sound(state.scene, state.particles(), record, particles, ledger)
 
 
+@pytest.mark.plain
 def test_cooling_by_steps_that_are_too_long_closes_its_ledger():
     """Euler steps swing between 0 K and far above all; what they exchange is what flows."""
     scene, record, _ = sample_of(
@@ -233,11 +250,20 @@ def test_cooling_by_steps_that_are_too_long_closes_its_ledger():
 
 @kernel
 def place_all(random, escape, position, sizes, half_width):
-    return place(random, escape, position, sizes, half_width)
+    return place_randomly(random, escape, position, sizes, half_width)
 
 
-@pytest.mark.parametrize("escape", [Periodic(), Reentry()])
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 8, 9, 10, 12, 30, 100, 300])
+COUNTS = [2, 3, 4, 5, 8, 9, 10, 12, 30, 100, 300]
+
+
+@pytest.mark.parametrize(
+    ("count", "escape"),
+    [
+        *((count, Periodic()) for count in COUNTS),
+        *(pytest.param(count, Reentry(), marks=PLAIN) for count in COUNTS[:8]),
+        *(pytest.param(count, Reentry(), marks=SLOW) for count in COUNTS[8:]),
+    ],
+)
 def test_a_place_is_found_for_all_up_to_the_largest_size_ratio(count, escape):
     """Random sequential placement alone jams in nine of ten boxes of 300 there."""
     diameter = 2.0 * 0.8986 / count ** (1.0 / 3.0)
@@ -253,6 +279,7 @@ def test_a_place_is_found_for_all_up_to_the_largest_size_ratio(count, escape):
         assert np.linalg.norm(away, axis=0).min() >= diameter * (1.0 - 1e-14)
 
 
+@pytest.mark.plain
 def test_neighbours_stay_apart_after_a_drift_of_a_billion_boxes():
     """Two spheres touch and are at rest to each other; both are moved by the same way."""
     b = 1e-6
@@ -303,6 +330,7 @@ def test_the_mass_of_a_grain_is_the_same_in_any_unit_of_length(power):
         assert grain_mass(other, value | {"density": 1234.5 * unit**-3}) == mass
 
 
+@pytest.mark.plain
 def test_an_end_time_of_zero_changes_nothing():
     state = state_of([[0.1, 0, 0], [0.5, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 1e-3)
     particles, out = state.particles(), np.zeros(1, OUTCOME)

@@ -18,10 +18,11 @@ from extreme_scenes import (
 from extreme_states import arranged
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
+from plain_python import PLAIN
 
-from agglom_mpi.simulation.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.sample import simulate_scene
 
 EXAMPLES = int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300"))
 
@@ -35,9 +36,11 @@ def some(share):
     )
 
 
+SHORT = 25 / 300
 BUDGET = 20_000
-PERIODIC = aggregating("periodic", "mean_speed", "restitution_scaled", events(BUDGET))
-REENTRY = aggregating("reentry", "compression_recovery", "constant", events(BUDGET))
+PERIODIC = aggregating("periodic", "compression_recovery", "constant", events(BUDGET))
+"""Of the type of `jobs/agglomeration_2004.yaml`."""
+REENTRY = aggregating("reentry", "mean_speed", "restitution_scaled", events(BUDGET))
 CONSTANT = bouncing("periodic", False, events(2000))
 LASTING = bouncing("reentry", True, events(BUDGET))
 FIXED = aggregating(
@@ -56,9 +59,9 @@ def simulated(drawn, key=None):
     """
     campaign = drawn.campaign()
     parameters = campaign.parameters()
-    scene = build_scene(campaign.scene, parameters)
+    scene = campaign.scene.build(parameters)
     key = parameters if key is None else key
-    stream = [random_stream(campaign.seed, key, drawn.sample) for _ in range(2)]
+    stream = [sample_stream(campaign.seed, key, drawn.sample) for _ in range(2)]
     at_once, before = simulate_scene(scene._replace(end_time=0.0), stream[0])
     assert at_once["state"] == COMPLETED
     assert at_once["collisions"] == 0
@@ -80,14 +83,19 @@ def tell(record):
         event("all merged")
 
 
-@some(1)
-@given(PERIODIC)
-def test_the_event_engine_in_a_periodic_box(drawn):
-    scene, before, record, particles = simulated(drawn)
-    tell(record)
-    assert_sound(scene, before, record, particles)
+@pytest.mark.parametrize("share", [SHORT, pytest.param(1, marks=pytest.mark.slow)])
+def test_the_event_engine_in_a_periodic_box(share):
+    @some(share)
+    @given(PERIODIC)
+    def periodic(drawn):
+        scene, before, record, particles = simulated(drawn)
+        tell(record)
+        assert_sound(scene, before, record, particles)
+
+    periodic()
 
 
+@pytest.mark.slow
 @some(0.3)
 @given(REENTRY)
 def test_the_event_engine_with_reentry(drawn):
@@ -96,6 +104,7 @@ def test_the_event_engine_with_reentry(drawn):
     assert_sound(scene, before, record, particles)
 
 
+@pytest.mark.slow
 @some(0.3)
 @given(CONSTANT)
 def test_constant_restitution(drawn):
@@ -109,6 +118,7 @@ def test_constant_restitution(drawn):
     assert_sound(scene, before, record, particles)
 
 
+@pytest.mark.slow
 @some(0.3)
 @given(LASTING)
 def test_constant_restitution_with_a_contact_time(drawn):
@@ -117,6 +127,7 @@ def test_constant_restitution_with_a_contact_time(drawn):
     assert_sound(scene, before, record, particles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [FIXED, ADAPTIVE, OWN], ids=["fixed", "adaptive", "own energy"])
 def test_steppers(kind):
     @some(0.3)
@@ -129,15 +140,24 @@ def test_steppers(kind):
     stepper()
 
 
-@some(0.3)
-@given(arranged(PERIODIC, periodic=True))
-def test_any_state_in_a_periodic_box(state):
+@pytest.mark.parametrize(
+    ("share", "most"),
+    [pytest.param(SHORT, 8, marks=PLAIN), pytest.param(0.3, 24, marks=pytest.mark.slow)],
+)
+def test_any_state_in_a_periodic_box(share, most):
     """Chains and lattices of touching spheres, coinciding ones, mass ratios to 1e9."""
-    record, particles, ledger = state.carried()
-    tell(record)
-    assert_sound(state.scene, state.particles(), record, particles, ledger)
+
+    @some(share)
+    @given(arranged(PERIODIC, True, most))
+    def any_state(state):
+        record, particles, ledger = state.carried()
+        tell(record)
+        assert_sound(state.scene, state.particles(), record, particles, ledger)
+
+    any_state()
 
 
+@pytest.mark.slow
 @some(0.3)
 @given(arranged(LASTING, periodic=False))
 def test_any_state_of_constant_restitution_with_reentry(state):
@@ -158,12 +178,25 @@ LESS = st.sampled_from([-7, 0])
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [PERIODIC, REENTRY, CONSTANT, LASTING, FIXED, ADAPTIVE, OWN],
-    ids=["periodic", "reentry", "constant", "lasting", "fixed", "adaptive", "own energy"],
+    ("kind", "share"),
+    [
+        pytest.param(PERIODIC, SHORT, id="periodic, short"),
+        *(
+            pytest.param(kind, 0.3, id=name, marks=pytest.mark.slow)
+            for name, kind in {
+                "periodic": PERIODIC,
+                "reentry": REENTRY,
+                "constant": CONSTANT,
+                "lasting": LASTING,
+                "fixed": FIXED,
+                "adaptive": ADAPTIVE,
+                "own energy": OWN,
+            }.items()
+        ),
+    ],
 )
-def test_units_of_length_mass_and_time_do_not_change_a_bit(kind):
-    @some(0.3)
+def test_units_of_length_mass_and_time_do_not_change_a_bit(kind, share):
+    @some(share)
     @given(kind, LENGTHS, TIMES, LESS)
     def units(drawn, length, time, less):
         # The emissivity scales as mass over time cubed, and may not exceed 1.

@@ -3,9 +3,9 @@
 import numpy as np
 from farm_runs import write_campaign
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.simulation.outcome import COMPLETED
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.variables import NAMES
 
 COUNT, STRINGS, SAMPLES = 5, 3, 2

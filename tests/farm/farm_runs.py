@@ -6,23 +6,27 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
+from pydoc import locate
 
+import h5py
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from processes import HANG, end_group, output_of, program, start_group, wait_for
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.cli.inversion import invert_command
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 SMALL = {"generations": 3, "max_samples": 30}
-SLOW = {"generations": 3, "max_samples": 30, "steps": 6000}
-"""The same scene for longer, to be interrupted; some three seconds of work."""
+SLOW = SMALL
+"""What is interrupted: it lasts as long as `SLOWLY` or a `Gate` makes it."""
 SLOWLY = """
 import time
-import agglom_mpi.farm.simulator as simulator
+import agglom_mpi.runtime.sample_runner as simulator
 
 at_once = simulator.simulate_scene
 
@@ -33,8 +37,61 @@ def slowly(*arguments):
 simulator.simulate_scene = slowly
 """
 """What makes a campaign last on any machine, so that it can be caught in the act."""
+HELD = """
+import os
+import time
+from pathlib import Path
+
+import agglom_mpi.runtime.sample_runner as simulator
+
+folder = Path(__file__).parent
+number = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
+let_through, begun = simulator.simulate_scene, 0
+
+def held(scene, random, abort, frames=None):
+    global begun
+    begun += not abort[0]
+    if begun > AFTER:
+        (folder / f"pid-{number}").write_text(str(os.getpid()))
+        (folder / f"pid-{number}").replace(folder / f"held-{number}")
+    while begun > AFTER and not (abort[0] or (folder / "open").exists()):
+        time.sleep(0.01)
+    return let_through(scene, random, abort, frames)
+
+simulator.simulate_scene = held
+"""
+HANGS = """
+import time
+from types import SimpleNamespace
+
+import agglom_mpi.runtime.sample_runner as simulator
+
+go_on, now = simulator.SampleTask._do, 0.0
+
+def hang(self, sample):
+    global now
+    if (self._string, sample) in PAIRS:
+        now += 1e9
+        while self._watch.max_seconds is not None and not self._watch.abort[0]:
+            time.sleep(0.01)
+    go_on(self, sample)
+
+simulator.SampleTask._do = hang
+simulator.time = SimpleNamespace(
+    monotonic=lambda: now, perf_counter=time.perf_counter, time=time.time
+)
+"""
+"""The samples (string, sample) in PAIRS take too long, on any machine no others do."""
+HANGS_REPLACES = [
+    "agglom_mpi.runtime.sample_runner.SampleTask._do",
+    "agglom_mpi.runtime.sample_runner.time",
+]
+FINAL = "{strings: 6, samples: 12}"
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}
-TIMEOUT = 120.0
+SHARED = {"tiny": TINY, "small": SMALL, "estimated": SMALL | {"final": FINAL}, "slow": SLOW}
+"""Campaigns whose files several tests read: the fixture `shared_campaign` gives them."""
+
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 
 _BIN = Path(sys.executable).parent
 _LAUNCHERS = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "SLURM_", "HYDI_", "PRTE_")
@@ -63,6 +120,18 @@ def write_campaign(path, max_failures=None, steps=None, final="none", **numbers)
     return path
 
 
+HARD = {"hardness": 1e30}
+"""Grains so hard that nothing bonds, and collisions never end."""
+
+
+def write_endless(path):
+    """Write the quickstart campaign with samples of a billion events, if grains are `HARD`."""
+    write_campaign(path, **SMALL)
+    endless = "end_time: 1e9 s\n  engine: {law: event, budget: 1000000000}"
+    path.write_text(path.read_text().replace("end_time: characteristic", endless))
+    return path
+
+
 def environment(inject=None, **variables):
     """Return that of a fresh login, without launchers; the folder with a sitecustomize first."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith(_LAUNCHERS)}
@@ -86,6 +155,14 @@ def need_mpirun():
         pytest.skip("no mpirun is installed (pip install 'agglom_mpi[mpi]')")
 
 
+def need_parallel_hdf5():
+    """Skip where HDF5 cannot write in parallel; the continuous integration has a build that can."""
+    need_mpirun()
+    if not h5py.get_config().mpi:
+        assert "CI" not in os.environ, "this build of h5py is serial"
+        pytest.skip("this build of h5py is serial")
+
+
 def mpirun_is_hydra():
     """Whether the launcher is MPICH's."""
     said = subprocess.run(
@@ -93,7 +170,7 @@ def mpirun_is_hydra():
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=HANG,
         check=False,
     )
     return "HYDRA" in said.stdout
@@ -117,28 +194,32 @@ def _folder_of(folder, inject):
 
 def start(folder, *arguments, ranks=None, inject=SLOWLY, build=_BIN, **variables):
     """Start a run in the background, as its own group; `SLOWLY` unless `inject` is given."""
-    return subprocess.Popen(
-        _command(arguments, ranks, build),
-        cwd=folder,
-        env=environment(_folder_of(folder, inject), **variables),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    env = environment(_folder_of(folder, inject), **variables)
+    return start_group(_command(arguments, ranks, build), cwd=folder, env=env)
 
 
-def invert(folder, *arguments, ranks=None, inject=None, **variables):
-    """Run to the end."""
-    return subprocess.run(
-        _command(arguments, ranks),
-        cwd=folder,
-        env=environment(_folder_of(folder, inject), **variables),
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
+def invert(folder, *arguments, ranks=None, inject=None, alone=False, **variables):
+    """Run to the end; a plain run without any changes in this process, unless `alone`."""
+    if not (alone or ranks or inject or variables):
+        return _invert_here(folder, arguments)
+    env = environment(_folder_of(folder, inject), **variables)
+    with program(_command(arguments, ranks), cwd=folder, env=env) as process:
+        said, errors = output_of(process)
+    return subprocess.CompletedProcess(process.args, process.returncode, said, errors)
+
+
+def _invert_here(folder, arguments):
+    words = list(map(str, arguments))
+    handlers = {number: signal.getsignal(number) for number in _STOP_SIGNALS}
+    try:
+        with chdir(folder):
+            done = CliRunner().invoke(invert_command, words, prog_name="agglom-invert")
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)
 
 
 def finish(folder, *arguments, **options):
@@ -155,38 +236,74 @@ def inject(folder, text):
     return folder
 
 
-def wait_until(condition, process, seconds=TIMEOUT):
+@contextmanager
+def injected(text, *replaced):
+    """Execute code in this process for a block; what it replaces, by dotted names, is put back."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in replaced:
+            patch.setattr(name, locate(name))
+        exec(text, {})
+        yield
+
+
+def wait_until(condition, process):
     """Wait until the condition holds; the process must not end before."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert process.poll() is None, process.communicate(timeout=5)[1]
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
+    return wait_for(condition, "what was waited for", process)
+
+
+class Gate:
+    """Every rank waits before its next sample when it has done `after`, unless the run stops.
+
+    Parameters
+    ----------
+    folder
+        To be made, and to be injected; what else is injected is `text`.
+    after
+        Samples of each rank that are let through.
+    """
+
+    def __init__(self, folder, after=10, text=""):
+        self.folder = inject(folder, text + HELD.replace("AFTER", str(after)))
+
+    def held(self, rank=0):
+        """Return the process of a rank that waits, None if it does not yet."""
+        path = self.folder / f"held-{rank}"
+        return int(path.read_text()) if path.exists() else None
+
+    def held_any(self):
+        """Whether any rank waits: the campaign does not end before the gate is opened."""
+        return any(self.folder.glob("held-*"))
+
+    def open(self):
+        """Let all samples through from now on."""
+        (self.folder / "open").touch()
 
 
 @contextmanager
 def running(folder, *arguments, **options):
-    """Start a run that does not outlive the block."""
+    """Start a run that does not outlive the block, nor do its ranks."""
     process = start(folder, *arguments, **options)
     try:
         yield process
     finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=60)
+        end_group(process)
 
 
-def stop(folder, name, *arguments, number=signal.SIGUSR1, until=None, **options):
-    """Send a run of `name`.yaml a signal when it has written 20 more samples, or `until` holds.
+def stop(folder, name, *arguments, number=signal.SIGUSR1, until=None, inject=None, **options):
+    """Send a run of `name`.yaml a signal; its exit code and what it said on standard error.
 
-    Return its exit code and what it said on standard error.
+    It is sent when ranks wait at a gate, or when `until` holds if that is given. A run with code
+    of its own gets it when it has written 20 more samples.
     """
     path = folder / f"{name}.h5"
     enough = samples_in(path) + 20
-    with running(folder, f"{name}.yaml", *arguments, **options) as process:
+    if until is None and inject is None:
+        gate = Gate(folder / f"gate-{len(list(folder.glob('gate-*')))}")
+        until, inject = gate.held_any, gate.folder
+    with running(folder, f"{name}.yaml", *arguments, inject=inject or SLOWLY, **options) as process:
         wait_until(until or (lambda: samples_in(path) >= enough), process)
         os.kill(process.pid, number)
-        _, errors = process.communicate(timeout=30)
+        _, errors = output_of(process)
     return process.returncode, errors
 
 

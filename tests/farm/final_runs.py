@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.simulation.outcome import COLUMNS
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.variables import NAMES
 
 FREE = {"seconds", "finished", "rank", "crc"}

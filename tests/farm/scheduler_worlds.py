@@ -5,18 +5,18 @@ from functools import cache
 
 import numpy as np
 
-from agglom_mpi.database.table import unbroken
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Piece
-from agglom_mpi.farm.messages import MOST_SAMPLES
-from agglom_mpi.farm.pace import QUEUED
-from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.scheduling.estimators import QUEUED
+from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
+from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import SuccessiveDifference
-from agglom_mpi.simulation.outcome import Measured
+from agglom_mpi.storage.table import runs_of
 from agglom_mpi.variables import COUNT
 
 MAX_SAMPLES = 9
@@ -86,7 +86,7 @@ def noise(key, sample):
 def simulated(string, parameters, sample):
     """Return the outcome of a sample, a pure function of its string, with its number on it."""
     ratio = (1.0 + parameters[:2].sum()) * noise(int(1e6 * parameters[0]), sample)
-    return Measured(True, ratio, 50, (0.0, 0.0, 0.0), sample, string)
+    return SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), sample, string)
 
 
 def in_order(rescale=None):
@@ -211,7 +211,7 @@ class World:
             assert 1 <= len(batch) <= MOST_SAMPLES
             self._held[rank].append(deque(batch))
             assert len(self._held[rank]) <= MESSAGES_IN_FLIGHT
-        assert self.scheduler.lanes.samples == sum(len(b) for held in self._held for b in held)
+        assert self.scheduler.held.samples == sum(len(b) for held in self._held for b in held)
         if any(not self._held[rank] for rank in range(self._ranks) if rank not in self._silent):
             self._check_that_nothing_useful_is_left()
 
@@ -285,9 +285,9 @@ class World:
                     self._left_out[rank] |= held
                     self.withdrawn |= held
 
-    def _judge(self, piece: Piece, fresh):
+    def _judge(self, piece: SampleRange, fresh):
         parameters = self.inversion.parameters(piece.string)
-        for place, count in unbroken(fresh):
+        for place, count in runs_of(fresh):
             first = piece.first + place
             new = [
                 simulated(piece.string, parameters, sample)

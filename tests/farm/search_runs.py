@@ -2,7 +2,7 @@
 
 import re
 
-from farm_runs import SLOW, write_campaign
+from farm_runs import SMALL, write_campaign
 
 SEARCHES = {
     "surrogate": "{method: surrogate, initial: 9, batch: 7}",  # batches outgrow the first one
@@ -14,7 +14,7 @@ SEARCHES = {
 
 def write_search(path, search, samples=3, **numbers):
     """Write a campaign with a section `search` and so many samples of every string."""
-    text = write_campaign(path, **SLOW | {"generations": 5} | numbers).read_text()
+    text = write_campaign(path, **SMALL | {"generations": 5} | numbers).read_text()
     ensemble = f"\nensemble: {{rule: fixed, samples: {samples}}}\n"
     for section, changed in (
         (r"\nsearch: .*\n", f"\nsearch: {search}\n"),

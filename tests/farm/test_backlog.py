@@ -1,11 +1,11 @@
 """Judgements wait for the samples that they rest on, and keep their order."""
 
 import numpy as np
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.backlog import Backlog
-from agglom_mpi.farm.messages import RESULT
+from agglom_mpi.runtime.messages import RESULT
+from agglom_mpi.runtime.write_order import WriteOrderBarrier
 
 
 def rows(count, first=0):
@@ -16,13 +16,13 @@ def rows(count, first=0):
 
 
 def test_without_samples_of_other_ranks_nothing_waits():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.store(lambda: stored.append(1))
     assert stored == [1]
 
 
 def test_a_record_waits_for_every_rank_that_it_rests_on():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.delivered(1, rows(3))
     backlog.delivered(2, rows(1))
     backlog.store(lambda: stored.append("result"))
@@ -34,7 +34,7 @@ def test_a_record_waits_for_every_rank_that_it_rests_on():
 
 
 def test_what_came_later_is_not_waited_for():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.delivered(1, rows(3))
     backlog.store(lambda: stored.append("result"))
     backlog.delivered(1, rows(5))
@@ -43,7 +43,7 @@ def test_what_came_later_is_not_waited_for():
 
 
 def test_rows_written_before_their_delivery_is_known_count():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.written(1, 4)
     backlog.delivered(1, rows(3))
     backlog.store(lambda: stored.append("result"))
@@ -65,7 +65,7 @@ class Model:
     """What ranks and the file hold while steps are taken, and what must be true of it."""
 
     def __init__(self):
-        self.backlog, self.stored, self.asked = Backlog(), [], 0
+        self.backlog, self.stored, self.asked = WriteOrderBarrier(), [], 0
         self.delivered = dict.fromkeys((1, 2, 3), 0)
         self.written = dict.fromkeys((1, 2, 3), 0)
         self.in_file = {rank: set() for rank in (1, 2, 3)}
@@ -101,8 +101,7 @@ class Model:
         self.backlog.store(action)
 
 
-@given(STEPS)
-@settings(derandomize=True, deadline=None, max_examples=300)
+@examples(300, STEPS)
 def test_records_are_stored_in_order_once_and_never_before_their_samples(steps):
     model = Model()
     for step, rank, count in steps:
@@ -120,7 +119,7 @@ def test_records_are_stored_in_order_once_and_never_before_their_samples(steps):
 
 
 def test_a_rank_that_is_not_heard_any_more_holds_nothing_back():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.delivered(1, rows(3))
     backlog.delivered(1, rows(2, first=3))
     backlog.store(lambda: stored.append("result"))
@@ -133,7 +132,7 @@ def test_a_rank_that_is_not_heard_any_more_holds_nothing_back():
 
 
 def test_what_a_rank_that_is_back_writes_late_does_not_count_for_what_it_sends_next():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.delivered(1, rows(3))
     backlog.take_over(1)
     backlog.taken_over()
@@ -159,7 +158,7 @@ class Batch:
 
 
 def test_batches_that_wait_are_not_counted_again_for_every_one_that_comes():
-    backlog, many = Backlog(), 1000
+    backlog, many = WriteOrderBarrier(), 1000
     for _ in range(many):
         backlog.delivered(1, Batch(3))
     for _ in range(many):
@@ -169,7 +168,7 @@ def test_batches_that_wait_are_not_counted_again_for_every_one_that_comes():
 
 
 def test_at_the_end_all_that_waits_is_stored():
-    backlog, stored = Backlog(), []
+    backlog, stored = WriteOrderBarrier(), []
     backlog.delivered(1, rows(3))
     for number in range(3):
         backlog.store(lambda number=number: stored.append(number))

@@ -12,43 +12,51 @@ from bulk_runs import (
     pictures_wanted,
     write_bulk_campaign,
 )
-from farm_runs import assert_same, assert_sound, decisions, finish, inject, invert, state
+from farm_runs import (
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    inject,
+    injected,
+    invert,
+    state,
+)
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
 
 KILLED_BY_THE_FIRST_PICTURES = """
 import os
 import signal
-from agglom_mpi.farm.gallery import Gallery
+from agglom_mpi.runtime.post_stages import FrameStage
 
-hang = Gallery.hang
+hang = FrameStage.store
 
 def last_act(self, rows):
     hang(self, rows)
     os.kill(os.getpid(), signal.SIGKILL)
 
-Gallery.hang = last_act
+FrameStage.store = last_act
 """
 
 STOPPED_BEFORE_PICTURES = """
-import os
 import signal
-from agglom_mpi.farm.gallery import Gallery
+from agglom_mpi.runtime.post_stages import FrameStage
 
-prepare = Gallery.open
+prepare = FrameStage.open
 
 def stopped(self):
-    os.kill(os.getpid(), signal.SIGTERM)
+    signal.raise_signal(signal.SIGTERM)
     return prepare(self)
 
-Gallery.open = stopped
+FrameStage.open = stopped
 """
 
 PICTURES_RAISE = """
-import agglom_mpi.farm.simulator as simulator
+import agglom_mpi.runtime.sample_runner as simulator
 
 simulate_scene, raised = simulator.simulate_scene, []
 
@@ -112,7 +120,11 @@ def test_a_run_that_ends_before_its_pictures_takes_them_when_run_again(
 ):
     shutil.copy(kept / "kept.yaml", tmp_path)
     path = tmp_path / "kept.h5"
-    done = invert(tmp_path, "kept.yaml", inject=inject(tmp_path / "inject", act))
+    if code == 75:
+        with injected(act, "agglom_mpi.runtime.post_stages.FrameStage.open"):
+            done = invert(tmp_path, "kept.yaml")
+    else:
+        done = invert(tmp_path, "kept.yaml", inject=inject(tmp_path / "inject", act))
     assert done.returncode == code, done.stderr
     assert len(open_campaign(path).framed()) == left
     assert state(path)[0] == ("running" if code == -9 else "stopped")
@@ -210,8 +222,8 @@ def test_fewer_strings_than_asked_for_are_all_there_are(tmp_path):
 
 def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, tmp_path):
     write_bulk_campaign(path.parent / "kept.yaml", BOTH.replace("count: 5", "count: 4"), **TWO)
-    folder = inject(tmp_path / "inject", PICTURES_RAISE)
-    done = finish(path.parent, "kept.yaml", inject=folder)
+    with injected(PICTURES_RAISE, "agglom_mpi.runtime.sample_runner.simulate_scene"):
+        done = finish(path.parent, "kept.yaml")
     assert "ArithmeticError: injected" in done.stderr
     file = open_campaign(path)
     [failure] = file.failures()

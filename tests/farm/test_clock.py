@@ -1,11 +1,10 @@
-import os
 import signal
-import time
+from types import SimpleNamespace
 
 import pytest
 
-from agglom_mpi.farm import clock
-from agglom_mpi.farm.clock import StopRequest, ignore_signals
+from agglom_mpi.runtime import stop_request as clock
+from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 
 ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 
@@ -19,15 +18,23 @@ def handlers():
         signal.signal(number, handler)
 
 
+@pytest.fixture
+def now(monkeypatch):
+    """Replace the time by one that a test sets: `now.seconds`."""
+    now = SimpleNamespace(seconds=100.0)
+    monkeypatch.setattr(clock, "time", SimpleNamespace(monotonic=lambda: now.seconds))
+    return now
+
+
 def test_nobody_asked_to_stop():
     assert StopRequest().reason == ""
 
 
-def test_the_deadline_is_a_reason_once_it_is_reached(monkeypatch):
-    now = time.monotonic()
+def test_the_deadline_is_a_reason_once_it_is_reached(now):
     stop = StopRequest(3600.0)
+    now.seconds += 3599.0
     assert stop.reason == ""
-    monkeypatch.setattr(clock.time, "monotonic", lambda: now + 3601.0)
+    now.seconds += 1.0
     assert stop.reason == "the walltime limit is reached"
 
 
@@ -35,21 +42,20 @@ def test_the_deadline_is_a_reason_once_it_is_reached(monkeypatch):
 def test_a_signal_is_a_reason_and_kills_nobody(number):
     stop = StopRequest(3600.0)
     stop.listen()
-    os.kill(os.getpid(), number)
+    signal.raise_signal(number)
     assert stop.reason == f"received {number.name}"
 
 
-def test_the_reason_stays_after_a_deadline_passed_too(monkeypatch):
+def test_the_reason_stays_after_a_deadline_passed_too(now):
     stop = StopRequest(3600.0)
     stop.listen()
-    os.kill(os.getpid(), signal.SIGUSR1)
-    later = time.monotonic() + 7200.0
-    monkeypatch.setattr(clock.time, "monotonic", lambda: later)
+    signal.raise_signal(signal.SIGUSR1)
+    now.seconds += 7200.0
     assert stop.reason == "received SIGUSR1"
 
 
 def test_workers_ignore_what_the_first_rank_listens_to():
     ignore_signals()
     for number in ALL:
-        os.kill(os.getpid(), number)
+        signal.raise_signal(number)
     assert [signal.getsignal(number) for number in ALL] == [signal.SIG_IGN] * 3

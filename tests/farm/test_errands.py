@@ -5,13 +5,13 @@ from collections import Counter, deque
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.errands import Errands
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
-from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.pace import BATCH_SECONDS
+from agglom_mpi.scheduling.estimators import BATCH_SECONDS
+from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
+from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 
 PATIENCE = 30.0
 
@@ -29,7 +29,7 @@ def pairs(batch):
 
 
 def test_tasks_are_handed_out_in_order_to_the_rank_with_the_fewest():
-    errands = Errands(tasks(8), 2)
+    errands = StaticScheduler(tasks(8), 2)
     handed = list(errands.assignments(0.0))
     assert [rank for rank, _ in handed] == [0, 1] * MESSAGES_IN_FLIGHT
     assert [task.tobytes() for _, task in handed] == [task.tobytes() for task in tasks(8)[:4]]
@@ -38,11 +38,11 @@ def test_tasks_are_handed_out_in_order_to_the_rank_with_the_fewest():
 
 
 def test_without_tasks_nobody_gets_any():
-    assert list(Errands(tasks(0), 3).assignments(0.0)) == []
+    assert list(StaticScheduler(tasks(0), 3).assignments(0.0)) == []
 
 
 def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
-    errands = Errands(tasks(3), 2)
+    errands = StaticScheduler(tasks(3), 2)
     assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0]
     errands.done(1)
     errands.heard(1, 50.0)
@@ -70,17 +70,17 @@ def keys(batch):
 
 @pytest.mark.parametrize(("seconds", "size"), [(BATCH_SECONDS / 20.5, 20), (1e-9, 74)])
 def test_a_batch_is_worth_a_message_and_no_more_than_a_share_of_what_waits(seconds, size):
-    errands = Errands(many(4, 150), 2)
+    errands = StaticScheduler(many(4, 150), 2)
     assert [len(keys(batch)) for _, batch in errands.assignments(0.0)] == [1] * 4
     errands.pace.learn([seconds])
-    errands.returned(0, [True] * 1)
+    errands.returned(0, [True])
     [(rank, batch), *_] = errands.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, size)
     assert keys(batch) == [(0, 34 + sample) for sample in range(size)]
 
 
 def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
-    errands = Errands(many(1, 9), 2)
+    errands = StaticScheduler(many(1, 9), 2)
     list(errands.assignments(0.0))
     errands.pace.learn([10.0])
     errands.returned(0, [True] * 2)
@@ -89,18 +89,18 @@ def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
 
 
 def test_what_two_ranks_have_done_counts_once():
-    errands = Errands(many(1, 4), 2)
+    errands = StaticScheduler(many(1, 4), 2)
     assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0, 1]
     errands.heard(1, 50.0)
     assert errands.clock(50.0, PATIENCE) == [0]
     errands.pace.learn([0.1])
     errands.returned(1, [True] * 2)
     assert [keys(batch) for _, batch in errands.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
-    [(piece, first)] = errands.returned(1, [True] * 1)
+    [(piece, first)] = errands.returned(1, [True])
     assert (piece, first.tolist()) == ((0, 30, 1), [True])
     late = errands.returned(0, [True] * 2)
     assert [(piece.first, first.tolist()) for piece, first in late] == [(30, [False]), (32, [True])]
-    [(piece, first)] = errands.returned(1, [True] * 1)
+    [(piece, first)] = errands.returned(1, [True])
     assert (piece, first.tolist()) == ((0, 32, 1), [False])
 
 
@@ -108,7 +108,7 @@ class World:
     """Ranks that do errands, or die; the first one lives for ever."""
 
     def __init__(self, wanted, ranks, chance):
-        self.errands, self.ranks, self.chance = Errands(wanted, ranks), ranks, chance
+        self.errands, self.ranks, self.chance = StaticScheduler(wanted, ranks), ranks, chance
         self.held = [deque() for _ in range(ranks)]
         self.alive, self.now = set(range(ranks)), 0.0
         self.handed, self.lost, self.done = Counter(), Counter(), set()
@@ -137,8 +137,7 @@ class World:
         self.errands.heard(rank, self.now)
 
 
-@given(st.integers(1, 6), st.integers(0, 30), st.integers(0, 2**32), st.floats(0.0, 0.5))
-@settings(derandomize=True, deadline=None, max_examples=150)
+@examples(150, st.integers(1, 6), st.integers(0, 30), st.integers(0, 2**32), st.floats(0.0, 0.5))
 def test_every_task_is_done_while_one_rank_lives(ranks, count, seed, trouble):
     chance = random.Random(seed)
     wanted = tasks(count)

@@ -4,23 +4,22 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.experience import Experience
+from agglom_mpi.scheduling.estimators import SampleCountModel
 
 USED = st.lists(st.integers(1, 40), max_size=60)
 
 
 def experienced(used):
-    experience = Experience()
+    experience = SampleCountModel()
     for count in used:
         experience.learn(count)
     return experience
 
 
-@given(USED, st.integers(0, 50))
-@settings(derandomize=True, deadline=None, max_examples=200)
+@examples(200, USED, st.integers(0, 50))
 def test_the_chance_is_one_for_the_next_sample_and_falls_from_there(used, judged):
     experience = experienced(used)
     chances = [experience.chance(judged, sample) for sample in range(judged, judged + 60)]
@@ -29,16 +28,14 @@ def test_the_chance_is_one_for_the_next_sample_and_falls_from_there(used, judged
     assert min(chances) > 0.0
 
 
-@given(USED, st.integers(0, 30), st.integers(0, 30))
-@settings(derandomize=True, deadline=None, max_examples=200)
+@examples(200, USED, st.integers(0, 30), st.integers(0, 30))
 def test_the_more_samples_were_not_enough_the_likelier_is_one_further_on(used, judged, ahead):
     experience = experienced(used)
     sample = judged + 1 + ahead
     assert experience.chance(judged + 1, sample) >= experience.chance(judged, sample)
 
 
-@given(USED)
-@settings(derandomize=True, deadline=None, max_examples=50)
+@examples(50, USED)
 def test_the_order_of_experiences_does_not_matter(used):
     one, other = experienced(used), experienced(sorted(used, reverse=True))
     for judged in range(0, 20, 3):
@@ -47,7 +44,7 @@ def test_the_order_of_experiences_does_not_matter(used):
 
 
 def test_without_experience_twice_the_samples_are_as_likely_as_not():
-    experience = Experience()
+    experience = SampleCountModel()
     for judged in (0, 1, 9, 99):
         assert experience.chance(judged, 2 * (judged + 1) - 1) == 0.5
 

@@ -13,6 +13,7 @@ from farm_runs import (
     decisions,
     finish,
     inject,
+    injected,
     invert,
     state,
     write_campaign,
@@ -24,40 +25,40 @@ from final_runs import (
     fresh_rows,
 )
 
+from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.check import check_file
 
 TWO = {"generations": 2, "max_samples": 12}
 STRINGS, SAMPLES = 3, 8
 FINAL = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"
 
 STOPPED_AT_ONCE = """
-import os
 import signal
-from agglom_mpi.farm.reestimation import Reestimation
+from agglom_mpi.runtime.post_stages import ReestimationStage
 
-take = Reestimation.take
+take = ReestimationStage.take
 
 def stopped(self, rows):
     take(self, rows)
-    os.kill(os.getpid(), signal.SIGNAL)
+    signal.raise_signal(signal.SIGNAL)
 
-Reestimation.take = stopped
+ReestimationStage.take = stopped
 """
 
 SAMPLE_13_RAISES = """
-import agglom_mpi.farm.simulator as simulator
+import agglom_mpi.runtime.sample_runner as simulator
 
-do = simulator.Series._do
+do = simulator.SampleTask._do
 
 def careless(self, sample):
     do(self, sample)
     if sample == 13:
         raise ArithmeticError("injected")
 
-simulator.Series._do = careless
+simulator.SampleTask._do = careless
 """
+SERIES_DO = "agglom_mpi.runtime.sample_runner.SampleTask._do"
 
 
 @pytest.fixture(scope="module")
@@ -112,9 +113,12 @@ def test_a_run_that_ends_among_fresh_samples_goes_on_to_the_same_bytes(
     ended, tmp_path, code, signal
 ):
     shutil.copy(ended / "final.yaml", tmp_path)
-    path = tmp_path / "final.h5"
-    folder = inject(tmp_path / "inject", STOPPED_AT_ONCE.replace("SIGNAL", signal))
-    done = invert(tmp_path, "final.yaml", inject=folder)
+    path, text = tmp_path / "final.h5", STOPPED_AT_ONCE.replace("SIGNAL", signal)
+    if code == 75:
+        with injected(text, "agglom_mpi.runtime.post_stages.ReestimationStage.take"):
+            done = invert(tmp_path, "final.yaml")
+    else:
+        done = invert(tmp_path, "final.yaml", inject=inject(tmp_path / "inject", text))
     assert done.returncode == code, done.stderr
     assert len(fresh_rows(path)) < STRINGS * SAMPLES
     assert state(path)[0] == ("running" if code == -9 else "stopped")
@@ -186,8 +190,8 @@ def test_a_file_of_an_earlier_version_goes_on_without_estimates(ended, tmp_path)
 
 def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 3, samples: 11}")
-    folder = inject(tmp_path / "inject", SAMPLE_13_RAISES)
-    assert "ArithmeticError: injected" in finish(tmp_path, "final.yaml", inject=folder).stderr
+    with injected(SAMPLE_13_RAISES, SERIES_DO):
+        assert "ArithmeticError: injected" in finish(tmp_path, "final.yaml").stderr
     file = open_campaign(tmp_path / "final.h5")
     assert file.estimates["failed"].tolist() == [1] * STRINGS
     assert file.estimates["samples"].tolist() == [11] * STRINGS
@@ -203,9 +207,10 @@ def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
 
 def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 4, samples: 4}")
-    full = "import agglom_mpi.database.create as create\ncreate.FAILURE_CAPACITY = 2\n"
-    folder = inject(tmp_path / "inject", SAMPLE_13_RAISES + full)
-    said = finish(tmp_path, "final.yaml", inject=folder).stderr
+    full = "import agglom_mpi.storage.create as create\ncreate.FAILURE_CAPACITY = 2\n"
+    capacity = "agglom_mpi.storage.create.FAILURE_CAPACITY"
+    with injected(SAMPLE_13_RAISES + full, SERIES_DO, capacity):
+        said = finish(tmp_path, "final.yaml").stderr
     assert said.count("ArithmeticError: injected") == 4
     assert said.count("failures; more texts are lost") == 1
     assert len(open_campaign(tmp_path / "final.h5").failures()) == 2
@@ -216,8 +221,8 @@ def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
 
 def test_too_many_fresh_samples_that_raise_end_the_run(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final=FINAL, max_failures=2)
-    folder = inject(tmp_path / "inject", SAMPLE_13_RAISES)
-    done = invert(tmp_path, "final.yaml", inject=folder)
+    with injected(SAMPLE_13_RAISES, SERIES_DO):
+        done = invert(tmp_path, "final.yaml")
     assert done.returncode == 1, done.stderr
     assert state(tmp_path / "final.h5") == ("failed", "2 samples failed with errors")
 

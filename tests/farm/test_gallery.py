@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.database.bulk import frame_rows
-from agglom_mpi.farm.gallery import Gallery
-from agglom_mpi.farm.work import Pictures
-from agglom_mpi.simulation.snapshots import new_frames
+from agglom_mpi.runtime.experiment import FramePlan
+from agglom_mpi.runtime.post_stages import FrameStage
+from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.storage.particle_tables import frame_rows
 from agglom_mpi.variables import COUNT
 
 FRAMES = 3
-WANTED = Pictures(((7, 0), (7, 1), (2, 0)), FRAMES)
+WANTED = FramePlan(((7, 0), (7, 1), (2, 0)), FRAMES)
 
 
 class Album:
@@ -46,7 +46,7 @@ def rows(string, sample):
 
 
 def open_gallery(album, pictures=WANTED):
-    gallery = Gallery(pictures, album, parameters)
+    gallery = FrameStage(pictures, album, parameters)
     return gallery, gallery.open()
 
 
@@ -63,7 +63,7 @@ def test_all_are_taken_in_order_where_there_are_none():
         assert task["parameters"].tolist() == parameters(task["string"]).tolist()
     for pair in reversed(WANTED.samples):
         assert not gallery.done
-        gallery.hang(rows(*pair))
+        gallery.store(rows(*pair))
     assert gallery.done
     assert gallery.complete
     assert album.keys == Album(*WANTED.samples).keys
@@ -76,7 +76,7 @@ def test_frames_may_arrive_one_by_one():
     assert pairs(tasks) == [(2, 0)]
     for frame in range(FRAMES):
         assert not gallery.complete
-        gallery.hang(rows(2, 0)[frame : frame + 1])
+        gallery.store(rows(2, 0)[frame : frame + 1])
     assert gallery.complete
     assert album.keys == Album(*WANTED.samples).keys
 
@@ -108,19 +108,19 @@ def test_a_sample_of_which_one_picture_is_missing_is_taken_again():
 )
 def test_pictures_of_others_are_dropped_before_any_is_taken(stored):
     album = Album(*stored)
-    gallery = Gallery(WANTED, album, parameters)
+    gallery = FrameStage(WANTED, album, parameters)
     assert not gallery.complete
     assert not gallery.done
     assert album.keys, "asking changes nothing"
     assert pairs(gallery.open()) == list(WANTED.samples)
     assert (album.keys, album.forgotten) == ({}, 1)
     for pair in WANTED.samples:
-        gallery.hang(rows(*pair))
+        gallery.store(rows(*pair))
     assert gallery.complete
 
 
 def test_fewer_frames_of_the_same_sample_are_dropped_and_more_taken_all():
-    one = Pictures(((7, 0),), FRAMES)
+    one = FramePlan(((7, 0),), FRAMES)
     album = Album()
     album.keep(0, 7, 0, range(FRAMES + 1))
     assert pairs(open_gallery(album, one)[1]) == [(7, 0)]
@@ -137,14 +137,14 @@ def test_a_sample_that_raised_is_given_up_until_the_next_run():
     gallery, _ = open_gallery(album)
     gallery.give_up(7, 1)
     assert not gallery.done
-    gallery.hang(rows(2, 0))
+    gallery.store(rows(2, 0))
     assert gallery.done
     assert pairs(open_gallery(album)[1]) == [(7, 1)]
 
 
 def test_where_none_are_asked_for_those_there_are_stay():
     album = Album((7, 0))
-    gallery, tasks = open_gallery(album, Pictures())
+    gallery, tasks = open_gallery(album, FramePlan())
     assert gallery.complete
     assert gallery.done
     assert len(tasks) == 0

@@ -1,14 +1,14 @@
 """What ranks hold, against a plain list of samples for each rank."""
 
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT, Lanes, Piece
+from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
 
 RANKS = 3
 PIECES = st.lists(
-    st.builds(Piece, st.integers(0, 5), st.integers(0, 5), st.integers(1, 4)),
+    st.builds(SampleRange, st.integers(0, 5), st.integers(0, 5), st.integers(1, 4)),
     min_size=1,
     max_size=3,
 )
@@ -33,10 +33,10 @@ def samples_of(pieces):
 
 
 class Model:
-    """The same as `Lanes`, slow and simple."""
+    """The same as `InFlightTable`, slow and simple."""
 
     def __init__(self):
-        self.lanes = Lanes(RANKS)
+        self.lanes = InFlightTable(RANKS)
         self.batches = [[] for _ in range(RANKS)]
         self.heard = [0.0] * RANKS
         self.silent = set()
@@ -89,8 +89,8 @@ class Model:
             for batches in self.batches
         ]
         expected = [(r, count) for r, count in enumerate(counts) if count and r not in self.silent]
-        assert list(self.lanes.holders(string)) == expected
-        assert list(self.lanes.holders(string)) == []
+        assert self.lanes.settle(string) == expected
+        assert self.lanes.settle(string) == []
 
     def compare(self):
         lanes = self.lanes
@@ -105,8 +105,7 @@ class Model:
             assert found in ranks if ranks else found is None
 
 
-@given(STEPS)
-@settings(derandomize=True, deadline=None, max_examples=300)
+@examples(300, STEPS)
 def test_lanes_hold_what_was_given_and_not_returned(steps):
     model = Model()
     for step, what in steps:
@@ -125,37 +124,36 @@ def test_lanes_hold_what_was_given_and_not_returned(steps):
         model.compare()
 
 
-@given(st.integers(0, 9), st.integers(1, 9), st.data())
-@settings(derandomize=True, deadline=None, max_examples=50)
+@examples(50, st.integers(0, 9), st.integers(1, 9), st.data())
 def test_a_piece_falls_into_two_that_are_the_whole(first, count, data):
-    piece = Piece(7, first, count)
+    piece = SampleRange(7, first, count)
     one, other = piece.split(data.draw(st.integers(0, count)))
     assert samples_of([one, other]) == samples_of([piece])
 
 
 def test_the_rank_that_has_had_its_batches_for_longest_is_next():
-    lanes = Lanes(3)
+    lanes = InFlightTable(3)
     for rank in (2, 0, 1):
-        lanes.give(rank, [Piece(0, 0, 1)], 0.0)
+        lanes.give(rank, [SampleRange(0, 0, 1)], 0.0)
     assert lanes.next_with(0) is None
     assert lanes.next_with(1) == 2
-    lanes.give(2, [Piece(0, 0, 1)], 0.0)
+    lanes.give(2, [SampleRange(0, 0, 1)], 0.0)
     assert lanes.next_with(1) == 0
     lanes.returned(2, 1)
     assert lanes.next_with(1) == 0, "the batch that is left has only begun"
 
 
 def test_a_rank_returns_no_more_than_it_holds():
-    lanes = Lanes(1)
-    lanes.give(0, [Piece(0, 0, 2)], 0.0)
+    lanes = InFlightTable(1)
+    lanes.give(0, [SampleRange(0, 0, 2)], 0.0)
     with pytest.raises(IndexError):
         lanes.returned(0, 3)
 
 
 def test_a_rank_that_had_nothing_to_do_was_not_silent():
-    lanes = Lanes(2)
+    lanes = InFlightTable(2)
     assert lanes.fall_silent(100.0) == []
-    lanes.give(0, [Piece(0, 0, 1)], 100.0)
+    lanes.give(0, [SampleRange(0, 0, 1)], 100.0)
     assert lanes.fall_silent(100.0) == []
     assert lanes.fall_silent(100.5) == [0]
     assert lanes.fall_silent(100.5) == [], "once is enough"

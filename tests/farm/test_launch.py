@@ -3,13 +3,8 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from agglom_mpi.farm.launch import (
-    LaunchError,
-    connect,
-    is_first_rank,
-    promised_size,
-    warms_first,
-)
+from agglom_mpi.launcher import is_first_rank, launched_size, warms_first
+from agglom_mpi.runtime.launch import LaunchError, connect
 
 MPICH = {"PMI_SIZE": "4", "PMI_RANK": "3", "MPI_LOCALNRANKS": "4", "MPI_LOCALRANKID": "3"}
 OPEN_MPI = {"OMPI_COMM_WORLD_SIZE": "6", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"}
@@ -46,7 +41,7 @@ MPIRUN_IN_A_STEP = {**SRUN, "PMI_SIZE": "2", "PMI_RANK": "0"}
     ],
 )
 def test_the_launcher_is_known_by_its_variables(variables, size, first):
-    assert promised_size(variables) == size
+    assert launched_size(variables) == size
     assert is_first_rank(variables) is first
 
 

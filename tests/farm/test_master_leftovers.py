@@ -4,26 +4,26 @@ import numpy as np
 from bulk_runs import pictures_wanted, write_bulk_campaign
 from farm_runs import TINY, finish
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.bulk import frame_rows
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.farm.clock import StopRequest
-from agglom_mpi.farm.crew import Delivery
-from agglom_mpi.farm.master import Master
-from agglom_mpi.farm.messages import failed_sample
-from agglom_mpi.farm.pace import TURNROUND
-from agglom_mpi.farm.store import prepare
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.report.display import Display
-from agglom_mpi.simulation.snapshots import new_frames
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.display.display import Display
+from agglom_mpi.runtime.coordinator import Coordinator
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.messages import failed_sample
+from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.worker_pool import Delivery
+from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
+from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.storage.particle_tables import frame_rows
+from agglom_mpi.storage.writer import CampaignWriter
 
 
 class Crew:
     """One rank that first tells of an exception from the search, and then does its picture."""
 
     size = 1
-    turnround = TURNROUND
+    turnround = ROUND_TRIP_SECONDS
 
     def __init__(self, grains):
         self.grains, self.sent = grains, []
@@ -44,10 +44,10 @@ def test_a_sample_of_the_search_that_raises_late_gives_up_no_picture(tmp_path):
     write_bulk_campaign(tmp_path / "tiny.yaml", "", **TINY)
     finish(tmp_path, "tiny.yaml", "-q")
     write_bulk_campaign(tmp_path / "tiny.yaml", "frames: {count: 2, strings: 1}", **TINY)
-    work = CampaignWork(load_campaign(tmp_path / "tiny.yaml"))
+    work = InversionExperiment(load_campaign(tmp_path / "tiny.yaml"))
     file = prepare(path, work, accept_code_change=False)
     with CampaignWriter(path) as writer:
-        master = Master(work, file, writer, Display(quiet=True))
+        master = Coordinator(work, file, writer, Display(quiet=True))
         assert not master.replay()
         end = master.run(Crew(100), StopRequest(None))
     assert (end.code, end.state) == (0, "finished")

@@ -9,13 +9,14 @@ from farm_runs import assert_same, decisions, finish, invert
 from own_function import WORTH, write_own
 
 from agglom_mpi.accuracy import inversion
-from agglom_mpi.campaign import CampaignError, load_campaign
+from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.messages import TASK
-from agglom_mpi.farm.simulator import Batch, Simulator
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.simulation.outcome import COMPLETED, EXCEPTION, FAILED, TIMED_OUT
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, TIMED_OUT
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.scheduling.interface import TASK
 from agglom_mpi.variables import NAMES
 
 
@@ -42,7 +43,7 @@ def simulated(campaign, samples=3, cut_short=False):
     """
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = samples, campaign.parameters()
-    simulator = Simulator(CampaignWork(campaign), 0)
+    simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.watch.abort[0] = cut_short
     job, batch = simulator.begin(task[0]), Batch([], [], [], [])
     while job.go_on():
@@ -261,7 +262,7 @@ def worth(sample):
 
 
 def test_a_sample_of_another_objective_is_not_copied(tmp_path, monkeypatch):
-    import agglom_mpi.farm.simulator as simulator
+    import agglom_mpi.runtime.sample_runner as simulator
 
     path = write_own(tmp_path, WORTH)
     text = path.read_text().replace("{law: function, call: 'shape:worth'}", "maximum_growth")

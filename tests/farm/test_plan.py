@@ -1,12 +1,12 @@
 import pytest
 
-from agglom_mpi.farm.forecast import Forecast
-from agglom_mpi.farm.plan import Plan
-from agglom_mpi.farm.virtual import Costs
+from agglom_mpi.planning.cluster_simulator import MessageCosts
+from agglom_mpi.planning.forecast import ForecastReport
+from agglom_mpi.planning.saturation import Forecast
 
 
 def planned(*forecasts):
-    return Plan(None, "a.yaml", None, Costs(), list(forecasts), [])
+    return ForecastReport(None, "a.yaml", None, MessageCosts(), list(forecasts), [])
 
 
 def forecast(ranks, seconds, work=100.0, again=0.0):

@@ -1,17 +1,17 @@
 """Strings in the order of their chances, whatever was said of them before."""
 
-from hypothesis import given
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.ranking import Ranking
+from agglom_mpi.scheduling.estimators import PriorityQueue
 
 CHANCES = st.sampled_from([0.0, 0.25, 0.5, 1.0])
 EVENTS = st.lists(st.tuples(st.integers(0, 5), st.none() | CHANCES))
 
 
-@given(EVENTS)
+@examples(100, EVENTS)
 def test_the_likeliest_is_first_and_of_equals_the_first(events):
-    ranking, chances = Ranking(), {}
+    ranking, chances = PriorityQueue(), {}
     for string, chance in events:
         if chance is None:
             ranking.drop(string)

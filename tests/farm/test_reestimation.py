@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.database.schema import sample_dtype
-from agglom_mpi.farm.reestimation import Reestimation
-from agglom_mpi.farm.work import Finalists
+from agglom_mpi.runtime.experiment import ReestimationPlan
+from agglom_mpi.runtime.post_stages import ReestimationStage
+from agglom_mpi.storage.schema import sample_dtype
 from agglom_mpi.variables import COUNT
 
-WANTED = Finalists((7, 2), 3)
+WANTED = ReestimationPlan((7, 2), 3)
 ALL = [(7, 20), (7, 21), (7, 22), (2, 20), (2, 21), (2, 22)]
 
 
@@ -17,7 +17,7 @@ def parameters(string):
 
 
 def reestimation(known=(), wanted=WANTED, room=30):
-    return Reestimation(wanted, 20, room, known, parameters)
+    return ReestimationStage(wanted, 20, room, known, parameters)
 
 
 def pairs(tasks):
@@ -60,4 +60,4 @@ def test_there_are_as_many_as_there_is_room_for(room, some):
 
 
 def test_where_none_are_asked_for_there_is_nothing_to_do():
-    assert reestimation(wanted=Finalists()).complete
+    assert reestimation(wanted=ReestimationPlan()).complete

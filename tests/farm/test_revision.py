@@ -2,8 +2,7 @@
 
 import pytest
 
-from agglom_mpi.farm.revision import git_revision
-from agglom_mpi.farm.store import leg_fields
+from agglom_mpi.runtime.file_setup import git_revision, leg_fields
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 

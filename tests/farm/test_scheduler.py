@@ -1,16 +1,17 @@
 """The scheduler as a state machine: whatever ranks do, the same is decided, and nobody starves."""
 
 import random
+from functools import cache
 
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 from scheduler_worlds import MAX_SAMPLES, PATIENCE, World, campaign, in_order, simulated
 
-from agglom_mpi.farm.lanes import MESSAGES_IN_FLIGHT
-from agglom_mpi.farm.messages import MOST_SAMPLES
-from agglom_mpi.farm.pace import BATCH_SECONDS, TURNROUND
-from agglom_mpi.farm.scheduler import GENERATIONS_AHEAD, Scheduler
+from agglom_mpi.scheduling.estimators import BATCH_SECONDS, ROUND_TRIP_SECONDS
+from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
+from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, Scheduler
 
 RANKS = st.integers(1, 9)
 SEEDS = st.integers(0, 2**32)
@@ -18,18 +19,14 @@ SECONDS = st.integers(-7, 4).map(lambda decade: 10.0**decade)
 RESCALE = st.sampled_from([None, (2, 0.5)])
 
 
-@pytest.fixture(scope="module")
-def wanted():
-    """Return what one rank decides that simulates what is needed next and nothing else."""
-    return {rescale: in_order(rescale) for rescale in (None, (2, 0.5))}
+wanted = cache(in_order)
 
 
-@given(RANKS, SEEDS, SECONDS, RESCALE)
-@settings(derandomize=True, max_examples=100, deadline=None)
-def test_every_schedule_ends_with_the_same_decisions(wanted, ranks, seed, typical, rescale):
+@examples(100, RANKS, SEEDS, SECONDS, RESCALE)
+def test_every_schedule_ends_with_the_same_decisions(ranks, seed, typical, rescale):
     """Each sample is handed out once, in the order of its string, and no needed one is left out."""
     world = World(ranks, random.Random(seed), typical, rescale=rescale).run()
-    assert world.decisions.everything() == wanted[rescale]
+    assert world.decisions.everything() == wanted(rescale)
     assert set(world.handed.values()) == {1}
     by_string = {}
     for string, sample in world.handed:
@@ -39,13 +36,10 @@ def test_every_schedule_ends_with_the_same_decisions(wanted, ranks, seed, typica
         assert result[3] <= by_string[string]  # samples_used
 
 
-@given(RANKS, SEEDS, SECONDS, RESCALE, st.sampled_from([0.02, 0.1, 0.5]))
-@settings(derandomize=True, max_examples=150, deadline=None)
-def test_ranks_that_die_or_are_late_change_no_decision(
-    wanted, ranks, seed, typical, rescale, trouble
-):
+@examples(150, RANKS, SEEDS, SECONDS, RESCALE, st.sampled_from([0.02, 0.1, 0.5]))
+def test_ranks_that_die_or_are_late_change_no_decision(ranks, seed, typical, rescale, trouble):
     world = World(ranks, random.Random(seed), typical, trouble, rescale=rescale).run()
-    assert world.decisions.everything() == wanted[rescale]
+    assert world.decisions.everything() == wanted(rescale)
 
 
 def test_in_these_worlds_samples_are_withdrawn():
@@ -62,16 +56,15 @@ def test_samples_of_ranks_that_fell_silent_are_handed_out_again_and_come_back_tw
     assert 100 < handed <= lost
 
 
-@given(RANKS, SEEDS, SECONDS, RESCALE, st.integers(0, 120), st.floats(0.0, 1.0))
-@settings(derandomize=True, max_examples=100, deadline=None)
-def test_known_samples_are_never_handed_out(wanted, ranks, seed, typical, rescale, steps, share):
+@examples(100, RANKS, SEEDS, SECONDS, RESCALE, st.integers(0, 120), st.floats(0.0, 1.0))
+def test_known_samples_are_never_handed_out(ranks, seed, typical, rescale, steps, share):
     """Nor those of coming generations; and the second leg decides what one would have."""
     chance = random.Random(seed)
     leg = World(ranks, chance, typical, 0.1, rescale=rescale).run(steps)
     known = {pair: outcome for pair, outcome in leg.outcomes.items() if chance.random() < share}
     world = World(ranks, chance, typical, 0.1, known, rescale=rescale).run()
     assert known.keys().isdisjoint(world.handed)
-    assert world.decisions.everything() == wanted[rescale]
+    assert world.decisions.everything() == wanted(rescale)
 
 
 def test_a_leg_leaves_samples_of_generations_that_had_not_come():
@@ -149,7 +142,7 @@ def test_the_string_whose_judgement_is_nearest_comes_first():
 PLENTY = {"population": 2000, "max_samples": 1000, "experience": [1000]}
 
 
-def batches_of(ranks, seconds, experience=(), turnround=TURNROUND, **options):
+def batches_of(ranks, seconds, experience=(), turnround=ROUND_TRIP_SECONDS, **options):
     """Ranks and numbers of samples of the batches handed out when samples take so long."""
     inversion, _ = campaign(**options)
     inversion.start()
@@ -159,7 +152,7 @@ def batches_of(ranks, seconds, experience=(), turnround=TURNROUND, **options):
     scheduler.pace.learn([seconds])
     for rank in first:
         scheduler.returned(rank, [True])
-    assert scheduler.lanes.samples == 0
+    assert scheduler.held.samples == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
 
@@ -193,7 +186,7 @@ def test_more_ranks_than_samples_leave_some_without_work():
     assert announced == GENERATIONS_AHEAD * 2
     assert sum(int(task["count"]) for task in tasks) == (6 + announced) * MAX_SAMPLES
     assert max(int(task["first"]) for task in tasks) == MAX_SAMPLES - 1
-    assert scheduler.lanes.next_with(0) is not None
+    assert scheduler.held.next_with(0) is not None
 
 
 def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
@@ -256,7 +249,7 @@ def test_when_all_is_decided_everything_is_withdrawn():
 
 def test_samples_that_are_done_before_a_message_arrives_are_not_withdrawn():
     scheduler, _ = judged_of_three(1)
-    scheduler.pace.learn([0.9 * TURNROUND])
+    scheduler.pace.learn([0.9 * ROUND_TRIP_SECONDS])
     scheduler.judged(1)
     assert scheduler.withdrawals() == []
 

@@ -2,21 +2,27 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm import virtual
-from agglom_mpi.farm.forecast import Forecast
-from agglom_mpi.farm.pace import BATCH_SECONDS
-from agglom_mpi.farm.virtual import FREE, Chain, Costs, TooManySamples, VirtualCluster
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.planning import cluster_simulator as virtual
+from agglom_mpi.planning.cluster_simulator import (
+    FREE,
+    ClusterSimulator,
+    CriticalPath,
+    MessageCosts,
+    TooManySamples,
+)
+from agglom_mpi.planning.saturation import Forecast
+from agglom_mpi.scheduling.estimators import BATCH_SECONDS
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import FixedNumber, SuccessiveDifference
 from agglom_mpi.search.surrogate import SurrogateSearch
-from agglom_mpi.simulation.outcome import Measured
 from agglom_mpi.variables import COUNT
 
 ROUNDING = 1e-9
@@ -37,7 +43,7 @@ class Drawn:
         rng = np.random.default_rng([self.seed, key, sample + 1])
         ratio = 1.0 + parameters[1] + 0.1 * rng.normal()
         seconds = self.typical * 10.0 ** (self.decades * (slow + 0.5 * rng.random()))
-        return Measured(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0), seconds
+        return SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0), seconds
 
 
 def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
@@ -57,7 +63,7 @@ def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most
             observer,
         )
 
-    return VirtualCluster(inversion, workload or Drawn(), ranks, costs)
+    return ClusterSimulator(inversion, workload or Drawn(), ranks, costs)
 
 
 @pytest.mark.parametrize("decades", [0.0, 2.0])
@@ -78,8 +84,8 @@ def test_a_lone_rank_without_costs_simulates_all_the_time(decades):
     assert forecast.used == forecast.simulated <= len(times)
 
 
-@settings(derandomize=True, deadline=None, max_examples=40)
-@given(
+@examples(
+    40,
     ranks=st.integers(1, 60),
     population=st.integers(4, 24),
     decades=st.floats(0.0, 4.0),
@@ -90,7 +96,7 @@ def test_no_scheduler_beats_the_bound_and_no_rank_works_all_the_time_and_more(
     ranks, population, decades, seed, latency
 ):
     forecast = cluster(
-        ranks, Costs(latency, 0.0, 0.0), Drawn(decades, seed), population, most=20
+        ranks, MessageCosts(latency, 0.0, 0.0), Drawn(decades, seed), population, most=20
     ).run()
     assert forecast.bound <= forecast.seconds * (1.0 + ROUNDING)
     assert forecast.work <= forecast.busy * forecast.seconds * ranks * (1.0 + ROUNDING)
@@ -106,7 +112,8 @@ def test_two_ranks_are_faster_than_one_but_not_more_than_twice():
 
 def test_the_number_of_ranks_decides_nothing():
     runs = [
-        cluster(ranks, costs, Drawn(2.0)) for ranks, costs in ((1, FREE), (7, Costs()), (500, FREE))
+        cluster(ranks, costs, Drawn(2.0))
+        for ranks, costs in ((1, FREE), (7, MessageCosts()), (500, FREE))
     ]
     forecasts = [run.run() for run in runs]
     assert len(runs[0].chain.used) == 20 + 2 * 10
@@ -116,7 +123,8 @@ def test_the_number_of_ranks_decides_nothing():
 
 def test_latency_makes_it_slower():
     seconds = [
-        cluster(4, Costs(latency, 0.0, 0.0)).run().seconds for latency in (0.0, 0.01, 0.1, 1.0)
+        cluster(4, MessageCosts(latency, 0.0, 0.0)).run().seconds
+        for latency in (0.0, 0.01, 0.1, 1.0)
     ]
     assert seconds == sorted(seconds)
     # A generation cannot begin before the results of the one before have travelled, and its tasks.
@@ -124,7 +132,7 @@ def test_latency_makes_it_slower():
 
 
 def test_a_rank_0_that_is_slow_limits_all_ranks():
-    forecast = cluster(50, Costs(0.0, 0.02, 0.02)).run()
+    forecast = cluster(50, MessageCosts(0.0, 0.02, 0.02)).run()
     assert forecast.limit == "rank 0"
     # It takes every sample that is used, one after the other.
     assert 0.02 * forecast.used <= forecast.seconds
@@ -132,7 +140,7 @@ def test_a_rank_0_that_is_slow_limits_all_ranks():
 
 
 def test_ranks_that_need_not_finish_what_is_judged_are_sooner_done(monkeypatch):
-    costs = Costs(1e-3, 0.0, 0.0)
+    costs = MessageCosts(1e-3, 0.0, 0.0)
     runs = [cluster(60, costs, Drawn(1.0), generations=6) for _ in range(2)]
     forecasts = [runs[0].run()]
     monkeypatch.setattr(virtual.Scheduler, "withdrawals", lambda scheduler: [])
@@ -181,7 +189,7 @@ def test_a_forecast_says_what_would_take_longest():
     ],
 )
 def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longest, seconds):
-    assert Chain(lag).seconds(longest) == seconds
+    assert CriticalPath(lag).seconds(longest) == seconds
 
 
 @pytest.mark.parametrize("ranks", [1, 30])
@@ -198,7 +206,7 @@ def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generati
         )
 
     same = Drawn()  # all samples take 0.01 s
-    run = VirtualCluster(inversion, same, ranks, FREE, lag=2)
+    run = ClusterSimulator(inversion, same, ranks, FREE, lag=2)
     forecast = run.run()
     assert forecast.used == 8 + 4 * 6
     # 30 ranks hold two generations at once, so that three pairs follow each other.

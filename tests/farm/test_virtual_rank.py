@@ -1,10 +1,10 @@
 """Imaginary ranks, against ones that live from moment to moment."""
 
 import pytest
-from hypothesis import given, settings
+from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.farm.virtual_rank import Rank, Sample
+from agglom_mpi.planning.cluster_simulator import Sample, SimulatedRank
 
 TICKS = st.integers(0, 6)
 SAMPLES = st.lists(
@@ -15,7 +15,7 @@ BATCHES = st.lists(st.tuples(TICKS, SAMPLES), min_size=1, max_size=4)
 
 def rank_with(batches):
     """Return a rank that is given batches, each so long after the one before."""
-    rank, now = Rank(), 0.0
+    rank, now = SimulatedRank(), 0.0
     for later, samples in batches:
         now += later
         rank.put(now, list(samples))
@@ -37,8 +37,7 @@ def lived(batches, withdrawn, at):
     return ends, spent
 
 
-@given(BATCHES, st.integers(0, 3), st.integers(0, 30))
-@settings(derandomize=True, deadline=None, max_examples=300)
+@examples(300, BATCHES, st.integers(0, 3), st.integers(0, 30))
 def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, withdrawn, at):
     at = max(at, sum(later for later, _ in batches))  # when all have come
     rank = rank_with(batches)

@@ -1,7 +1,7 @@
 import pytest
 
-from agglom_mpi.farm import waiting
-from agglom_mpi.farm.waiting import LONGEST, QUIET, SHORTEST, Waiting
+from agglom_mpi.runtime import wakeup as waiting
+from agglom_mpi.runtime.wakeup import LONGEST, QUIET, SHORTEST, PollBackoff
 
 
 class Clock:
@@ -36,19 +36,19 @@ def looks(clock, wait, between, times):
 
 
 def test_without_mail_the_longest_wait_is_reached_within_a_dozen_looks(clock):
-    wait = Waiting()
+    wait = PollBackoff()
     for _ in range(12):
         wait.looked(False)
     assert wait.seconds == LONGEST
 
 
 def test_regular_mail_is_looked_for_a_few_times_and_found_soon(clock):
-    assert max(looks(clock, Waiting(), 5e-3, 200)) <= 6
-    assert max(looks(clock, Waiting(), SHORTEST, 200)) == 1
+    assert max(looks(clock, PollBackoff(), 5e-3, 200)) <= 6
+    assert max(looks(clock, PollBackoff(), SHORTEST, 200)) == 1
 
 
 def test_mail_that_comes_fast_again_is_found_fast_again(clock):
-    wait = Waiting()
+    wait = PollBackoff()
     looks(clock, wait, 0.1, 50)
     assert wait.seconds == LONGEST
     for _ in range(100):  # there is mail whenever it looks
@@ -58,7 +58,7 @@ def test_mail_that_comes_fast_again_is_found_fast_again(clock):
 
 
 def test_two_that_answer_each_other_at_once_wait_ever_shorter(clock):
-    one, other = Waiting(), Waiting()
+    one, other = PollBackoff(), PollBackoff()
     for each in (one, other):
         looks(clock, each, 0.05, 50)
     for _ in range(100):
@@ -69,7 +69,7 @@ def test_two_that_answer_each_other_at_once_wait_ever_shorter(clock):
 
 
 def test_where_all_who_send_also_ring_it_waits_for_the_bell(clock):
-    wait = Waiting()
+    wait = PollBackoff()
     for found in (False, True, False, True, True):
         wait.looked(found, rung=found)
         assert wait.at_most(rings=True) == QUIET
@@ -77,7 +77,7 @@ def test_where_all_who_send_also_ring_it_waits_for_the_bell(clock):
 
 
 def test_after_a_bell_without_mail_it_looks_again_soon(clock):
-    wait = Waiting()
+    wait = PollBackoff()
     wait.looked(False, rung=True)
     assert wait.at_most(rings=True) == LONGEST
     wait.looked(False, rung=False)

@@ -1,23 +1,41 @@
 """Samples that take too long, looks that come too late, and a stop in between."""
 
-import time
-
 import numpy as np
 import pytest
-from farm_runs import SMALL, write_campaign
+from farm_runs import HARD, SMALL, write_campaign, write_endless
+from processes import wait_for
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.schema import TOOK_TOO_LONG
-from agglom_mpi.farm import simulator as module
-from agglom_mpi.farm.bell import Bell
-from agglom_mpi.farm.messages import NOT_NEEDED, TASK, final_results
-from agglom_mpi.farm.simulator import Batch, Simulator, Watch
-from agglom_mpi.farm.thread import SimulatorThread
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.simulation.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT
+from agglom_mpi.runtime import sample_runner as module
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.messages import NOT_NEEDED, storable
+from agglom_mpi.runtime.sample_runner import AbortFlag, Batch, SampleRunner
+from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.wakeup import Wakeup
+from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.storage.schema import TOOK_TOO_LONG
 
-LONG = 0.05
+LONG = 50.0
 """Most seconds of a sample."""
+
+
+class Clock:
+    """A clock that stands still unless a test sets it."""
+
+    now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    time = perf_counter = monotonic
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(module, "time", clock)
+    return clock
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +46,8 @@ def campaign(tmp_path_factory):
 
 
 @pytest.fixture
-def simulator(campaign):
-    return Simulator(CampaignWork(campaign), 2)
+def simulator(campaign, clock):
+    return SampleRunner(InversionExperiment(campaign), 2)
 
 
 class Scenes:
@@ -67,34 +85,45 @@ def done(simulator, batch):
     return taken
 
 
-def too_long(watch):
+def too_long(clock, watch):
     """Take too long, under the eyes of the other thread."""
 
     def act():
-        while not watch.abort[0]:
-            time.sleep(0.001)
-            watch.look()
+        clock.now += LONG
+        watch.look()
+        assert not watch.abort[0]
+        clock.now += 0.01 * LONG
+        watch.look()
+        assert watch.abort[0]
 
     return act
 
 
-def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(campaign, simulator, monkeypatch):
-    Scenes(monkeypatch, None, too_long(simulator.watch))
+def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, None, too_long(clock, simulator.watch))
     batch = done(simulator, task(campaign, 3))
     [rows], [failure] = batch.results, batch.failures
     assert rows["sample"].tolist() == [5, 6, 7]
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
     assert rows["reason"].tolist() == [0, TIMED_OUT, 0]
     assert rows["particles"].tolist() == [50, 0, 50]
-    assert rows["seconds"][1] > LONG
+    assert rows["seconds"].tolist() == [0.0, pytest.approx(1.01 * LONG), 0.0]
     assert (failure["string"], failure["sample"], failure["rank"]) == (3, 6, 2)
-    assert failure["text"].item().decode() == f"{TOOK_TOO_LONG} {LONG} s"
+    assert failure["text"].item().decode() == f"{TOOK_TOO_LONG} {LONG:g} s"
     assert not simulator.watch.abort[0]
-    assert final_results(rows)["sample"].tolist() == [5, 7], "it may be tried again"
+    assert storable(rows)["sample"].tolist() == [5, 7], "it may be tried again"
 
 
-def test_a_sample_that_takes_too_long_fails_though_nobody_looked(campaign, simulator, monkeypatch):
-    Scenes(monkeypatch, lambda: time.sleep(2 * LONG))
+def later(clock):
+    clock.now += 2 * LONG
+
+
+def test_a_sample_that_takes_too_long_fails_though_nobody_looked(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, lambda: later(clock))
     [rows] = done(simulator, task(campaign, 2)).results
     assert rows["reason"].tolist() == [TIMED_OUT, 0]
 
@@ -129,22 +158,22 @@ def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simul
     assert failure["sample"] == 5
 
 
-def test_time_between_samples_does_not_count(campaign, simulator, monkeypatch):
+def test_time_between_samples_does_not_count(campaign, clock, simulator, monkeypatch):
     scenes = Scenes(monkeypatch)
     job = simulator.begin(task(campaign, 2)[0])
     assert job.go_on()
-    time.sleep(2 * LONG)
+    later(clock)
     simulator.watch.look()
     assert not simulator.watch.abort[0]
     assert not job.go_on()
     assert scenes.seen == 2
 
 
-def test_a_stop_wins_over_a_look(campaign, simulator, monkeypatch):
+def test_a_stop_wins_over_a_look(campaign, clock, simulator, monkeypatch):
     watch = simulator.watch
 
     def both():
-        too_long(watch)()
+        too_long(clock, watch)()
         watch.stop()
 
     scenes = Scenes(monkeypatch, None, both)
@@ -157,7 +186,7 @@ def test_a_stop_wins_over_a_look(campaign, simulator, monkeypatch):
 
 
 def test_a_stop_between_samples_is_not_forgotten():
-    watch = Watch(1.0)
+    watch = AbortFlag(1.0)
     watch.begin()
     watch.stop()
     assert watch.end() == (False, True)
@@ -166,11 +195,11 @@ def test_a_stop_between_samples_is_not_forgotten():
     assert watch.end() == (False, True)
 
 
-def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path, monkeypatch):
+def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path):
     path = write_campaign(tmp_path / "kept.yaml", **SMALL)
     path.write_text(f"{path.read_text()}\noutput: {{final_particles: true}}\n")
     campaign = load_campaign(path)
-    simulator = Simulator(CampaignWork(campaign), 2)
+    simulator = SampleRunner(InversionExperiment(campaign), 2)
     job, batch = simulator.begin(task(campaign, 3)[0]), Batch([], [], [], [])
     assert job.go_on()
     job.give_up()
@@ -180,28 +209,30 @@ def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path, monkeypatc
     assert rows["reason"].tolist() == [0, NOT_NEEDED, NOT_NEEDED]
     assert rows["objective"][1:].tolist() == [0.0, 0.0]
     assert final["sample"].tolist() == [5]
-    assert final_results(rows)["sample"].tolist() == [5]
+    assert storable(rows)["sample"].tolist() == [5]
     assert batch.failures == []
 
 
 def test_a_hurried_sample_is_done_again(campaign, simulator, monkeypatch):
-    scenes = Scenes(monkeypatch, simulator.watch.hurry)
+    scenes = Scenes(monkeypatch, simulator.watch.interrupt)
     [rows] = done(simulator, task(campaign, 2)).results
     assert rows["reason"].tolist() == [0, 0]
     assert scenes.seen == 3
 
 
 def test_without_a_limit_nothing_takes_too_long():
-    watch = Watch(None)
+    watch = AbortFlag(None)
     watch.begin()
     watch.look()
     assert watch.end() == (False, False)
 
 
-def test_pictures_are_whole_however_long_ago_the_last_sample_was(campaign, simulator, monkeypatch):
+def test_pictures_are_whole_however_long_ago_the_last_sample_was(
+    campaign, clock, simulator, monkeypatch
+):
     Scenes(monkeypatch)
     done(simulator, task(campaign, 1))
-    time.sleep(2 * LONG)
+    later(clock)
     simulator.watch.look()
     for act in (None, lambda: simulator.watch.abort.fill(1)):
         scenes = Scenes(monkeypatch, act)
@@ -210,8 +241,10 @@ def test_pictures_are_whole_however_long_ago_the_last_sample_was(campaign, simul
         assert scenes.seen == (1 if act is None else 2)
 
 
-def test_pictures_of_a_sample_that_takes_too_long_are_given_up(campaign, simulator, monkeypatch):
-    Scenes(monkeypatch, too_long(simulator.watch))
+def test_pictures_of_a_sample_that_takes_too_long_are_given_up(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, too_long(clock, simulator.watch))
     batch = done(simulator, task(campaign, 2, frames=3))
     [rows], [failure] = batch.frames, batch.failures
     assert rows["sample"].tolist() == [6] * 3
@@ -220,23 +253,18 @@ def test_pictures_of_a_sample_that_takes_too_long_are_given_up(campaign, simulat
 
 
 def test_the_thread_looks_while_it_is_asked_for_results(tmp_path):
-    path = write_campaign(tmp_path / "endless.yaml", **SMALL)
-    endless = "end_time: 1e9 s\n  engine: {law: event, budget: 1000000000}"
-    text = path.read_text().replace("end_time: characteristic", endless)
-    path.write_text(f"{text.rstrip()}\n  max_seconds: 0.2 s\n")
+    path = write_endless(tmp_path / "endless.yaml")
+    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 0.2 s\n")
     campaign = load_campaign(path)
-    simulator = Simulator(CampaignWork(campaign), 0)
+    simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.warm_up()
     batch = task(campaign, 2)
-    batch["parameters"] = campaign.parameters({"hardness": 1e30})  # so hard that nothing bonds
-    thread = SimulatorThread(simulator, Bell())
+    batch["parameters"] = campaign.parameters(HARD)
+    thread = SimulationThread(simulator, Wakeup())
     thread.put(batch)
-    rows, end = [], time.monotonic() + 20.0
+    rows = []
     while len(rows) < 2:
-        assert time.monotonic() < end
-        time.sleep(0.01)
-        taken = thread.take()
-        rows += taken.results if taken is not None else []
+        rows += wait_for(thread.take, "a result").results
     thread.stop()
     rows = np.concatenate(rows)
     assert rows["sample"].tolist() == [5, 6]

@@ -1,12 +1,14 @@
 """Code that every rank of a run executes first, to make a rare course of events the usual one."""
 
+import pytest
+
 RANK = """
 import os
 rank = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
 """
 
 SENDS_WAIT_TO_BE_RECEIVED = """
-import agglom_mpi.farm.launch as launch
+import agglom_mpi.runtime.launch as launch
 
 connect = launch.connect
 
@@ -27,13 +29,20 @@ def synchronous():
 launch.connect = synchronous
 
 import time
-import agglom_mpi.farm.crew as crew
+import agglom_mpi.runtime.worker_pool as crew
 
-dismiss = crew.Crew.dismiss
+dismiss = crew.WorkerPool.dismiss
 
 def late(self, *arguments):
-    time.sleep(0.3)  # every worker has results by now, and waits for them to be received
+    # Every worker sends something, and waits for it to be received.
+    while not all(self._world.Iprobe(other) for other in range(1, self.size)):
+        time.sleep(1e-3)
     yield from dismiss(self, *arguments)
 
-crew.Crew.dismiss = late
+crew.WorkerPool.dismiss = late
 """
+
+
+def slow(*values):
+    """Return a parameter set that runs with the slow tests; a quick one is beside it."""
+    return pytest.param(*values, marks=pytest.mark.slow)

@@ -1,8 +1,5 @@
 """Particles of samples are in the file whoever simulates and whoever writes."""
 
-import os
-
-import h5py
 import pytest
 from bulk_runs import (
     assert_particles_are_those_of_the_samples,
@@ -10,22 +7,17 @@ from bulk_runs import (
     pictures_wanted,
     write_bulk_campaign,
 )
-from farm_runs import (
-    SLOWLY,
-    assert_same,
-    assert_sound,
-    decisions,
-    finish,
-    need_mpirun,
-)
+from farm_runs import assert_same, assert_sound, decisions, finish, need_mpirun, need_parallel_hdf5
+from mpi_injections import slow
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
-RANKS = [("gathered", 2), ("gathered", 3), ("parallel", 3)]
+PARALLEL = pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)
+RANKS = [("gathered", 2), slow("gathered", 3), PARALLEL]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bare(tmp_path_factory):
     """Return what a plain run without particles decides."""
     folder = tmp_path_factory.mktemp("bare")
@@ -38,15 +30,14 @@ def bare(tmp_path_factory):
 def able(database):
     """Go on only if this build can do it; the second one in the integration must."""
     need_mpirun()
-    if database == "parallel" and not h5py.get_config().mpi:
-        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
-        pytest.skip("this build of h5py is serial; the other one runs these tests")
+    if database == "parallel":
+        need_parallel_hdf5()
 
 
 @pytest.mark.parametrize(("database", "ranks"), RANKS)
 def test_ranks_leave_the_particles_that_the_campaign_computes(bare, tmp_path, database, ranks):
     campaign, path = write_bulk_campaign(tmp_path / "kept.yaml", **TWO), tmp_path / "kept.h5"
-    finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks, inject=SLOWLY)
+    finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
     assert_same(path, bare)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
     rows = open_campaign(path).all_sample_rows()
@@ -54,5 +45,4 @@ def test_ranks_leave_the_particles_that_the_campaign_computes(bare, tmp_path, da
     assert set(rows["rank"]) == set(range(ranks))
     assert framed == pictures_wanted(path)
     assert_sound(path)
-    done = finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
-    assert "finished already" in done.stderr
+    assert "finished already" in finish(tmp_path, "kept.yaml").stderr

@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 import pytest
 from farm_runs import (
-    SLOW,
     SLOWLY,
+    SMALL,
     TINY,
     assert_same,
     assert_sound,
@@ -16,31 +16,29 @@ from farm_runs import (
     finish,
     inject,
     invert,
-    need_mpirun,
+    need_parallel_hdf5,
     state,
     stop,
     write_campaign,
 )
-from mpi_injections import SENDS_WAIT_TO_BE_RECEIVED
+from mpi_injections import SENDS_WAIT_TO_BE_RECEIVED, slow
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.sharing import GATHERED, PARALLEL, choose_database
-from agglom_mpi.farm.store import StoreError
-
-ABLE = bool(h5py.get_config().mpi)
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.runtime.file_setup import OutputError
+from agglom_mpi.runtime.launch import GATHERED, PARALLEL, choose_database
 
 TWO_NODES = """
-from agglom_mpi.farm import leg, run, sharing
+from agglom_mpi.runtime import launch, leg, run
 
 def pretend(world):
-    return sharing.Nodes(2, world.rank == 1)
+    return launch.Nodes(2, world.rank == 1)
 
 leg.find_nodes = run.find_nodes = pretend
 
 import os
-from agglom_mpi.database import samples
+from agglom_mpi.storage import sample_writer as samples
 
-synced = samples.RankFile.sync
+synced = samples.RankWriter.sync
 
 def sync(self):
     # Before it is done: a disc may take long.
@@ -49,13 +47,13 @@ def sync(self):
             file.write("x")
     synced(self)
 
-samples.RankFile.sync = sync
+samples.RankWriter.sync = sync
 """
 
 
 NOT_OPENED = """
 import h5py.h5f as h5f
-from agglom_mpi.database import access
+from agglom_mpi.storage import access
 
 class Files:
     ACC_RDWR, ACC_RDONLY, ACC_TRUNC = h5f.ACC_RDWR, h5f.ACC_RDONLY, h5f.ACC_TRUNC
@@ -74,11 +72,8 @@ access.h5f = Files
 
 @pytest.fixture
 def parallel():
-    """Go on only if HDF5 can write in parallel; the second build in the integration must."""
-    need_mpirun()
-    if not ABLE:
-        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
-        pytest.skip("this build of h5py is serial; the other one runs these tests")
+    """Go on only if HDF5 can write in parallel."""
+    need_parallel_hdf5()
 
 
 class World:
@@ -94,11 +89,11 @@ def test_the_choice_follows_the_build(monkeypatch):
     assert choose_database(GATHERED, World(2)) == GATHERED
     assert choose_database(None, World(1)) == choose_database(None, None) == GATHERED
     assert choose_database(PARALLEL, World(1)) == PARALLEL
-    with pytest.raises(StoreError, match="mpirun"):
+    with pytest.raises(OutputError, match="mpirun"):
         choose_database(PARALLEL, None)
     monkeypatch.setattr(h5py, "get_config", lambda: serial)
     assert choose_database(None, World(2)) == GATHERED
-    with pytest.raises(StoreError, match=r"built without MPI.*allowed is gathered"):
+    with pytest.raises(OutputError, match=r"built without MPI.*allowed is gathered"):
         choose_database(PARALLEL, World(2))
 
 
@@ -111,12 +106,13 @@ def test_what_this_build_cannot_do_is_one_message_and_no_file(tmp_path):
     assert not (tmp_path / "tiny.h5").exists()
 
 
-@pytest.mark.parametrize("ranks", [2, 3, 5])
+@pytest.mark.parametrize("ranks", [slow(2), 3, slow(5)])
+@pytest.mark.parallel_hdf5
 def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parallel, ranks):
     for database in (PARALLEL, GATHERED):
         path = tmp_path / f"{database}.h5"
         about = ("-o", path, "--database", database, "--quiet")
-        done = finish(small, "small.yaml", *about, ranks=ranks, inject=SLOWLY)
+        done = finish(small, "small.yaml", *about, ranks=ranks)
         assert done.stdout == done.stderr == ""
         assert_same(path, decisions(small / "small.h5"))
         assert_sound(path)
@@ -128,6 +124,7 @@ def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parall
         assert 0.0 < leg["database_seconds"] < leg["ranks"] * (leg["stopped"] - leg["started"])
 
 
+@pytest.mark.parallel_hdf5
 def test_the_start_says_who_writes(small, tmp_path, parallel):
     done = finish(small, "small.yaml", "-o", tmp_path / "a.h5", ranks=2)
     assert "2 ranks, parallel database, into " in done.stderr
@@ -135,6 +132,7 @@ def test_the_start_says_who_writes(small, tmp_path, parallel):
     assert "2 ranks, gathered database, into " in done.stderr
 
 
+@pytest.mark.parallel_hdf5
 def test_the_layout_does_not_depend_on_who_writes(small, tmp_path, parallel):
     sizes = []
     for database in (PARALLEL, GATHERED):
@@ -146,33 +144,33 @@ def test_the_layout_does_not_depend_on_who_writes(small, tmp_path, parallel):
     assert sizes[0] == sizes[1]
 
 
-def test_a_leg_may_be_written_otherwise_than_the_last(tmp_path, parallel):
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
-    finish(tmp_path, "slow.yaml", "-o", "straight.h5")
-    wanted = decisions(tmp_path / "straight.h5")
+@pytest.mark.parallel_hdf5
+def test_a_leg_may_be_written_otherwise_than_the_last(small, tmp_path, parallel):
+    write_campaign(tmp_path / "slow.yaml", **SMALL)
     for database, ranks in [("parallel", 2), ("gathered", 3), ("parallel", 3)]:
         code, said = stop(tmp_path, "slow", "--database", database, ranks=ranks)
         assert code == 75, said
     finish(tmp_path, "slow.yaml")
-    assert_same(tmp_path / "slow.h5", wanted)
+    assert_same(tmp_path / "slow.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "slow.h5")
     legs = open_campaign(tmp_path / "slow.h5").legs()
     assert legs["database"].tolist() == [b"parallel", b"gathered", b"parallel", b"gathered"]
     assert min(legs["samples"]) > 0
 
 
-def test_a_leg_may_run_on_the_other_build(tmp_path, parallel):
+@pytest.mark.slow
+@pytest.mark.parallel_hdf5
+def test_a_leg_may_run_on_the_other_build(small, tmp_path, parallel):
     if "AGGLOM_OTHER_BUILD" not in os.environ:
         assert "CI" not in os.environ
         pytest.skip("AGGLOM_OTHER_BUILD names no folder bin with the other build")
     other = Path(os.environ["AGGLOM_OTHER_BUILD"])
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
-    finish(tmp_path, "slow.yaml", "-o", "straight.h5")
+    write_campaign(tmp_path / "slow.yaml", **SMALL)
     for options in ({"build": other, "ranks": 2}, {"ranks": 2}, {"build": other}):
         code, said = stop(tmp_path, "slow", **options)
         assert code == 75, said
     finish(tmp_path, "slow.yaml", ranks=3)
-    assert_same(tmp_path / "slow.h5", decisions(tmp_path / "straight.h5"))
+    assert_same(tmp_path / "slow.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "slow.h5")
     legs = open_campaign(tmp_path / "slow.h5").legs()
     assert legs["database"].tolist() == [b"gathered", b"parallel", b"gathered", b"parallel"]
@@ -180,8 +178,9 @@ def test_a_leg_may_run_on_the_other_build(tmp_path, parallel):
     assert len(set(legs["hdf5"].tolist())) == 2
 
 
+@pytest.mark.parallel_hdf5
 def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    write_campaign(tmp_path / "slow.yaml", **SMALL)
     # A generation must take longer than rows may wait to be written.
     folder = inject(tmp_path / "inject", SLOWLY + TWO_NODES)
     printed = finish(tmp_path, "slow.yaml", ranks=3, inject=folder).stderr
@@ -193,9 +192,10 @@ def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
     assert np.all(open_campaign(tmp_path / "slow.h5").legs()["nodes"] == 2)
 
 
+@pytest.mark.parallel_hdf5
 def test_nobody_is_asked_to_sync_who_has_left(tmp_path, parallel):
     """Where a send waits to be received, one to a rank that has left would wait for ever."""
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
+    write_campaign(tmp_path / "slow.yaml", **SMALL)
     folder = inject(tmp_path / "inject", SLOWLY + TWO_NODES + SENDS_WAIT_TO_BE_RECEIVED)
     code, said = stop(tmp_path, "slow", ranks=3, inject=folder)
     assert code == 75, said
@@ -203,6 +203,7 @@ def test_nobody_is_asked_to_sync_who_has_left(tmp_path, parallel):
     assert_sound(tmp_path / "slow.h5")
 
 
+@pytest.mark.parallel_hdf5
 def test_a_file_that_ranks_do_not_find_is_one_message_and_a_way_out(tmp_path, parallel):
     write_campaign(tmp_path / "tiny.yaml", **TINY)
     folder = inject(tmp_path / "inject", NOT_OPENED)

@@ -1,21 +1,19 @@
 """Fresh samples of the best strings are the same whoever simulates and whoever writes."""
 
-import os
-
-import h5py
 import pytest
 from farm_runs import (
-    SLOWLY,
     assert_same,
     assert_sound,
     decisions,
     finish,
     need_mpirun,
+    need_parallel_hdf5,
     write_campaign,
 )
 from final_runs import assert_fresh_are_those_of_the_best, fresh_bytes, fresh_rows
 
 SIZE = {"generations": 2, "max_samples": 12, "final": "{strings: 3, samples: 40}"}
+PARALLEL = pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)
 
 
 @pytest.fixture(scope="module")
@@ -27,15 +25,17 @@ def plain(tmp_path_factory):
     return folder / "final.h5"
 
 
-@pytest.mark.parametrize(("database", "ranks"), [("gathered", 2), ("parallel", 3)])
+@pytest.mark.parametrize(
+    ("database", "ranks"),
+    [("gathered", 2), PARALLEL],
+)
 def test_ranks_share_the_fresh_samples(plain, tmp_path, database, ranks):
     need_mpirun()
-    if database == "parallel" and not h5py.get_config().mpi:
-        assert "AGGLOM_NEEDS_PARALLEL_HDF5" not in os.environ
-        pytest.skip("this build of h5py is serial; the other one runs these tests")
+    if database == "parallel":
+        need_parallel_hdf5()
     write_campaign(tmp_path / "final.yaml", **SIZE)
     path, options = tmp_path / "final.h5", ["--database", database]
-    finish(tmp_path, "final.yaml", *options, ranks=ranks, inject=SLOWLY)
+    finish(tmp_path, "final.yaml", *options, ranks=ranks)
     assert_same(path, decisions(plain))
     assert fresh_bytes(path) == fresh_bytes(plain)
     assert set(fresh_rows(path)["rank"]) == set(range(ranks))

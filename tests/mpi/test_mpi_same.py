@@ -2,8 +2,7 @@
 
 import pytest
 from farm_runs import (
-    SLOW,
-    SLOWLY,
+    SMALL,
     TINY,
     assert_same,
     assert_sound,
@@ -16,8 +15,9 @@ from farm_runs import (
     stop,
     write_campaign,
 )
+from mpi_injections import slow
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
 
 NO_LIBRARY = """
 import sys
@@ -32,10 +32,10 @@ sys.meta_path.insert(0, Refuse())
 """
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("ranks", [slow(1), slow(2), 3, slow(5), slow(8)])
 def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     need_mpirun()
-    finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks, inject=SLOWLY)
+    finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
     assert_same(tmp_path / "ranks.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "ranks.h5")
     file = open_campaign(tmp_path / "ranks.h5")
@@ -44,29 +44,26 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     assert state(file.path) == ("finished", "all 3 generations are done")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """Decisions of a plain run of a campaign that is long enough to be interrupted."""
-    folder = tmp_path_factory.mktemp("whole")
-    write_campaign(folder / "slow.yaml", **SLOW)
-    finish(folder, "slow.yaml")
-    return decisions(folder / "slow.h5")
-
-
-@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
-def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(whole, tmp_path, ranks):
+@pytest.mark.parametrize(
+    ("ranks", "stops"), [(2, 1), slow(1, 2), slow(2, 2), slow(3, 2), slow(5, 2), slow(8, 2)]
+)
+def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(
+    small, tmp_path, ranks, stops
+):
     need_mpirun()
-    write_campaign(tmp_path / "slow.yaml", **SLOW)
-    for _ in range(2):
-        code, said = stop(tmp_path, "slow", ranks=ranks)
+    path = tmp_path / "small.h5"
+    write_campaign(tmp_path / "small.yaml", **SMALL)
+    for _ in range(stops):
+        code, said = stop(tmp_path, "small", ranks=ranks)
         assert code == 75, said
-        assert_sound(tmp_path / "slow.h5")
-    finish(tmp_path, "slow.yaml", ranks=ranks)
-    assert_same(tmp_path / "slow.h5", whole)
-    assert_sound(tmp_path / "slow.h5")
-    assert open_campaign(tmp_path / "slow.h5").legs()["exit_code"].tolist() == [75, 75, 0]
+        assert_sound(path)
+    finish(tmp_path, "small.yaml", ranks=ranks)
+    assert_same(path, decisions(small / "small.h5"))
+    assert_sound(path)
+    assert open_campaign(path).legs()["exit_code"].tolist() == [75] * stops + [0]
 
 
+@pytest.mark.slow
 def test_more_ranks_than_work_finish(tmp_path):
     need_mpirun()
     write_campaign(tmp_path / "tiny.yaml", **TINY)

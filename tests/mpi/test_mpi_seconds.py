@@ -4,52 +4,45 @@ import re
 
 import pytest
 from farm_runs import (
+    HANGS,
+    HANGS_REPLACES,
     SMALL,
     assert_same,
     assert_sound,
     decisions,
     finish,
     inject,
+    injected,
     invert,
     need_mpirun,
     state,
     write_campaign,
 )
+from mpi_injections import slow
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
 
-HANGS = """
-import time
-import agglom_mpi.farm.simulator as simulator
-
-go = simulator.Series._do
-
-def hang(self, sample):
-    if (self._string, sample) in {pairs}:
-        end = time.monotonic() + 20.0
-        while not self._watch.abort[0] and time.monotonic() < end:
-            time.sleep(0.01)
-    go(self, sample)
-
-simulator.Series._do = hang
-"""
 PAIRS = [(2, 1), (5, 0)]
+
+
+def hangs(pairs=PAIRS):
+    return HANGS.replace("PAIRS", str(set(pairs)))
 
 
 def write(path, **numbers):
     write_campaign(path, **SMALL | numbers)
-    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 0.5 s\n")
+    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 1000 s\n")
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [slow(None), 2])
 def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
     if ranks:
         need_mpirun()
     write(tmp_path / "small.yaml", generations=2)
-    folder = inject(tmp_path / "inject", HANGS.replace("{pairs}", str(set(PAIRS))))
+    folder = inject(tmp_path / "inject", hangs())
     done = finish(tmp_path, "small.yaml", ranks=ranks, inject=folder)
     for string, sample in PAIRS:
-        text = rf"string {string} sample {sample} took longer than max_seconds, 0.5 s"
+        text = rf"string {string} sample {sample} took longer than max_seconds, 1000 s"
         assert re.search(text, done.stderr)
     file = open_campaign(tmp_path / "small.h5")
     failures, rows, results = file.failures(), file.all_sample_rows(), file.result_rows()
@@ -58,10 +51,10 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
     assert [results["failed"][string] for string, _ in PAIRS] == [1, 1]
     assert_sound(file.path)
     before = decisions(file.path)
-    again = finish(tmp_path, "small.yaml", ranks=ranks)  # what is decided stays
+    again = finish(tmp_path, "small.yaml")  # what is decided stays
     assert "nothing to do" in again.stderr
     write(tmp_path / "small.yaml", generations=3)
-    finish(tmp_path, "small.yaml", ranks=ranks)
+    finish(tmp_path, "small.yaml")
     assert_sound(file.path)
     for name, values in decisions(file.path).items():
         assert values.startswith(before[name]) or name.startswith("samples.")
@@ -69,10 +62,10 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
 
 def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
     write(tmp_path / "small.yaml")
-    folder = inject(tmp_path / "inject", HANGS.replace("{pairs}", "{(0, 1)}"))
     path = tmp_path / "small.yaml"
     path.write_text(path.read_text() + "  max_failures: 1\n")
-    assert invert(tmp_path, "small.yaml", inject=folder).returncode == 1
+    with injected(hangs([(0, 1)]), *HANGS_REPLACES):
+        assert invert(tmp_path, "small.yaml").returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"
     finish(tmp_path, "small.yaml")
     write(tmp_path / "other.yaml")
@@ -82,7 +75,7 @@ def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
 
 
 ROOM_FOR_ONE = """
-import agglom_mpi.database.create as create
+import agglom_mpi.storage.create as create
 
 create.FAILURE_CAPACITY = 1
 """
@@ -90,9 +83,9 @@ create.FAILURE_CAPACITY = 1
 
 def test_a_run_ends_before_it_judges_by_a_sample_that_the_file_cannot_tell_of(tmp_path):
     write(tmp_path / "small.yaml", generations=2)
-    hangs = HANGS.replace("{pairs}", str(set(PAIRS)))
-    folder = inject(tmp_path / "inject", hangs + ROOM_FOR_ONE)
-    done = invert(tmp_path, "small.yaml", inject=folder)
+    capacity = "agglom_mpi.storage.create.FAILURE_CAPACITY"
+    with injected(hangs() + ROOM_FOR_ONE, *HANGS_REPLACES, capacity):
+        done = invert(tmp_path, "small.yaml")
     assert done.returncode == 1
     why = "samples took too long, and the file has no room left to tell of them"
     assert state(tmp_path / "small.h5") == ("failed", why)
@@ -105,7 +98,7 @@ def test_a_run_ends_before_it_judges_by_a_sample_that_the_file_cannot_tell_of(tm
 
 def test_without_max_seconds_nothing_is_cut_short(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL | {"generations": 1})
-    text = HANGS.replace("{pairs}", "{(0, 1)}").replace("20.0", "1.0")
-    done = finish(tmp_path, "small.yaml", inject=inject(tmp_path / "inject", text))
+    with injected(hangs(), *HANGS_REPLACES):
+        done = finish(tmp_path, "small.yaml")
     assert "took longer" not in done.stderr
     assert len(open_campaign(tmp_path / "small.h5").failures()) == 0

@@ -2,11 +2,11 @@
 
 import os
 import signal
-import time
 
 import pytest
 from farm_runs import (
-    SLOW,
+    SMALL,
+    Gate,
     assert_same,
     assert_sound,
     decisions,
@@ -19,27 +19,54 @@ from farm_runs import (
     wait_until,
     write_campaign,
 )
-from mpi_injections import RANK
+from mpi_injections import RANK, slow
+from processes import output_of
 
-from agglom_mpi.database.reader import open_campaign
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.runtime.messages import ALIVE, SILENT_AFTER, STOP
+from agglom_mpi.runtime.worker_pool import STOPS_WITHIN
 
-LONG = SLOW | {"steps": 20_000}
+TOLD_THE_TIME = f"""{RANK}
+import time
+from pathlib import Path
+from types import SimpleNamespace
 
-IMPATIENT = f"""{RANK}
-import agglom_mpi.farm.messages as messages
+import agglom_mpi.runtime.messages as messages
 
-messages.ALIVE_EVERY, messages.SILENT_AFTER = 0.2, 1.5
+messages.ALIVE_EVERY = 0.05
 
-import agglom_mpi.farm.crew as crew
+import agglom_mpi.runtime.worker_pool as crew
+import agglom_mpi.runtime.coordinator as master
+from agglom_mpi.display.display import Display
 
-crew.STOPS_WITHIN = 2.0
-open("rank-" + rank, "w").write(str(os.getpid()))
+here = Path(__file__).parent
+
+def note(name, text):
+    with open(here / name, "a") as file:
+        file.write(text + "\\n")
+
+def told():
+    return float((here / "clock").read_text())
+
+read, error = crew.WorkerPool._read, Display.error
+
+def reading(self, rank, tag, content):
+    note(f"words-{{rank}}", str(tag))
+    return read(self, rank, tag, content)
+
+def telling(self, text):
+    note("said", text)
+    error(self, text)
+
+crew.WorkerPool._read, Display.error = reading, telling
+crew.time = master.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
 """
+"""Rank 0 goes by a clock that the test sets, and notes whom it hears and what it says."""
 
 SLOW_TO_ANSWER = f"""{RANK}
 import random
 import time
-import agglom_mpi.farm.worker as worker
+import agglom_mpi.runtime.worker as worker
 
 serve, chance = worker.Worker.serve, random.Random(rank)
 
@@ -51,110 +78,154 @@ worker.Worker.serve = late
 """
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
+@pytest.fixture
+def undisturbed(shared_campaign):
     """Decisions of a plain run."""
     need_mpirun()
-    folder = tmp_path_factory.mktemp("undisturbed")
-    write_campaign(folder / "slow.yaml", **LONG)
-    finish(folder, "slow.yaml")
-    return decisions(folder / "slow.h5")
+    return decisions(shared_campaign("small") / "small.h5")
+
+
+class Farm:
+    """Ranks of which each has a sample under way that waits at a gate."""
+
+    def __init__(self, folder, ranks):
+        self.ranks = range(ranks)
+        self.folder, self.path = folder, folder / "small.h5"
+        self.gate = Gate(folder / "gate", text=TOLD_THE_TIME)
+        self.set_clock(0.0)
+        write_campaign(folder / "small.yaml", **SMALL)
+
+    def set_clock(self, seconds):
+        new = self.gate.folder / "new"
+        new.write_text(str(seconds))
+        new.replace(self.gate.folder / "clock")
+
+    def wait_for_all(self):
+        """Wait until all ranks are held and rank 0 knows where they are."""
+        self.wait(lambda: all(self.gate.held(rank) for rank in self.ranks))
+        self.wait(lambda: all(self.heard(rank, ALIVE) for rank in self.ranks[1:]))
+        self.pids = [self.gate.held(rank) for rank in self.ranks]
+
+    def heard(self, rank, tag):
+        return str(tag) in self.read(f"words-{rank}").split()
+
+    def wait(self, condition):
+        wait_until(condition, self.process)
+
+    def send(self, rank, number):
+        os.kill(self.pids[rank], number)
+
+    def read(self, name):
+        path = self.gate.folder / name
+        return path.read_text() if path.exists() else ""
+
+    def hear(self, rank):
+        """Wait until rank 0 has heard a rank at the time it is now."""
+        before = self.read(f"words-{rank}").count("\n")
+        self.wait(lambda: self.read(f"words-{rank}").count("\n") > before + 1)
+
+    def lose(self, rank, other):
+        """Stop a rank until rank 0, which hears the other one, has lost patience with it."""
+        self.send(rank, signal.SIGSTOP)
+        for third in (1, 2, 3):
+            self.hear(other)
+            self.set_clock(1.01 * SILENT_AFTER * third / 3)
+        self.wait(lambda: f"rank {rank} on " in self.read("said"))
+
+    def end(self):
+        """Open the gate and wait for the end; what it said on either stream."""
+        self.gate.open()
+        return output_of(self.process)
 
 
 @pytest.fixture
-def started(tmp_path):
-    """Start the campaign on three impatient ranks; it is under way."""
-    write_campaign(tmp_path / "slow.yaml", **LONG)
-    folder = inject(tmp_path / "inject", IMPATIENT)
-    with running(tmp_path, "slow.yaml", ranks=3, inject=folder) as process:
-        wait_until(lambda: samples_in(tmp_path / "slow.h5") > 20, process)
-        yield tmp_path, process
-        for path in tmp_path.glob("rank-*"):
+def ranks():
+    """Return their number unless a test asks for fewer."""
+    return 3
+
+
+@pytest.fixture
+def farm(tmp_path, ranks):
+    """Start the campaign; all ranks have something to do, and wait."""
+    farm = Farm(tmp_path, ranks)
+    with running(tmp_path, "small.yaml", ranks=ranks, inject=farm.gate.folder) as farm.process:
+        farm.wait_for_all()
+        yield farm
+        for pid in farm.pids:
             try:
-                os.kill(int(path.read_text()), signal.SIGKILL)
+                os.kill(pid, signal.SIGKILL)
             except ProcessLookupError:
                 continue
 
 
-def send(folder, rank, number):
-    os.kill(int((folder / f"rank-{rank}").read_text()), number)
-
-
-def pause(folder, rank):
-    """Stop a rank for longer than the others have patience."""
-    send(folder, rank, signal.SIGSTOP)
-    time.sleep(2.5)
-    send(folder, rank, signal.SIGCONT)
-
-
-def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(started, undisturbed):
-    folder, process = started
-    send(folder, 1, signal.SIGSTOP)
-    said, errors = process.communicate(timeout=60)
+def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(undisturbed, farm):
+    farm.lose(1, other=2)
+    said, errors = farm.end()
     assert "rank 1 on " in errors
-    assert "has not been heard of for 1.5 s; others do its work" in errors
-    assert "no answer from rank 1: the job is ended without; slow.h5 is whole" in errors
+    assert f"has not been heard of for {SILENT_AFTER:g} s; others do its work" in errors
+    assert "no answer from rank 1: the job is ended without; small.h5 is whole" in errors
     assert "finished: all 3 generations are done" in said
-    assert process.returncode == 0
-    assert state(folder / "slow.h5") == ("finished", "all 3 generations are done")
-    assert_same(folder / "slow.h5", undisturbed)
-    assert_sound(folder / "slow.h5")
+    assert farm.process.returncode == 0
+    assert state(farm.path) == ("finished", "all 3 generations are done")
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
 
 
-def test_a_rank_that_comes_back_is_welcome_and_counts_once(started, undisturbed):
-    folder, process = started
-    pause(folder, 1)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 0, errors
-    assert "has not been heard of" in errors
-    assert " is back" in errors
+def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, farm):
+    farm.lose(1, other=2)
+    farm.send(1, signal.SIGCONT)
+    farm.wait(lambda: " is back" in farm.read("said"))
+    _, errors = farm.end()
+    assert farm.process.returncode == 0, errors
+    assert errors.count("has not been heard of") == 1
     assert "no answer" not in errors
-    assert_same(folder / "slow.h5", undisturbed)
-    assert_sound(folder / "slow.h5")
-    [samples] = open_campaign(folder / "slow.h5").legs()["samples"].tolist()
-    assert samples == samples_in(folder / "slow.h5")
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
+    [samples] = open_campaign(farm.path).legs()["samples"].tolist()
+    assert samples == samples_in(farm.path)
 
 
-def test_a_stop_is_not_held_up_by_a_stopped_rank(started, undisturbed):
-    folder, process = started
-    send(folder, 2, signal.SIGSTOP)
-    begin = time.monotonic()
-    send(folder, 0, signal.SIGUSR1)
-    _, errors = process.communicate(timeout=60)
-    assert time.monotonic() - begin < 15.0
-    assert process.returncode == 75, errors
+def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, farm):
+    farm.send(2, signal.SIGSTOP)
+    farm.send(0, signal.SIGUSR1)
+    farm.wait(lambda: farm.heard(1, STOP))
+    farm.set_clock(1.01 * STOPS_WITHIN)
+    _, errors = output_of(farm.process)
+    assert farm.process.returncode == 75, errors
     assert "no answer from rank 2" in errors
-    assert state(folder / "slow.h5")[0] == "stopped"
-    assert_sound(folder / "slow.h5")
-    finish(folder, "slow.yaml", ranks=2)
-    assert_same(folder / "slow.h5", undisturbed)
-    assert_sound(folder / "slow.h5")
+    assert state(farm.path)[0] == "stopped"
+    assert_sound(farm.path)
+    finish(farm.folder, "small.yaml")
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
 
 
-def test_rank_0_may_be_stopped_and_continued(started, undisturbed):
-    folder, process = started
-    pause(folder, 0)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 0, errors
-    assert_same(folder / "slow.h5", undisturbed)
-    assert_sound(folder / "slow.h5")
+@pytest.mark.parametrize("ranks", [2, slow(3)])
+def test_rank_0_may_be_stopped_and_continued(undisturbed, farm):
+    farm.send(0, signal.SIGSTOP)
+    farm.set_clock(10 * SILENT_AFTER)
+    farm.send(0, signal.SIGCONT)
+    _, errors = farm.end()
+    assert farm.process.returncode == 0, errors
+    assert "has not been heard of" not in errors
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
 
 
-def test_a_killed_rank_ends_the_job_promptly(started, undisturbed):
-    folder, process = started
-    send(folder, 1, signal.SIGKILL)
-    begin = time.monotonic()
-    process.communicate(timeout=60)
-    assert time.monotonic() - begin < 15.0
-    assert process.returncode not in (0, 2, 75)
-    finish(folder, "slow.yaml", ranks=2)
-    assert_same(folder / "slow.h5", undisturbed)
-    assert_sound(folder / "slow.h5")
+@pytest.mark.parametrize("ranks", [2, slow(3)])
+def test_a_killed_rank_ends_the_job(undisturbed, farm):
+    farm.send(1, signal.SIGKILL)
+    output_of(farm.process)  # the gate is never opened
+    assert farm.process.returncode not in (0, 2, 75)
+    finish(farm.folder, "small.yaml")
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
 
 
-def test_ranks_that_answer_late_change_nothing(tmp_path, undisturbed):
-    write_campaign(tmp_path / "slow.yaml", **LONG)
+@pytest.mark.slow
+def test_ranks_that_answer_late_change_nothing(undisturbed, tmp_path):
+    write_campaign(tmp_path / "small.yaml", **SMALL)
     folder = inject(tmp_path / "inject", SLOW_TO_ANSWER)
-    finish(tmp_path, "slow.yaml", ranks=3, inject=folder)
-    assert_same(tmp_path / "slow.h5", undisturbed)
-    assert_sound(tmp_path / "slow.h5")
+    finish(tmp_path, "small.yaml", ranks=3, inject=folder)
+    assert_same(tmp_path / "small.h5", undisturbed)
+    assert_sound(tmp_path / "small.h5")

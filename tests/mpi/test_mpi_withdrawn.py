@@ -15,37 +15,43 @@ from farm_runs import (
     need_mpirun,
     write_campaign,
 )
-from mpi_injections import RANK
+from mpi_injections import RANK, slow
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm.messages import NOT_NEEDED
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.runtime.messages import NOT_NEEDED
 
-CONVERGING = SMALL | {"tolerance": 0.1, "max_samples": 100}
+CONVERGING = SMALL | {"generations": 2, "tolerance": 0.1, "max_samples": 100}
 
 LEFT_OUT = f"""{RANK}
 {SLOWLY}
-import agglom_mpi.farm.simulator as simulator
+import agglom_mpi.runtime.sample_runner as simulator
 
-give_up = simulator.Job.give_up
+give_up = simulator.Task.give_up
 
 def noted(self):
     with open("left-out-" + rank, "a") as file:
         file.write(f"{{self._string}} {{self._first + self._done}}\\n")
     give_up(self)
 
-simulator.Job.give_up = noted
+simulator.Task.give_up = noted
 """
 
 
-@pytest.mark.parametrize("ranks", [1, 3, 8])
-def test_a_rank_leaves_out_what_nobody_needs_and_the_same_is_decided(tmp_path, ranks):
-    if ranks > 1:
-        need_mpirun()
-    write_campaign(tmp_path / "plain.yaml", **CONVERGING)
-    finish(tmp_path, "plain.yaml")
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory):
+    """Decisions of a plain run."""
+    need_mpirun()
+    folder = tmp_path_factory.mktemp("plain")
+    write_campaign(folder / "plain.yaml", **CONVERGING)
+    finish(folder, "plain.yaml")
+    return decisions(folder / "plain.h5")
+
+
+@pytest.mark.parametrize("ranks", [slow(1), 3, slow(8)])
+def test_a_rank_leaves_out_what_nobody_needs_and_the_same_is_decided(tmp_path, wanted, ranks):
     write_campaign(tmp_path / "slow.yaml", **CONVERGING)
     finish(tmp_path, "slow.yaml", ranks=ranks, inject=inject(tmp_path / "inject", LEFT_OUT))
-    assert_same(tmp_path / "slow.h5", decisions(tmp_path / "plain.h5"))
+    assert_same(tmp_path / "slow.h5", wanted)
     assert_sound(tmp_path / "slow.h5")
     file = open_campaign(tmp_path / "slow.h5")
     rows = file.all_sample_rows()

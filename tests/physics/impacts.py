@@ -5,15 +5,13 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
-from agglom_mpi.physics.encounter import Encounter
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import OwnEnergy, PairSplit
-from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
+from agglom_mpi.physics.impact_solvers import BracketedRoot
+from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
-from agglom_mpi.physics.solvers import RootFinder
 
 R = 8.314462618
 DENSITY = 5000.0
@@ -29,7 +27,7 @@ def encounter(
 ):
     """Return a pair of spheres; `frame` is the velocity of j along n and along t."""
     masses = [density * 4.0 / 3.0 * math.pi * radius**3 for radius in radii]
-    return Encounter(
+    return ContactPair(
         approach_speed=w,
         slip_speed=slip,
         mass_i=masses[0],
@@ -55,7 +53,7 @@ def isothermal_laws(duration, area, hardness=1e8, solver=None):
         heating=None,
         reaction=None,
         fragmentation=None,
-        solver=solver or RootFinder(),
+        solver=solver or BracketedRoot(),
         heat_capacity=math.inf,
     )
 
@@ -71,7 +69,7 @@ def laws_2003(hardness=6e7, energy=700.0, friction=0.3, heat=1e6, capacity=1000.
         heating=PairSplit(),
         reaction=ContactAreaReaction(heat),
         fragmentation=None,
-        solver=RootFinder(),
+        solver=BracketedRoot(),
         heat_capacity=capacity,
     )
 
@@ -87,7 +85,7 @@ def laws_2004(hardness=3e5, energy=300.0, friction=0.1, heat=1e6, capacity=1000.
         heating=OwnEnergy(),
         reaction=ContactAreaReaction(heat),
         fragmentation=None,
-        solver=RootFinder(),
+        solver=BracketedRoot(),
         heat_capacity=capacity,
     )
 

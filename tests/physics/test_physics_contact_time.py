@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from impacts import constant_laws, encounter
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
-from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
 from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import ContactTimeRestitution
 
 SETTINGS = settings(max_examples=100, deadline=None, derandomize=True)

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from agglom_mpi.physics.cooling import (
     QuarticCooling,
     RadiativeCooling,
-    cooled,
     equilibrium_temperature,
     euler_step,
+    exact_temperature,
 )
 
 B = 5.670374419e-8
@@ -27,7 +27,7 @@ SETTINGS = settings(max_examples=150, deadline=None, derandomize=True)
 
 @numba.njit(error_model="numpy")
 def exact(law, temperature, time):
-    return cooled(law, temperature, SURFACE, CAPACITY, time)
+    return exact_temperature(law, temperature, SURFACE, CAPACITY, time)
 
 
 @numba.njit(error_model="numpy")

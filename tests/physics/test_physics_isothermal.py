@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from impacts import encounter, isothermal_laws, pressure_scale
 
-from agglom_mpi.physics.contact_area import ContactArea
-from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.physics.solvers import PublishedIteration
+from agglom_mpi.physics.impact_solvers import FixedPointIteration
 
 PAIRS = [
     pytest.param((1e-3, 1e-3), id="equal"),
@@ -86,7 +85,7 @@ def test_equal_spheres_bond_above_the_critical_approach_speed(density, radius, d
 @pytest.mark.parametrize("cap", [2, 3, 10, 101])
 def test_the_published_iteration_cycles_on_the_2004_law_and_says_so(x, cap):
     """G(e) = 1 − X/(1 − e): from e = 0 the iterates are 1 − X, 0, 1 − X, …"""
-    solver = PublishedIteration(1e-10, cap)
+    solver = FixedPointIteration(1e-10, cap)
     laws = isothermal_laws(CompressionRecoveryDuration(1.0), ContactArea(0.0, 1.0), solver=solver)
     impact = solve_impact(laws, encounter(approach_speed(laws, (1e-3, 1e-3), x)))
     assert impact.capped
@@ -99,7 +98,7 @@ def test_the_published_iteration_cycles_on_the_2004_law_and_says_so(x, cap):
 def test_the_published_iteration_converges_for_the_slowest_2003_impacts(x):
     """The derivative is −(1−e)[2/(1+e) + (a_f−a₀)/A(e)]: it contracts while e > 0.907."""
     area = ContactArea(0.01, 1.0)
-    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=PublishedIteration(1e-13, 10_000))
+    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=FixedPointIteration(1e-13, 10_000))
     impact = solve_impact(laws, encounter(approach_speed(laws, (1e-3, 1e-3), x)))
     exact = 8.0 * x / (0.01 + 4.0 * x + math.sqrt(1e-4 - 0.08 * x + 16.0 * x))
     assert exact < 1.0 - 0.907
@@ -110,7 +109,7 @@ def test_the_published_iteration_converges_for_the_slowest_2003_impacts(x):
 @pytest.mark.parametrize("x", [0.01, 0.1, 0.5])
 def test_the_published_iteration_ends_in_a_cycle_for_faster_2003_impacts(x):
     area = ContactArea(0.01, 1.0)
-    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=PublishedIteration(1e-13, 1000))
+    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=FixedPointIteration(1e-13, 1000))
     impact = solve_impact(laws, encounter(approach_speed(laws, (1e-3, 1e-3), x)))
     assert impact.capped
     assert impact.residual > 0.01
@@ -118,7 +117,7 @@ def test_the_published_iteration_ends_in_a_cycle_for_faster_2003_impacts(x):
 
 def test_the_published_iteration_bonds_where_the_root_finder_does():
     area = ContactArea(0.01, 1.0)
-    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=PublishedIteration(1e-10, 50))
+    laws = isothermal_laws(MeanSpeedDuration(1e-6), area, solver=FixedPointIteration(1e-10, 50))
     for x, bonds in ((1.0 - 1e-12, False), (1.0 + 1e-12, True)):
         assert solve_impact(laws, encounter(approach_speed(laws, (1e-3, 1e-3), x))).bonds is bonds
 

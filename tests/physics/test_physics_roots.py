@@ -22,8 +22,8 @@ from impacts import (
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy
 from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.physics.impact_solvers import WALK_CAP, first_root, unique_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
-from agglom_mpi.physics.solvers import WALK_CAP, unique_root, walk_to_root
 
 SETTINGS = settings(
     max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -130,7 +130,7 @@ def both_roots(laws, pair):
     plastic = log_pressure_ratio(laws, pair, scale, 1.0)
     if plastic >= 0.0:
         return np.nan, np.nan, 0
-    walked, steps = walk_to_root(laws, pair, scale)
+    walked, steps = first_root(laws, pair, scale)
     return unique_root(laws, pair, scale, plastic), walked, steps
 
 

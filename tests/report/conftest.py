@@ -4,19 +4,14 @@ import shutil
 
 import matplotlib as mpl
 import pytest
-from farm_runs import finish, write_campaign
 
 mpl.use("agg")
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory):
-    """Return the file of a finished campaign, quickstart.h5, six of its strings estimated again."""
-    folder = tmp_path_factory.mktemp("finished")
-    numbers = {"generations": 3, "max_samples": 30}
-    write_campaign(folder / "quickstart.yaml", final="{strings: 6, samples: 12}", **numbers)
-    finish(folder, "quickstart.yaml", ranks=None)
-    return folder / "quickstart.h5"
+def finished(shared_campaign):
+    """Return the file of a finished campaign, six of its strings estimated again."""
+    return shared_campaign("estimated") / "estimated.h5"
 
 
 @pytest.fixture

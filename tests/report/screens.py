@@ -3,15 +3,17 @@
 import fcntl
 import os
 import pty
+import re
 import select
 import struct
-import subprocess
 import sys
 import termios
-import time
 from contextlib import contextmanager
 
 import pyte
+from processes import program, wait_for
+
+from agglom_mpi.display.terminal import CUT
 
 
 class Screen:
@@ -20,6 +22,7 @@ class Screen:
     def __init__(self, columns, rows=24):
         self.master, self.slave = pty.openpty()
         self.name = os.ttyname(self.slave)
+        self._size = columns, rows
         self._screen = pyte.Screen(columns, rows)
         self._stream = pyte.ByteStream(self._screen)
         self.raw = b""
@@ -30,19 +33,35 @@ class Screen:
         self._screen.resize(rows, columns)
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
-    def read(self, seconds=0.0):
-        """Draw what has been written by now, or is within so many seconds."""
-        end = time.monotonic() + seconds
-        while select.select([self.master], [], [], max(0.0, end - time.monotonic()))[0]:
-            data = os.read(self.master, 65536)
-            self.raw += data
-            self._stream.feed(data)
+    def take(self, patience=0.0):
+        """Take what has been written by now, without drawing it.
+
+        If there is nothing yet, something may come within `patience` seconds.
+        """
+        taken = b""
+        while select.select([self.master], [], [], 0.0 if taken else patience)[0]:
+            taken += os.read(self.master, 65536)
+        self.raw += taken
+        return taken
+
+    def read(self):
+        """Draw what has been written by now."""
+        self._stream.feed(self.take())
         return self.lines
 
     @property
     def lines(self):
         """What is shown, without the empty lines at the end."""
-        return "\n".join(line.rstrip() for line in self._screen.display).rstrip().split("\n")
+        return lines_of(self._screen)
+
+    def drawn(self):
+        """Return what was shown, one after the other, each time before it was drawn anew."""
+        again = pyte.Screen(*self._size)
+        stream, seen = pyte.ByteStream(again), []
+        for piece in re.split(f"(?={re.escape(CUT)})".encode(), self.raw):
+            stream.feed(piece)
+            seen.append(lines_of(again))
+        return seen
 
     @property
     def cursor(self):
@@ -52,6 +71,11 @@ class Screen:
     def close(self):
         os.close(self.master)
         os.close(self.slave)
+
+
+def lines_of(drawn):
+    """Lines of a screen, without the empty ones at the end."""
+    return "\n".join(line.rstrip() for line in drawn.display).rstrip().split("\n")
 
 
 @contextmanager
@@ -65,27 +89,15 @@ def screen(columns, rows=24):
 
 
 def started_on(opened, command, folder, environment):
-    """Start a program in the foreground of a terminal of its own session."""
+    """Start a program in the foreground of a terminal of its own session, for a block."""
     login = "import fcntl,os,sys,termios; fcntl.ioctl(0,termios.TIOCSCTTY,0); "
     login += "os.execvp(sys.argv[1],sys.argv[1:])"
-    return subprocess.Popen(
-        [sys.executable, "-c", login, *command],
-        cwd=folder,
-        env=environment,
-        stdin=opened.slave,
-        stdout=opened.slave,
-        stderr=opened.slave,
-        start_new_session=True,
-    )
+    ends = dict.fromkeys(("stdin", "stdout", "stderr"), opened.slave)
+    return program([sys.executable, "-c", login, *command], cwd=folder, env=environment, **ends)
 
 
-def watched(opened, process, seconds=120.0):
-    """Watch until the program ends; the different screens that were seen."""
-    seen, end = [], time.monotonic() + seconds
-    while process.poll() is None:
-        lines = opened.read(0.05)
-        if not seen or seen[-1] != lines:
-            seen.append(lines)
-        assert time.monotonic() < end, lines
-    seen.append(opened.read(0.2))
-    return seen
+def watched(opened, process):
+    """Watch until the program ends; all that was shown."""
+    wait_for(lambda: opened.take(0.1) is not None and process.poll() is not None, "end")
+    opened.take()
+    return opened.drawn()

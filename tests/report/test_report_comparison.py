@@ -6,12 +6,12 @@ import pytest
 from farm_runs import SMALL, write_campaign
 from rich.console import Console
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.farm.store import leg_fields, prepare
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.report.comparison import as_text, best_objectives, compare, in_words
+from agglom_mpi.analysis.file_comparison import as_text, best_objectives, compare, in_words
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.storage.writer import CampaignWriter
 
 
 def file_of(folder, name, objectives, seed=1, changed=("", "")):
@@ -20,7 +20,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
     assert changed[0] in text
     (folder / f"{name}.yaml").write_text(text.replace(*changed))
     path = folder / f"{name}.h5"
-    work = CampaignWork(load_campaign(folder / f"{name}.yaml"))
+    work = InversionExperiment(load_campaign(folder / f"{name}.yaml"))
     prepare(path, work, accept_code_change=False)
     count = len(objectives)
     parameters = np.full((count, 10), 2.0)

@@ -3,32 +3,30 @@
 import os
 import re
 import shutil
-import signal
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from farm_runs import (
-    SLOWLY,
-    environment,
-    inject,
-    need_mpirun,
-    start,
-    wait_until,
-    write_campaign,
-)
+from farm_runs import environment, inject, invert, need_mpirun, wait_until, write_campaign
+from held_runs import allow, held
 from screens import screen, started_on, watched
 from test_report_progress import FULL
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.report import display as module
-from agglom_mpi.report.display import Display
-from agglom_mpi.report.progress import in_words
-from agglom_mpi.search import GenerationSummary
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.display import display as module
+from agglom_mpi.display.display import Display
+from agglom_mpi.display.progress import in_words
+from agglom_mpi.search.inversion import GenerationSummary
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
-"""Some seconds, if every sample takes 20 ms more."""
+SHOWS_ALL = """
+import agglom_mpi.runtime.coordinator as master
+import agglom_mpi.display.display as display
+
+master.TICK, display.INTERVAL = 0.0, 1e9
+"""
+"""Shows how it goes whenever there are new samples, and never logs that nothing was said."""
 
 BIN = Path(sys.executable).parent
 
@@ -38,7 +36,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shown")
     path = write_campaign(folder / "brief.yaml", **BRIEF, final="{strings: 2, samples: 20}")
     path.write_text(re.sub(r"(?m)^title: .*", "title: A brief one ± 2", path.read_text()))
-    inject(folder / "slowly", SLOWLY)
+    inject(folder / "shows", SHOWS_ALL)
     return folder
 
 
@@ -46,14 +44,10 @@ def seen_on(opened, folder, *command, before=(), **variables):
     """Screens that a run of the brief campaign shows from its beginning to its end."""
     (folder / "brief.h5").unlink(missing_ok=True)
     words = [*before, str(BIN / "agglom-invert"), "brief.yaml", *command]
-    env = environment(folder / "slowly", TERM="xterm", **variables)
+    env = environment(folder / "shows", TERM="xterm", **variables)
     env.pop("COLUMNS", None)
-    process = started_on(opened, words, folder, env)
-    try:
+    with started_on(opened, words, folder, env) as process:
         seen = watched(opened, process)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 0, seen[-1]
     return seen
 
@@ -79,7 +73,11 @@ def assert_live(seen, plus_minus="±"):
     assert "finished: all 4 generations are done" in " ".join(seen[-1])
 
 
-@pytest.mark.parametrize("columns", [120, 80, 40])
+def slow(*values):
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
+
+
+@pytest.mark.parametrize("columns", [80, *slow(120, 40)])
 def test_a_run_shows_lines_in_place_and_then_its_result(folder, columns):
     with screen(columns, 60) as opened:
         seen = seen_on(opened, folder)
@@ -92,6 +90,7 @@ def test_a_run_shows_lines_in_place_and_then_its_result(folder, columns):
     assert not any("…" in line for line in seen[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "variables",
     [{"LC_ALL": "C"}, {"LC_ALL": "POSIX"}, {"LANG": "C"}, {"PYTHONIOENCODING": "ascii"}],
@@ -115,15 +114,16 @@ def test_a_run_under_mpirun_shows_its_lines_on_the_terminal_of_mpirun(folder):
     assert "2 ranks" in seen[-1][0]
 
 
+@pytest.mark.slow
 def test_ranks_whose_errors_go_to_a_file_show_nothing_on_the_terminal(folder):
     need_mpirun()
     run = f"exec {BIN / 'agglom-invert'} brief.yaml 2>ranks.log"
     with screen(80, 60) as opened:
         (folder / "brief.h5").unlink(missing_ok=True)
-        env = environment(folder / "slowly", TERM="xterm")
+        env = environment(folder / "shows", TERM="xterm")
         command = ["mpirun", "-n", "2", "sh", "-c", run]
-        process = started_on(opened, command, folder, env)
-        seen = watched(opened, process)
+        with started_on(opened, command, folder, env) as process:
+            seen = watched(opened, process)
     assert process.returncode == 0
     assert not any(" busy" in line for lines in seen for line in lines)
     log = (folder / "ranks.log").read_text()
@@ -131,14 +131,18 @@ def test_ranks_whose_errors_go_to_a_file_show_nothing_on_the_terminal(folder):
     assert "\x1b" not in log
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_without_a_terminal_there_are_log_lines(folder, ranks):
+@pytest.mark.parametrize("ranks", [None, *slow(2)])
+def test_without_a_terminal_there_are_log_lines(folder, ranks, monkeypatch):
+    options = {}
     if ranks:
         need_mpirun()
+        options = {"ranks": ranks, "inject": folder / "shows", "TERM": "xterm"}
     (folder / "brief.h5").unlink(missing_ok=True)
-    process = start(folder, "brief.yaml", ranks=ranks, inject=folder / "slowly", TERM="xterm")
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 0
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(module, "INTERVAL", 1e9)
+    done = invert(folder, "brief.yaml", **options)
+    assert done.returncode == 0
+    errors = done.stderr
     assert [line.split(":")[0] for line in errors.splitlines()] == [
         "A brief one ± 2",
         *(f"generation {number}/4" for number in (1, 2, 3, 4)),
@@ -147,6 +151,7 @@ def test_without_a_terminal_there_are_log_lines(folder, ranks):
     assert "\x1b" not in errors
 
 
+@pytest.mark.slow
 def test_quiet_shows_nothing_on_a_terminal_either(folder):
     with screen(80) as opened:
         assert seen_on(opened, folder, "-q")[-1] == [""]
@@ -160,29 +165,29 @@ def test_a_run_in_the_background_leaves_the_terminal_to_the_shell(folder):
     (folder / "brief.h5").unlink(missing_ok=True)
     script = f"set -m; {BIN / 'agglom-invert'} brief.yaml & wait $!"
     with screen(80, 60) as opened:
-        env = environment(folder / "slowly", TERM="xterm")
-        process = started_on(opened, [bash, "-c", script], folder, env)
-        seen = watched(opened, process)
+        env = environment(folder / "shows", TERM="xterm")
+        with started_on(opened, [bash, "-c", script], folder, env) as process:
+            seen = watched(opened, process)
     assert process.returncode == 0
     assert not any(" busy" in line for lines in seen for line in lines)
     assert "finished: all 4 generations are done" in seen[-1]
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_an_interrupted_run_leaves_a_tidy_terminal(folder, ranks):
+@pytest.mark.parametrize("ranks", [None, *slow(2)])
+def test_an_interrupted_run_leaves_a_tidy_terminal(tmp_path, ranks):
     if ranks:
         need_mpirun()
-    path = folder / "brief.h5"
-    path.unlink(missing_ok=True)
+    path = write_campaign(tmp_path / "brief.yaml", **BRIEF | {"generations": 20}).with_suffix(".h5")
+    allow(tmp_path, 100)
     command = [str(BIN / "agglom-invert"), "brief.yaml"]
     command = ["mpirun", "-n", "2", *command] if ranks else command
-    with screen(80, 30) as opened:
-        env = environment(folder / "slowly", TERM="xterm")
-        process = started_on(opened, command, folder, env)
-        wait_until(lambda: opened.read(0.05) and path.exists() and in_generation(path), process)
+    env = environment(held(tmp_path, text=SHOWS_ALL), TERM="xterm")
+    with screen(80, 30) as opened, started_on(opened, command, tmp_path, env) as process:
+        wait_until(lambda: opened.read() and path.exists() and in_generation(path), process)
+        wait_until(lambda: any("/20 generations" in line for line in opened.read()), process)
         os.write(opened.master, b"\x03")
         last = watched(opened, process)[-1]
-    assert not any("/4 generations" in line or " busy" in line for line in last), last
+    assert not any("/20 generations" in line or " busy" in line for line in last), last
     if not ranks:
         assert process.returncode == 75
         assert "stopped: received SIGINT; everything simulated so far is in brief.h5" in last

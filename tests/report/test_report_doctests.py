@@ -5,7 +5,8 @@ import shutil
 
 import pytest
 
-from agglom_mpi.database import plots, reader
+from agglom_mpi import campaign_file
+from agglom_mpi.report import plots
 from agglom_mpi.report.figures import axes
 from agglom_mpi.search import objectives
 
@@ -14,7 +15,7 @@ pytest.importorskip("matplotlib")
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 
-@pytest.mark.parametrize("module", [reader, plots, axes, objectives])
+@pytest.mark.parametrize("module", [campaign_file, plots, axes, objectives])
 def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, monkeypatch):
     from matplotlib import pyplot
 
@@ -29,7 +30,7 @@ def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, m
 def test_every_plot_and_table_has_an_example():
     public = [
         value
-        for owner in (reader.CampaignFile, plots.Plots)
+        for owner in (campaign_file.CampaignFile, plots.Plots)
         for name, value in vars(owner).items()
         if name.startswith("plot_") or name in ("best", "strings", "samples", "generations")
     ]

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from agglom_mpi.database.estimates import Estimate
-from agglom_mpi.report.finalists import in_words, verdict
+from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.summary import in_words, verdict
 
 
 def estimate(string, objective, error=0.01, own=0.2, samples=100):

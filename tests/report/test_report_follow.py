@@ -2,158 +2,57 @@
 
 import os
 import re
+import shutil
 import signal
-import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from farm_runs import environment, finish, need_mpirun, running, wait_until, write_campaign
+from click.testing import CliRunner
+from farm_runs import (
+    environment,
+    finish,
+    need_mpirun,
+    running,
+    wait_until,
+    write_campaign,
+)
+from held_runs import allow, allow_all, held
+from processes import output_of, wait_for
 from screens import screen, started_on
 
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.farm import master as master_module
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.cli import main
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.display import display
 from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import Follower, follow, silence
+from agglom_mpi.runtime import coordinator as master_module
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.storage.writer import CampaignWriter
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
 AGGLOM = str(Path(sys.executable).parent / "agglom")
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_campaign(tmp_path / "brief.yaml", **BRIEF, final="{strings: 2, samples: 10}")
-    write_campaign(tmp_path / "long.yaml", **BRIEF | {"generations": 60})
-    return tmp_path
-
-
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("finished")
-    write_campaign(folder / "brief.yaml", **BRIEF, final="{strings: 2, samples: 10}")
-    finish(folder, "brief.yaml")
-    return open_campaign(folder / "brief.h5")
+def carried_out(tmp_path_factory):
+    """Run a campaign in this process, with somebody who follows it by its file.
 
-
-def following(folder, name, **options):
-    return subprocess.Popen(
-        [AGGLOM, "report", name, "--follow"],
-        cwd=folder,
-        env=environment(TERM="xterm"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
-    )
-
-
-def generations_in(path):
-    return len(open_campaign(path).generation_rows()) if path.exists() else 0
-
-
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_a_run_is_followed_to_its_end_in_log_lines(folder, ranks):
-    if ranks:
-        need_mpirun()
-    with running(folder, "brief.yaml", ranks=ranks) as process:
-        wait_until(lambda: generations_in(folder / "brief.h5") >= 1, process)
-        watch = following(folder, "brief.h5")
-        said, errors = watch.communicate(timeout=60)
-        process.communicate(timeout=60)
-        assert process.returncode == 0
-    assert watch.returncode == 0
-    numbers = [re.match(r"generation (\d)/4: best", line)[1] for line in errors.splitlines()]
-    assert numbers == sorted(set(numbers))
-    assert numbers[-1] == "4"
-    assert len(numbers) >= (1 if ranks else 2), "two ranks may be too fast"
-    assert "finished: all 4 generations are done" in said
-
-
-def test_a_run_is_followed_on_a_terminal(folder):
-    with running(folder, "long.yaml") as process, screen(80, 60) as opened:
-        path = folder / "long.h5"
-        wait_until(lambda: generations_in(path) >= 1, process)
-        env = environment(TERM="xterm")
-        watch = started_on(opened, [AGGLOM, "report", "long.h5", "--follow"], folder, env)
-        wait_until(lambda: any(" busy" in line for line in opened.read(0.05)), watch)
-        assert any(re.match(r"\d+/60 generations  0:\d\d", line) for line in opened.lines)
-        os.write(opened.master, b"\x03")
-        assert watch.wait(timeout=20) == 130
-        assert opened.read(0.2) == [""]
-        assert process.poll() is None, "whoever is followed does not notice"
-
-
-def test_a_stopped_run_ends_with_its_exit_code(folder):
-    with running(folder, "long.yaml") as process:
-        wait_until(lambda: generations_in(folder / "long.h5") >= 1, process)
-        watch = following(folder, "long.h5")
-        time.sleep(1.0)
-        os.kill(process.pid, signal.SIGUSR1)
-        process.communicate(timeout=30)
-        said, _ = watch.communicate(timeout=30)
-    assert watch.returncode == 75
-    assert "stopped: received SIGUSR1" in said
-
-
-def test_a_killed_run_is_told_since_when_it_is_silent_and_its_successor_is_followed(
-    folder, monkeypatch
-):
-    path = folder / "brief.h5"
-    with running(folder, "brief.yaml") as process:
-        wait_until(lambda: generations_in(path) >= 1, process)
-        process.kill()
-        process.communicate(timeout=30)
-    killed = time.time()
-    follower = Follower(open_campaign(path))
-    at_once, later = follower.look(killed), follower.look(killed + 300.0)
-    assert at_once.note == ""
-    last = open_campaign(path).all_sample_rows()["finished"].max()
-    clock = time.strftime("%H:%M:%S", time.localtime(last))
-    assert re.match(
-        rf"nothing has changed since {clock}, for [45] min( \d+ s)?: was it killed\?", later.note
-    )
-    assert later.left is None
-    assert later.rate == pytest.approx(at_once.rate, rel=0.5), "silence is no time of work"
-    finish(folder, "brief.yaml")
-    after = follower.look(time.time())
-    assert after.note == ""
-    assert follower.news.status.state == "finished"
-    assert [summary.generation for summary in follower.new_generations()][-1] == 3
-
-
-def test_what_was_read_piece_by_piece_is_what_is_there(folder):
-    path = folder / "brief.h5"
-    with running(folder, "brief.yaml") as process:
-        wait_until(lambda: generations_in(path) >= 1, process)
-        follower = Follower(open_campaign(path))
-        while process.poll() is None:
-            follower.look(time.time())
-            time.sleep(0.1)
-        process.communicate(timeout=30)
-    follower.look(time.time())
-    rows = open_campaign(path).all_sample_rows()
-    found = np.sort(follower.news.samples, order=["string", "sample"])
-    for name in found.dtype.names:
-        assert found[name].tolist() == rows[name].tolist()
-
-
-def test_the_file_tells_what_rank_0_knew(folder, monkeypatch):
-    """What rank 0 shows at the end of a generation, and what its file says then."""
-    from agglom_mpi.campaign import load_campaign
-    from agglom_mpi.database.writer import CampaignWriter
-    from agglom_mpi.farm.clock import StopRequest
-    from agglom_mpi.farm.crew import Crew
-    from agglom_mpi.farm.simulator import Simulator
-    from agglom_mpi.farm.store import leg_fields, prepare
-    from agglom_mpi.farm.work import CampaignWork
-
-    monkeypatch.setattr(master_module, "TICK", 0.0)
-    monkeypatch.chdir(folder)
-    work = CampaignWork(load_campaign("brief.yaml"))
-    path = folder / "brief.h5"
-    pairs = []
+    In the folder is a copy of the file as a kill would have left it after the first generation.
+    The pairs are what rank 0 knew and what the follower read at the same time.
+    """
+    folder = tmp_path_factory.mktemp("carried_out")
+    path = write(folder).with_suffix(".h5")
+    work, pairs = InversionExperiment(load_campaign(folder / "brief.yaml")), []
 
     class Watcher:
         def generation(self, *_): ...
@@ -164,18 +63,164 @@ def test_the_file_tells_what_rank_0_knew(folder, monkeypatch):
         def tick(self, progress):
             writer.flush()
             pairs.append((progress, follower.look(time.time())))
+            if len(follower.news.generations) == 1:
+                shutil.copy(path, folder / "killed.h5")
 
     file = prepare(path, work, accept_code_change=False)
-    with CampaignWriter(path) as writer:
-        master = master_module.Master(work, file, writer, Watcher())
+    with pytest.MonkeyPatch.context() as patch, CampaignWriter(path) as writer:
+        patch.setattr(master_module, "TICK", 0.0)
+        patch.setattr(module, "PATIENCE", 1e9)
+        master = master_module.Coordinator(work, file, writer, Watcher())
         master.replay()
-        simulator = Simulator(work, 0)
+        simulator = SampleRunner(work, 0)
         simulator.warm_up()
         writer.begin_leg(**leg_fields(1, ""))
         writer.set_status("running")
         follower = Follower(open_campaign(path))
-        crew = Crew(simulator, None)
+        crew = WorkerPool(simulator, None)
         master.wind_up(crew, master.run(crew, StopRequest(None)))
+    return folder, follower, pairs
+
+
+@pytest.fixture
+def folder(carried_out, tmp_path):
+    """Return a folder with the campaign, and a file of it that was killed."""
+    shutil.copy(carried_out[0] / "killed.h5", tmp_path / "brief.h5")
+    write(tmp_path)
+    return tmp_path
+
+
+def write(folder):
+    return write_campaign(folder / "brief.yaml", **BRIEF, final="{strings: 2, samples: 10}")
+
+
+@contextmanager
+def begun(folder, ranks=None):
+    """Run a campaign for a block that begins after its first generation, and is held there."""
+    write(folder)
+    allow(folder, 80)
+    with running(folder, "brief.yaml", ranks=ranks, inject=held(folder)) as process:
+        wait_until(lambda: generations_in(folder / "brief.h5") >= 1, process)
+        yield process
+
+
+def generations_in(path):
+    return len(open_campaign(path).generation_rows()) if path.exists() else 0
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """Return a function that follows a campaign, and calls another one after its first look."""
+
+    def result(path, then):
+        actions = [then]
+
+        def nap(seconds):
+            if actions:
+                actions.pop()()
+            time.sleep(0.01)
+
+        monkeypatch.setattr(module, "time", SimpleNamespace(**vars(time) | {"sleep": nap}))
+        monkeypatch.setattr(display, "INTERVAL", 1e9)
+        return CliRunner().invoke(main, ["report", str(path), "--follow"])
+
+    return result
+
+
+def assert_followed_to_its_end(watch):
+    assert watch.exit_code == 0
+    numbers = [re.match(r"generation (\d)/4: best", line)[1] for line in watch.stderr.splitlines()]
+    assert numbers == sorted(set(numbers))
+    assert numbers[-1] == "4"
+    assert len(numbers) >= 2
+    assert "finished: all 4 generations are done" in watch.stdout
+
+
+def test_a_campaign_that_goes_on_is_followed_to_its_end_in_log_lines(folder, followed):
+    watch = followed(folder / "brief.h5", lambda: finish(folder, "brief.yaml"))
+    assert_followed_to_its_end(watch)
+    assert len(watch.stderr.splitlines()) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_run_is_followed_to_its_end_in_log_lines(tmp_path, followed, ranks):
+    if ranks:
+        need_mpirun()
+    with begun(tmp_path, ranks) as process:
+        watch = followed(tmp_path / "brief.h5", lambda: allow_all(tmp_path))
+        output_of(process)
+        assert process.returncode == 0
+    assert_followed_to_its_end(watch)
+
+
+def test_a_run_is_followed_on_a_terminal(tmp_path):
+    command, env = [AGGLOM, "report", "brief.h5", "--follow"], environment(TERM="xterm")
+    with (
+        begun(tmp_path) as process,
+        screen(80, 60) as opened,
+        started_on(opened, command, tmp_path, env) as watch,
+    ):
+        wait_until(lambda: any(" busy" in line for line in opened.read()), watch)
+        assert any(re.match(r"\d+/4 generations  \d+:\d\d", line) for line in opened.lines)
+        os.write(opened.master, b"\x03")
+        wait_for(lambda: opened.read() and watch.poll() is not None, "end")
+        assert watch.returncode == 130
+        assert opened.read() == [""]
+        assert process.poll() is None, "whoever is followed does not notice"
+
+
+def test_a_stopped_run_ends_with_its_exit_code(folder, followed):
+    def stop():
+        with CampaignWriter(folder / "brief.h5") as writer:
+            writer.set_status("stopped", "received SIGUSR1")
+
+    watch = followed(folder / "brief.h5", stop)
+    assert watch.exit_code == 75
+    assert "stopped: received SIGUSR1" in watch.stdout
+
+
+@pytest.mark.slow
+def test_a_run_that_is_told_to_stop_is_followed_to_its_exit_code(tmp_path, followed):
+    with begun(tmp_path) as process:
+        watch = followed(tmp_path / "brief.h5", lambda: os.kill(process.pid, signal.SIGUSR1))
+        output_of(process)
+    assert watch.exit_code == 75
+    assert "stopped: received SIGUSR1" in watch.stdout
+
+
+def test_a_killed_run_is_told_since_when_it_is_silent_and_its_successor_is_followed(folder):
+    path = folder / "brief.h5"
+    last = open_campaign(path).all_sample_rows()["finished"].max()
+    follower = Follower(open_campaign(path))
+    at_once, later = follower.look(last), follower.look(last + 300.0)
+    assert at_once.note == ""
+    clock = time.strftime("%H:%M:%S", time.localtime(last))
+    assert re.match(
+        rf"nothing has changed since {clock}, for [45] min( \d+ s)?: was it killed\?", later.note
+    )
+    assert later.left is None
+    assert later.rate == pytest.approx(at_once.rate), "silence is no time of work"
+    finish(folder, "brief.yaml")
+    after = follower.look(time.time())
+    assert after.note == ""
+    assert follower.news.status.state == "finished"
+    assert [summary.generation for summary in follower.new_generations()][-1] == 3
+
+
+def test_what_was_read_piece_by_piece_is_what_is_there(carried_out):
+    folder, follower, pairs = carried_out
+    assert len({read.samples for _, read in pairs}) > 5
+    follower.look(time.time())
+    rows = open_campaign(folder / "brief.h5").all_sample_rows()
+    found = np.sort(follower.news.samples, order=["string", "sample"])
+    for name in found.dtype.names:
+        assert found[name].tolist() == rows[name].tolist()
+
+
+def test_the_file_tells_what_rank_0_knew(carried_out):
+    """What rank 0 shows at the end of a generation, and what its file says then."""
+    *_, pairs = carried_out
     assert {(known.unit, known.total) for known, _ in pairs} == {
         ("generations", 4),
         ("fresh samples", 20),
@@ -191,10 +236,10 @@ def test_the_file_tells_what_rank_0_knew(folder, monkeypatch):
 
 
 def test_a_finished_file_is_told_at_once(finished, capsys):
-    assert follow(finished) == 0
+    assert follow(open_campaign(finished)) == 0
     logged = capsys.readouterr().err.splitlines()
     assert len(logged) == 1
-    assert logged[0].startswith("generation 4/4: best ")
+    assert logged[0].startswith("generation 3/3: best ")
 
 
 def test_looks_take_a_small_share_of_the_time(finished, monkeypatch):
@@ -217,7 +262,7 @@ def test_looks_take_a_small_share_of_the_time(finished, monkeypatch):
     monkeypatch.setattr(module, "Follower", Slow)
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module.time, "sleep", nap)
-    assert follow(finished) == 130
+    assert follow(open_campaign(finished)) == 130
     assert naps == [pytest.approx(60.0)] * 3
 
 

@@ -3,7 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from agglom_mpi.report.left import Laps, Left, in_units, rest_left, turns_left
+from agglom_mpi.display.remaining_time import (
+    DurationStatistics,
+    RemainingTime,
+    in_units,
+    remaining_by_work,
+    remaining_in_turns,
+)
 
 REPEATS = 4000
 TOLERANCE = 4.0 * math.sqrt(0.95 * 0.05 / REPEATS)
@@ -15,7 +21,7 @@ def share_inside(draw, before, after):
     inside = 0
     for seed in range(REPEATS):
         durations = draw(np.random.default_rng(seed), before + after)
-        left = turns_left(Laps(durations[:before]), after)
+        left = remaining_in_turns(DurationStatistics(durations[:before]), after)
         inside += abs(durations[before:].sum() - left.seconds) <= left.error
     return inside / REPEATS
 
@@ -31,7 +37,7 @@ def test_the_interval_is_not_wider_than_it_must_be():
     inside = 0
     for seed in range(REPEATS):
         durations = np.random.default_rng(seed).normal(10.0, 2.0, 40)
-        left = turns_left(Laps(durations[:30]), 10)
+        left = remaining_in_turns(DurationStatistics(durations[:30]), 10)
         inside += abs(durations[30:].sum() - left.seconds) <= left.error * 2.0 / 3.0
     from scipy import stats
 
@@ -44,32 +50,36 @@ def test_the_pace_of_many_pieces_tells_when_the_rest_is_done():
     done, rest, ranks, inside = 200, 400, 8, 0
     for seed in range(REPEATS):
         costs = np.random.default_rng(seed).gamma(4.0, 0.25, done + rest)
-        left = rest_left(Laps(costs[:done]), done, rest, costs[:done].sum() / ranks)
+        left = remaining_by_work(
+            DurationStatistics(costs[:done]), done, rest, costs[:done].sum() / ranks
+        )
         inside += abs(costs[done:].sum() / ranks - left.seconds) <= left.error
     assert abs(inside / REPEATS - 0.95) < TOLERANCE
 
 
 def test_what_the_present_turn_has_taken_is_not_left_any_more():
-    laps = Laps([10.0, 12.0, 14.0])
-    assert turns_left(laps, 5).seconds == pytest.approx(60.0)
-    assert turns_left(laps, 5, 7.0).seconds == pytest.approx(53.0)
-    assert turns_left(laps, 5, 700.0).seconds == pytest.approx(48.0), "the others are still to come"
+    laps = DurationStatistics([10.0, 12.0, 14.0])
+    assert remaining_in_turns(laps, 5).seconds == pytest.approx(60.0)
+    assert remaining_in_turns(laps, 5, 7.0).seconds == pytest.approx(53.0)
+    assert remaining_in_turns(laps, 5, 700.0).seconds == pytest.approx(48.0), (
+        "the others are still to come"
+    )
 
 
 def test_nothing_is_said_while_nothing_is_known():
-    assert turns_left(Laps([10.0, 12.0]), 5) is None
-    assert turns_left(Laps([10.0, 12.0, 11.0]), 0) is None
-    assert rest_left(Laps(), 0, 10, 0.0) is None
-    assert rest_left(Laps([1.0, 1.0]), 2, 10, 1.0) is None
+    assert remaining_in_turns(DurationStatistics([10.0, 12.0]), 5) is None
+    assert remaining_in_turns(DurationStatistics([10.0, 12.0, 11.0]), 0) is None
+    assert remaining_by_work(DurationStatistics(), 0, 10, 0.0) is None
+    assert remaining_by_work(DurationStatistics([1.0, 1.0]), 2, 10, 1.0) is None
 
 
 def test_laps_have_the_mean_and_the_deviation_of_their_durations():
     durations = np.random.default_rng(1).normal(1e6, 1.0, 100)
-    laps = Laps(durations)
+    laps = DurationStatistics(durations)
     assert laps.count == 100
     assert laps.mean == pytest.approx(durations.mean(), rel=1e-14)
     assert laps.deviation == pytest.approx(durations.std(ddof=1), rel=1e-9)
-    assert math.isnan(Laps([1.0]).deviation)
+    assert math.isnan(DurationStatistics([1.0]).deviation)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +95,7 @@ def test_laps_have_the_mean_and_the_deviation_of_their_durations():
     ],
 )
 def test_a_time_is_rounded_to_what_its_error_leaves_of_it(seconds, error, text):
-    assert str(Left(seconds, error)) == text
+    assert str(RemainingTime(seconds, error)) == text
 
 
 def test_a_time_is_said_in_two_units():

@@ -1,11 +1,10 @@
-import time
+import sys
 
 import pytest
 from screens import screen
 from test_report_progress import FULL, shown
 
-from agglom_mpi.report.live import Live
-from agglom_mpi.report.terminal import Terminal
+from agglom_mpi.display.terminal import Live, Terminal
 
 
 @pytest.fixture(params=[120, 80, 40])
@@ -128,16 +127,18 @@ def test_a_terminal_that_is_gone_does_not_end_the_run():
         live.stop()
 
 
-def test_a_refresh_takes_less_than_a_thousandth_of_the_time_between_two():
-    """Rank 0 draws twice a second, and serves all other ranks; processor time, of the best try."""
+def test_a_refresh_takes_at_most_two_thousand_calls():
+    """Rank 0 draws twice a second, and serves all other ranks: that is half a millisecond."""
+    calls = 0
+
+    def count(frame, event, argument):
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
     with screen(120) as opened:
         live = live_on(opened)
-        taken = []
-        for _ in range(20):
-            begun = time.process_time()
-            for _ in range(10):
-                live.show(FULL)
-            taken.append((time.process_time() - begun) / 10)
-            opened.read()
-        print(f"{1e6 * min(taken):.0f} us")
-        assert min(taken) < 0.5e-3
+        live.show(FULL)
+        sys.setprofile(count)
+        live.show(FULL)
+        sys.setprofile(None)
+    assert 100 < calls < 2000

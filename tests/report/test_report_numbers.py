@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from agglom_mpi.report.numbers import duration, forecast_time, with_error
+from agglom_mpi.formatting import forecast_time, format_duration, value_with_error
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from agglom_mpi.report.numbers import duration, forecast_time, with_error
     ],
 )
 def test_a_value_has_two_digits_of_its_error(value, error, text):
-    assert with_error(value, error) == text
+    assert value_with_error(value, error) == text
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_a_value_has_two_digits_of_its_error(value, error, text):
     [(0.04, "0.0 s"), (119.0, "119.0 s"), (120.0, "2.0 min"), (7200.0, "2.0 h")],
 )
 def test_a_duration_has_the_unit_that_suits_it(seconds, text):
-    assert duration(seconds) == text
+    assert format_duration(seconds) == text
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from agglom_mpi.report.left import Left
-from agglom_mpi.report.progress import Best, Progress, clock, in_words, lines, per_second
+from agglom_mpi.display.progress import Best, Progress, clock, in_words, lines, per_second
+from agglom_mpi.display.remaining_time import RemainingTime
 
 FULL = Progress(
     done=12,
@@ -17,7 +17,7 @@ FULL = Progress(
     in_flight=24,
     failed=3,
     best=Best(762, 0.01234, 0.0045, 0.0201),
-    left=Left(187.0, 23.0),
+    left=RemainingTime(187.0, 23.0),
     at_most=True,
     note="a note",
 )

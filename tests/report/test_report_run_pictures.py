@@ -11,7 +11,7 @@ from vtk_files import assert_shows
 from agglom_mpi import load_campaign
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
 from agglom_mpi.report.run_pictures import NAMES, PANELS, panels, write_run
-from agglom_mpi.simulation.snapshots import new_frames
+from agglom_mpi.simulation.frames import new_frames
 
 
 @pytest.fixture(scope="module")

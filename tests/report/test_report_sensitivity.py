@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agglom_mpi.report.sensitivity import as_dict, in_words
-from agglom_mpi.search.sensitivity import Sensitivity
+from agglom_mpi.analysis.sensitivity import Sensitivity, as_dict, in_words
 
 FOUND = Sensitivity(np.array([0.1, 0.6]), np.array([0.2, 0.7]), 40, 0.9, 0.08)
 

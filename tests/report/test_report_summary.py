@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from farm_runs import SMALL, write_campaign
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.database.schema import sample_dtype
-from agglom_mpi.database.writer import CampaignWriter
-from agglom_mpi.farm.store import leg_fields, prepare
-from agglom_mpi.farm.work import CampaignWork
-from agglom_mpi.report.display import Display, print_wide
-from agglom_mpi.report.summary import as_text, collect_summary, summarise
-from agglom_mpi.search import GenerationSummary
+from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.display.display import Display, print_wide
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.search.inversion import GenerationSummary
+from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.writer import CampaignWriter
 
 TITLE = "A [bold] title [/no] of :bug: grains"
 
@@ -25,7 +25,9 @@ def path(tmp_path):
         "\n".join([f"title: '{TITLE}'", *text.splitlines()[2:]]) + "\n"
     )
     path = tmp_path / "out[red]:100:.h5"
-    prepare(path, CampaignWork(load_campaign(tmp_path / "small.yaml")), accept_code_change=False)
+    prepare(
+        path, InversionExperiment(load_campaign(tmp_path / "small.yaml")), accept_code_change=False
+    )
     return path
 
 

@@ -8,7 +8,7 @@ import pytest
 from vtk_files import assert_shows
 
 from agglom_mpi.report.vtkhdf import POINT_DATA, write_vtkhdf
-from agglom_mpi.simulation.snapshots import new_frames
+from agglom_mpi.simulation.frames import new_frames
 
 
 def some_frames(counts, grains):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agglom_mpi.search.proposals import Judged
+from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
+from agglom_mpi.search.proposals import Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.simulation.outcome import COMPLETED, FAILED, OUTCOME, measured
 from agglom_mpi.variables import COUNT
 
 PARTICLES = 100
@@ -37,7 +37,7 @@ def completed(ratio, particles=PARTICLES, moments=(0.0, 0.0, 0.0)):
     record["particles"] = particles
     for order, moment in zip((2, 3, 4), moments, strict=True):
         record[f"radius_moment_{order}"] = moment
-    return measured(record)[0]
+    return summaries(record)[0]
 
 
 def of_radii(radii):
@@ -53,7 +53,7 @@ def failed():
     record["state"] = FAILED
     record["reason"] = 3
     record["mean_radius_ratio"] = np.nan
-    return measured(record)[0]
+    return summaries(record)[0]
 
 
 def papers_box():
@@ -69,4 +69,4 @@ def unit_box():
 
 def judged(ids, parameters, objectives, samples=1):
     """Return what a search is told of strings with as many samples each."""
-    return Judged(ids, parameters, objectives, objectives, np.full(len(ids), samples))
+    return Evaluations(ids, parameters, objectives, objectives, np.full(len(ids), samples))

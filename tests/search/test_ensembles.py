@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from search_fakes import PARTICLES, completed, failed
 
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.search.factor import bordered, factored
+from agglom_mpi.search.gaussian_process import extended, factored
 
 
 def positive(n, seed):
@@ -17,7 +17,7 @@ def test_a_factor_that_grew_is_that_of_the_whole(steps):
     factor, known = factored(matrix[: steps[0], : steps[0]]), steps[0]
     for step in steps[1:]:
         whole = known + step
-        factor = bordered(factor, matrix[:known, known:whole], matrix[known:whole, known:whole])
+        factor = extended(factor, matrix[:known, known:whole], matrix[known:whole, known:whole])
         known = whole
     assert np.allclose(factor.root @ factor.root.T, matrix, rtol=0.0, atol=1e-12)
     assert np.all(np.triu(factor.root, 1) == 0.0)

@@ -12,7 +12,7 @@ from agglom_mpi.search.gaussian_process import (
     Covariance,
     GaussianProcess,
     _length_prior,
-    _unlikelihood,
+    _negative_log_likelihood,
     fit_covariance,
     matern,
     standardised,
@@ -59,8 +59,8 @@ def test_the_gradient_of_the_likelihood_is_its_derivative(dimensions, count, see
     covariance, points, values, samples = drawn(dimensions, count, seed, decades)
     rest = squared_differences(points), standardised(values)[2], samples.astype(float)
     at = logarithms(covariance)
-    value, gradient = _unlikelihood(at, *rest)
-    found = differences(lambda x: _unlikelihood(x, *rest)[0], at, 1e-4)
+    value, gradient = _negative_log_likelihood(at, *rest)
+    found = differences(lambda x: _negative_log_likelihood(x, *rest)[0], at, 1e-4)
     # Logarithms change by 1e-4: a third derivative of the value's size gives 1e-8 of it.
     assert np.allclose(found, gradient, rtol=0.0, atol=1e-6 * (1.0 + abs(value)))
 
@@ -107,7 +107,9 @@ def test_posterior_and_likelihood_are_those_of_scikit_learn(dimensions, count, s
     assert np.allclose(variance, deviation**2, rtol=0.0, atol=1e-8 * covariance.variance)
     assert process.sample_deviation == pytest.approx(scale * np.sqrt(covariance.noise))
     at = logarithms(covariance)
-    unlikely, _ = _unlikelihood(at, squared_differences(points), standard, samples.astype(float))
+    unlikely, _ = _negative_log_likelihood(
+        at, squared_differences(points), standard, samples.astype(float)
+    )
     likelihood = _length_prior(at[1:-1])[0] - unlikely - 0.5 * count * np.log(2.0 * np.pi)
     assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, rel=1e-7, abs=1e-7)
 

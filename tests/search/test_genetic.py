@@ -75,7 +75,7 @@ def blends(blend):
 
 
 @given(st.integers(0, 2**40))
-@settings(max_examples=25)
+@settings(max_examples=25, derandomize=True, deadline=None)
 def test_offspring_lie_between_their_parents_in_every_component(seed):
     search = GeneticSearch(papers_box(), seed)
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def test_fixed_components_stay_exact_through_blending():
 
 
 @given(st.integers(0, 2**40))
-@settings(max_examples=25)
+@settings(max_examples=25, derandomize=True, deadline=None)
 def test_keeping_the_parents_makes_the_best_monotone_and_the_top_the_best_ever_seen(seed):
     search, rng = GeneticSearch(unit_box(), seed), np.random.default_rng(seed)
     seen, before = [], np.inf
@@ -164,7 +164,7 @@ def test_asking_again_changes_nothing():
 
 
 @given(st.integers(0, 2**40), st.randoms(use_true_random=False))
-@settings(max_examples=25)
+@settings(max_examples=25, derandomize=True, deadline=None)
 def test_the_order_of_a_tell_does_not_matter(seed, shuffler):
     one, other = (GeneticSearch(papers_box(), seed, rescale=(2, 0.5)) for _ in range(2))
     rng, count = np.random.default_rng(seed), 0

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion, Progress
 from agglom_mpi.search.objectives import GrowthTarget

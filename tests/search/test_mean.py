@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from agglom_mpi.search.mean import Mean, mean_of
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 
 def test_a_mean_has_a_standard_error_and_t_interval():
@@ -19,4 +19,4 @@ def test_one_value_has_no_error_and_none_no_mean():
 
 
 def test_equal_values_have_no_error():
-    assert mean_of([2.0, 2.0, 2.0]) == Mean(2.0, 0.0, 3)
+    assert mean_of([2.0, 2.0, 2.0]) == MeanEstimate(2.0, 0.0, 3)

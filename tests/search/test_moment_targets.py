@@ -8,13 +8,13 @@ import pytest
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
+from agglom_mpi.outcome import COMPLETED, OUTCOME
 from agglom_mpi.search import objectives
-from agglom_mpi.search.ensembles import Ensemble
-from agglom_mpi.search.moments import MomentTargets, Term
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
 from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget
-from agglom_mpi.search.running import PooledMoments
 from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
-from agglom_mpi.simulation.outcome import COMPLETED, OUTCOME
+from agglom_mpi.statistics import PooledMoments
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
 
@@ -52,14 +52,20 @@ def judged(terms, samples):
 def test_a_moment_is_that_of_all_particles_together(name, seed):
     samples = samples_of_radii(seed, 40)
     wanted = directly(samples)[name]
-    assert judged([Term(name, 0.0)], samples)[0] == pytest.approx(abs(wanted), rel=1e-11)
-    assert judged([Term(name, 2.5)], samples)[0] == pytest.approx(abs(wanted / 2.5 - 1), rel=1e-10)
+    assert judged([MomentTarget(name, 0.0)], samples)[0] == pytest.approx(abs(wanted), rel=1e-11)
+    assert judged([MomentTarget(name, 2.5)], samples)[0] == pytest.approx(
+        abs(wanted / 2.5 - 1), rel=1e-10
+    )
 
 
 def test_misses_are_weighted_and_added_up():
     samples = samples_of_radii(5, 30)
     found = directly(samples)
-    terms = [Term("mean", 2.0, 3.0), Term("spread", 0.4), Term("skewness", 0.0, 0.25)]
+    terms = [
+        MomentTarget("mean", 2.0, 3.0),
+        MomentTarget("spread", 0.4),
+        MomentTarget("skewness", 0.0, 0.25),
+    ]
     wanted = (
         3.0 * abs(found["mean"] / 2.0 - 1.0)
         + abs(found["spread"] / 0.4 - 1.0)
@@ -71,12 +77,12 @@ def test_misses_are_weighted_and_added_up():
 def test_a_negative_target_is_missed_by_a_share_of_itself():
     samples = samples_of_radii(6, 30)
     wanted = abs(directly(samples)["skewness"] / -2.0 - 1.0)
-    assert judged([Term("skewness", -2.0)], samples)[0] == pytest.approx(wanted, rel=1e-12)
+    assert judged([MomentTarget("skewness", -2.0)], samples)[0] == pytest.approx(wanted, rel=1e-12)
 
 
 def test_the_order_of_samples_and_of_their_particles_does_not_matter():
     samples = samples_of_radii(7, 20)
-    terms = [Term(name, 1.5) for name in NAMES]
+    terms = [MomentTarget(name, 1.5) for name in NAMES]
     rng = np.random.default_rng(8)
     shuffled = [rng.permutation(radii) for radii in rng.permutation(np.array(samples, object))]
     again = [np.asarray(radii, float) for radii in shuffled]
@@ -85,7 +91,7 @@ def test_the_order_of_samples_and_of_their_particles_does_not_matter():
 
 def test_a_mean_alone_is_the_growth_target():
     outcomes = [of_radii(radii) for radii in samples_of_radii(9, 25)]
-    own = MomentTargets((Term("mean", 2.0),)).of_ensemble(outcomes)
+    own = MomentTargets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
     assert own == pytest.approx(GrowthTarget(2.0).of_ensemble(outcomes), rel=1e-12)
 
 
@@ -97,13 +103,18 @@ def test_a_sample_alone_has_the_objective_of_its_own_moments():
         row["mean_radius_ratio"] = np.mean(radii)
         for order in (2, 3, 4):
             row[f"radius_moment_{order}"] = np.mean((radii - np.mean(radii)) ** order)
-    terms = [Term("mean", 2.0), Term("kurtosis", 3.0, 0.5)]
+    terms = [MomentTarget("mean", 2.0), MomentTarget("kurtosis", 3.0, 0.5)]
     alone = [judged(terms, [radii])[0] for radii in samples]
     assert MomentTargets(tuple(terms)).of_samples(rows) == pytest.approx(alone, rel=1e-12)
 
 
-MIXED = (Term("mean", 2.0), Term("spread", 0.4, 2.0), Term("skewness", 0.0), Term("kurtosis", 6.0))
-ERRORS = [*((Term(name, 0.5),) for name in NAMES), MIXED]
+MIXED = (
+    MomentTarget("mean", 2.0),
+    MomentTarget("spread", 0.4, 2.0),
+    MomentTarget("skewness", 0.0),
+    MomentTarget("kurtosis", 6.0),
+)
+ERRORS = [*((MomentTarget(name, 0.5),) for name in NAMES), MIXED]
 
 
 @pytest.mark.parametrize("terms", ERRORS, ids=lambda terms: "-".join(t.name for t in terms))
@@ -156,15 +167,20 @@ def test_what_each_sample_adds_in_first_order_gives_value_and_error(terms):
 
 def test_particles_that_are_all_the_same_have_an_error_of_nothing_but_the_mean():
     outcomes = [completed(ratio, particles=1) for ratio in (4.0, 4.2, 4.4)]
-    value, error = MomentTargets((Term("mean", 2.0),)).of_ensemble(outcomes)
+    value, error = MomentTargets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
     assert value == pytest.approx(1.1)
     assert error == pytest.approx(0.1 / np.sqrt(3))
 
 
 def test_one_particle_left_everywhere_has_no_spread_and_misses_all_of_that_target():
-    value, error = MomentTargets((Term("spread", 0.4),)).of_ensemble([completed(4.6, 1)] * 5)
+    value, error = MomentTargets((MomentTarget("spread", 0.4),)).of_ensemble(
+        [completed(4.6, 1)] * 5
+    )
     assert (value, error) == (1.0, 0.0)
-    assert MomentTargets((Term("spread", 0.0),)).of_ensemble([completed(4.6, 1)] * 5) == (0.0, 0.0)
+    assert MomentTargets((MomentTarget("spread", 0.0),)).of_ensemble([completed(4.6, 1)] * 5) == (
+        0.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize("name", ["skewness", "kurtosis"])
@@ -172,14 +188,14 @@ def test_one_particle_left_everywhere_has_no_spread_and_misses_all_of_that_targe
 @pytest.mark.parametrize("rounding", [0.0, 1e-15])
 def test_radii_without_spread_have_no_shape_and_are_worth_inf(name, target, rounding):
     outcomes = [completed(4.6 * (1 + rounding * i), 1) for i in range(5)]
-    objective = MomentTargets((Term("mean", 2.0), Term(name, target)))
+    objective = MomentTargets((MomentTarget("mean", 2.0), MomentTarget(name, target)))
     assert objective.of_ensemble(outcomes) == (np.inf, 0.0)
     assert objective.of_ensemble([]) == (np.inf, pytest.approx(np.nan, nan_ok=True))
 
 
 @pytest.mark.parametrize("rule", [SuccessiveDifference(1e-3), StandardError(0.01)])
 def test_a_string_without_shape_ranks_last_and_takes_no_more_samples_than_it_must(rule):
-    ensemble = Ensemble(rule, MomentTargets((Term("skewness", 0.0),)), PARTICLES, 2, 100)
+    ensemble = Ensemble(rule, MomentTargets((MomentTarget("skewness", 0.0),)), PARTICLES, 2, 100)
     while not ensemble.finished:
         ensemble.add(completed(1.0))
     result = ensemble.result()
@@ -192,7 +208,7 @@ def test_one_merge_among_very_many_particles_is_a_spread():
     pooled = PooledMoments()
     pooled.add(10**12, 1.0, (0.0, 0.0, 0.0))
     pooled.add(1, 2 ** (1 / 3), (0.0, 0.0, 0.0))
-    kurtosis = MomentTargets((Term("kurtosis", 0.0),)).worth(pooled.mean, pooled.central)
+    kurtosis = MomentTargets((MomentTarget("kurtosis", 0.0),)).worth(pooled.mean, pooled.central)
     assert kurtosis == pytest.approx(1e12, rel=1e-3)  # n - 2 + 1/(n - 1) of one among n others
 
 
@@ -223,4 +239,4 @@ def test_the_mean_of_a_function_keeps_its_sign():
 
 
 def test_the_example_of_the_objectives_is_true():
-    assert doctest.testmod(objectives) == (0, 5)
+    assert doctest.testmod(objectives) == (0, 6)

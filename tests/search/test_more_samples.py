@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from search_fakes import PARTICLES, Decisions, completed, failed, judged, unit_box
 
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget

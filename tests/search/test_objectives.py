@@ -1,10 +1,9 @@
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from search_fakes import completed
 
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth, make_objective
+from agglom_mpi.config import objective as config
+from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 
 
 def test_growth_target_is_the_relative_miss_of_the_wanted_radius():
@@ -55,9 +54,6 @@ def test_the_standard_error_is_the_scatter_of_repeated_ensembles(objective):
 
 
 def test_a_campaign_names_its_objective():
-    target = SimpleNamespace(law="growth_target", ratio=3.0)
-    assert make_objective(target, 100) == GrowthTarget(3.0)
-    growth = SimpleNamespace(law="maximum_growth")
-    assert make_objective(growth, 1000) == MaximumGrowth(1000)
-    with pytest.raises(ValueError, match="unknown objective"):
-        make_objective(SimpleNamespace(law="least_growth"), 100)
+    target = config.GrowthTarget(law="growth_target", ratio=3.0)
+    assert target.build(100) == GrowthTarget(3.0)
+    assert config.MaximumGrowth(law="maximum_growth").build(1000) == MaximumGrowth(1000)

@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import MaximumGrowth
-from agglom_mpi.search.racing import Racing, Standing
-from agglom_mpi.search.stopping import StandardError
+from agglom_mpi.search.stopping import Race, RaceEntry, StandardError
 
 GENERATIONS, MOST = 4, 60
 
@@ -67,23 +66,23 @@ def run(racing, shuffle=None):
 
 
 def test_a_string_whose_interval_lies_above_those_of_all_kept_is_dropped():
-    racing = Racing(kept=2, confidence=0.95, first=5)
-    running = {7: Standing(0.9, 0.001, 5), 8: Standing(0.50002, 0.001, 5)}
-    others = [Standing(0.5, 0.001, 20), Standing(0.4, 0.001, 20)]
+    racing = Race(kept=2, confidence=0.95, first=5)
+    running = {7: RaceEntry(0.9, 0.001, 5), 8: RaceEntry(0.50002, 0.001, 5)}
+    others = [RaceEntry(0.5, 0.001, 20), RaceEntry(0.4, 0.001, 20)]
     assert racing.dropped(0, running, others) == [7]
 
 
 def test_no_string_is_dropped_while_there_are_no_more_than_are_kept():
-    racing = Racing(kept=4, confidence=0.95, first=5)
-    running = {i: Standing(float(i), 1e-6, 50) for i in range(4)}
+    racing = Race(kept=4, confidence=0.95, first=5)
+    running = {i: RaceEntry(float(i), 1e-6, 50) for i in range(4)}
     assert racing.dropped(0, running, []) == []
 
 
-@pytest.mark.parametrize("unknown", [Standing(0.9, math.nan, 1), Standing(math.inf, math.nan, 0)])
+@pytest.mark.parametrize("unknown", [RaceEntry(0.9, math.nan, 1), RaceEntry(math.inf, math.nan, 0)])
 def test_a_string_without_an_error_is_not_dropped_and_drops_nobody(unknown):
-    racing = Racing(kept=1, confidence=0.95, first=5)
-    assert racing.dropped(0, {1: unknown}, [Standing(0.1, 1e-9, 50)]) == []
-    assert racing.dropped(0, {1: Standing(0.9, 1e-9, 50)}, [unknown]) == []
+    racing = Race(kept=1, confidence=0.95, first=5)
+    assert racing.dropped(0, {1: unknown}, [RaceEntry(0.1, 1e-9, 50)]) == []
+    assert racing.dropped(0, {1: RaceEntry(0.9, 1e-9, 50)}, [unknown]) == []
 
 
 @given(st.data())
@@ -92,19 +91,19 @@ def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
     kept = data.draw(st.integers(1, 6))
     number = st.floats(1e-3, 10.0)
     standings = data.draw(
-        st.lists(st.builds(Standing, number, number, st.integers(2, 100)), min_size=1, max_size=20)
+        st.lists(st.builds(RaceEntry, number, number, st.integers(2, 100)), min_size=1, max_size=20)
     )
     running = dict(enumerate(standings))
-    dropped = Racing(kept, 0.95, 5).dropped(data.draw(st.integers(0, 4)), running, [])
+    dropped = Race(kept, 0.95, 5).dropped(data.draw(st.integers(0, 4)), running, [])
     best = sorted(running, key=lambda i: standings[i].objective)[:kept]
     assert not set(best) & set(dropped)
 
 
 def test_more_confidence_drops_fewer():
     rng = np.random.default_rng(0)
-    running = {i: Standing(rng.uniform(), 0.05, 10) for i in range(40)}
+    running = {i: RaceEntry(rng.uniform(), 0.05, 10) for i in range(40)}
     counts = [
-        len(Racing(4, c, 5).dropped(0, running, [])) for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
+        len(Race(4, c, 5).dropped(0, running, [])) for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
     ]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] > counts[-1]
@@ -113,7 +112,7 @@ def test_more_confidence_drops_fewer():
 def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
     """Strings with known means race with normal noise; a dropped one of the best is an error."""
     rng, kept, confidence, races = np.random.default_rng(1), 3, 0.8, 400
-    racing, wrong, best_strings = Racing(kept, confidence, 3), 0, 0
+    racing, wrong, best_strings = Race(kept, confidence, 3), 0, 0
     for _ in range(races):
         means = np.sort(rng.uniform(0.0, 1.0, 8))
         noise = rng.normal(size=(8, 96))
@@ -122,7 +121,7 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
             r = racing.samples(race)
             seen = {i: means[i] + noise[i, :r] for i in range(8)}
             standings = {
-                i: Standing(x.mean(), x.std(ddof=1) / math.sqrt(r), r) for i, x in seen.items()
+                i: RaceEntry(x.mean(), x.std(ddof=1) / math.sqrt(r), r) for i, x in seen.items()
             }
             running = {i: standings[i] for i in alive}
             out = [standings[i] for i in set(range(8)) - alive]
@@ -135,7 +134,7 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
 
 def test_racing_saves_samples_and_keeps_the_parents():
     plain, without = run(None)
-    raced, samples = run(Racing(kept=4, confidence=0.9, first=5))
+    raced, samples = run(Race(kept=4, confidence=0.9, first=5))
     assert samples < 0.8 * without
     # The parents of the first generation are the same, so the second is bred of the same.
     assert raced.batches[:2] == plain.batches[:2]
@@ -143,11 +142,11 @@ def test_racing_saves_samples_and_keeps_the_parents():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_no_order_of_arrival_changes_a_race(seed):
-    racing = Racing(kept=4, confidence=0.9, first=5)
+    racing = Race(kept=4, confidence=0.9, first=5)
     assert run(racing, random.Random(seed))[0].text() == run(racing)[0].text()
 
 
 def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
-    book, _ = run(Racing(kept=4, confidence=0.9, first=5))
+    book, _ = run(Race(kept=4, confidence=0.9, first=5))
     ended = [r.samples_used for r in book.results.values() if not r.hit_maximum]
     assert set(ended) & {5, 10, 20, 40}

@@ -1,15 +1,16 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglom_mpi.search.running import PooledMoments, RunningMean
+from agglom_mpi.statistics import PooledMoments, RunningMean
 
 numbers = st.floats(-100, 100)
 groups = st.lists(st.lists(numbers, min_size=1, max_size=12), min_size=1, max_size=12)
 
 
 @given(st.lists(numbers, min_size=2, max_size=60))
+@settings(derandomize=True, deadline=None)
 def test_running_mean_and_error_are_those_of_all_values(values):
     running = RunningMean()
     for value in values:
@@ -47,6 +48,7 @@ def test_nothing_and_one_value_have_no_standard_error():
 
 
 @given(groups)
+@settings(derandomize=True, deadline=None)
 def test_pooled_moments_are_those_of_all_members_together(members):
     pooled = PooledMoments()
     for group in members:

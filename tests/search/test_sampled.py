@@ -3,11 +3,11 @@ import pytest
 from scipy.stats import qmc
 from search_fakes import judged, papers_box, unit_box
 
+from agglom_mpi.random_streams import SOBOL_SCRAMBLE, search_stream
+from agglom_mpi.search.baselines import SOBOL_BITS, RandomSearch, SobolSearch, sobol_strings
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.proposals import GIVEN, NO_PARENT, RANDOM
-from agglom_mpi.search.sampled import SOBOL_BITS, RandomSearch, SobolSearch, sobol_strings
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.streams import SOBOL_SCRAMBLE, stream
 from agglom_mpi.variables import COUNT
 
 METHODS = pytest.mark.parametrize("method", [RandomSearch, SobolSearch])
@@ -29,7 +29,7 @@ def strings_of(found):
 
 def test_sobol_points_of_all_generations_are_one_scrambled_sequence():
     strings = strings_of(batches(SobolSearch(unit_box(), 5, 7), 9))
-    scramble = stream(5, SOBOL_SCRAMBLE)
+    scramble = search_stream(5, SOBOL_SCRAMBLE)
     wanted = qmc.Sobol(COUNT, bits=SOBOL_BITS, rng=scramble).random(64)
     assert np.array_equal(strings[:63], wanted[:63])
 

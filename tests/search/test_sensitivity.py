@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from agglom_mpi.search.sensitivity import FEWEST, sensitivity
+from agglom_mpi.analysis.sensitivity import FEWEST, sensitivity
 
 ONE = np.ones(256, np.int64)
 

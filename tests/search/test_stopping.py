@@ -1,16 +1,16 @@
 import itertools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.config.ensemble import ENSEMBLE
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference, make_rule
+from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference
 
 
 def samples_until_end(rule, outcomes, objective, min_samples=2):
@@ -63,6 +63,7 @@ def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
     st.sampled_from([0.1, 0.01, 0.001]),
     st.sampled_from(["mean_radius", "objective"]),
 )
+@settings(derandomize=True, deadline=None)
 def test_successive_differences_stop_where_the_printed_formula_does(ratios, tolerance, quantity):
     objective = MaximumGrowth(PARTICLES)
     values = ratios if quantity == "mean_radius" else [objective.of_ratio(r) for r in ratios]
@@ -156,10 +157,10 @@ def test_rules_that_mean_nothing_are_refused():
 
 
 def test_a_campaign_names_its_rule():
-    published = SimpleNamespace(rule="successive_difference", tolerance=1e-5, quantity="objective")
-    assert make_rule(published) == SuccessiveDifference(1e-5, "objective")
-    assert make_rule(SimpleNamespace(rule="moments", tolerance=1e-3, order=3)) == Moments(1e-3, 3)
-    error = SimpleNamespace(rule="standard_error", tolerance=0.01, min_samples=6)
-    assert make_rule(error) == StandardError(0.01, 6)
-    with pytest.raises(ValueError, match="unknown stopping rule"):
-        make_rule(SimpleNamespace(rule="racing"))
+    def built(**entries):
+        return ENSEMBLE.validate_python({"max_samples": 10, **entries}).build()
+
+    published = {"rule": "successive_difference", "tolerance": 1e-5}
+    assert built(**published) == SuccessiveDifference(1e-5, "objective")
+    assert built(rule="moments", tolerance=1e-3, order=3) == Moments(1e-3, 3)
+    assert built(rule="standard_error", tolerance=0.01, min_samples=6) == StandardError(0.01, 6)

@@ -1,8 +1,6 @@
 import os
-import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -10,14 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import HANG, output_of, program
 from search_fakes import judged, unit_box
 from threadpoolctl import threadpool_info
 
 from agglom_mpi.search import acquisition
-from agglom_mpi.search.acquisition import twins_last
-from agglom_mpi.search.one_thread import single_threaded
-from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Judged
-from agglom_mpi.search.sampled import RandomSearch, sobol_strings
+from agglom_mpi.search.acquisition import duplicates_last
+from agglom_mpi.search.baselines import RandomSearch, sobol_strings
+from agglom_mpi.search.gaussian_process import single_threaded
+from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.surrogate import SurrogateSearch, milestone, spread
 from agglom_mpi.variables import COUNT
@@ -53,7 +52,7 @@ def run(search, generations, worth=bowl, noise=0.0, seed=0):
         count += len(ids)
         values = worth(search.space.to_unit(batch.parameters))
         values = values + noise * rng.normal(size=len(ids))
-        search.tell(Judged(ids, batch.parameters, abs(values), values, np.ones(len(ids), int)))
+        search.tell(Evaluations(ids, batch.parameters, abs(values), values, np.ones(len(ids), int)))
         batches.append(batch)
     return batches
 
@@ -139,16 +138,15 @@ print(hashlib.sha256(strings.tobytes()).hexdigest(), search.best(20))
 
 def thoughts(threads, background):
     """What a search in a fresh process proposes and ranks."""
-    folders = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-c", THINK.format(background=background)],
-        env=os.environ | {"OPENBLAS_NUM_THREADS": str(threads), "PYTHONPATH": folders},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
-    return done.stdout
+    here = Path(__file__).parent
+    helpers, before = here.with_name("helpers"), os.environ.get("PYTHONPATH", "")
+    folders = os.pathsep.join([str(here), str(helpers), before])
+    words = [sys.executable, "-c", THINK.format(background=background)]
+    variables = {"OPENBLAS_NUM_THREADS": str(threads), "PYTHONPATH": folders}
+    with program(words, env=os.environ | variables) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
+    return said
 
 
 def test_the_same_tells_lead_to_the_same_proposals_on_any_number_of_cores():
@@ -158,19 +156,25 @@ def test_the_same_tells_lead_to_the_same_proposals_on_any_number_of_cores():
 def test_while_a_method_needs_one_thread_no_other_lifts_the_limit():
     """Regression: ranking, which ended first, gave a proposal in the background all cores."""
     running, order = [], []
+    begun = threading.Semaphore(0)
 
     @single_threaded
     def think(name):
         running.append(name)
         order.append(list(running))
+        if len(order) == 1:
+            assert all(begun.acquire(timeout=HANG) for _ in range(3))
         threads = {each["num_threads"] for each in threadpool_info()}
-        time.sleep(0.02)
         running.remove(name)
         return threads
 
+    def begin(name):
+        begun.release()
+        return think(name)
+
     with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(think, range(9))) == [{1}] * 9
-    assert [len(names) for names in order] == [1] * 9
+        assert list(pool.map(begin, range(3))) == [{1}] * 3
+    assert [len(names) for names in order] == [1] * 3
 
 
 def test_the_order_of_a_tell_does_not_matter(few_candidates):
@@ -246,7 +250,7 @@ def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates
 
     def slow(generation):
         if generation >= 2:
-            assert go_on.wait(10.0)
+            assert go_on.wait(HANG)
         return think(generation)
 
     monkeypatch.setattr(search, "_propose", slow)
@@ -254,7 +258,7 @@ def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates
     search.ask()
     assert search.known_proposals(2) is None
     go_on.set()
-    search._thoughts[2].result(10.0)
+    search._thoughts[2].result(HANG)
     assert search.known_proposals(2) is not None
 
 
@@ -343,8 +347,8 @@ def test_the_best_are_those_of_the_best_expectation_and_twins_are_last(few_candi
     assert search.population_ids.tolist() == [each.string for each in ranked[:4]]
     assert search.mean_of_top(3) == pytest.approx(np.mean([e.objective for e in ranked[:3]]))
     near = np.array([[0.1, 0.2], [0.5, 0.5], [0.1 + 1e-7, 0.2], [0.9, 0.1], [0.5, 0.5]])
-    assert twins_last(near, np.array([4, 0, 3, 2, 1])) == [4, 0, 3, 2, 1]
-    assert twins_last(near, np.array([4, 1, 0, 2, 3])) == [4, 0, 3, 1, 2]
+    assert duplicates_last(near, np.array([4, 0, 3, 2, 1])) == [4, 0, 3, 2, 1]
+    assert duplicates_last(near, np.array([4, 1, 0, 2, 3])) == [4, 0, 3, 1, 2]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from agglom_mpi import Box
-from agglom_mpi.campaign import Campaign
+from agglom_mpi.config.campaign import Campaign
 
 GAS = Campaign.from_text("""
 seed: 1

@@ -5,17 +5,22 @@ from typing import NamedTuple
 import numpy as np
 from scenes import CONSTANT, HALF, empty_ledger, make_scene
 
-from agglom_mpi.compilation import kernel
+from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.restitution import ConstantRestitution
-from agglom_mpi.simulation.box import Periodic, Reentry
-from agglom_mpi.simulation.contact import BONDED, BOUNCED
-from agglom_mpi.simulation.events.cells import ALONG, GIANTS
-from agglom_mpi.simulation.events.engine import look_around, next_time, nothing_hit, take_event
-from agglom_mpi.simulation.events.gather import gather
-from agglom_mpi.simulation.events.movers import RANGE
-from agglom_mpi.simulation.events.state import new_events, settle_all, start_over
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
+from agglom_mpi.simulation.boundary import Periodic, Reentry
+from agglom_mpi.simulation.collision import BONDED, BOUNCED
+from agglom_mpi.simulation.event_driven.cells import ALONG, OVERSIZE
+from agglom_mpi.simulation.event_driven.engine import (
+    look_around,
+    next_time,
+    nothing_hit,
+    take_event,
+)
+from agglom_mpi.simulation.event_driven.flights import RANGE
+from agglom_mpi.simulation.event_driven.prediction import neighbours_of
+from agglom_mpi.simulation.event_driven.state import new_events, rebuild, settle_all
+from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact
 from agglom_mpi.simulation.scene import EventDriven
 
@@ -36,29 +41,29 @@ class Recorded(NamedTuple):
     time: float
     ledger: Ledger
     along: tuple[int, int]
-    giants: tuple[int, int]
+    oversize: tuple[int, int]
     compared: int
 
 
 @kernel
 def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
     """Repeat the engine's loop from `start` in s, or until `times` is full; time and hits."""
-    drift = enter_frame(scene, particles)
+    drift = to_mass_frame(scene, particles)
     events = new_events(particles)
     budget = scene.engine.budget * particles.size[0]
     time, hits = start, 0
-    happening = nothing_hit(start_over(scene, particles, events, time), RANGE)
-    shape[0, 0], shape[0, 1] = events.cells.shape[ALONG], events.cells.shape[GIANTS]
+    event = nothing_hit(rebuild(scene, particles, events, time), RANGE)
+    shape[0, 0], shape[0, 1] = events.cells.shape[ALONG], events.cells.shape[OVERSIZE]
     while hits < times.size:
-        for k in range(happening.due):
-            path = events.movers.path[events.due[k]]
-            plan = events.movers.plan[events.due[k]]
+        for k in range(event.due):
+            path = events.flights.trajectory[events.due[k]]
+            plan = events.flights.next_event[events.due[k]]
             flight = time - path["time"]
             x = path["x"] + path["u"] * flight
             y = path["y"] + path["v"] * flight
             z = path["z"] + path["w"] * flight
-            shape[2, 0] += gather(scene, events.cells, path, plan, x, y, z, happening.face)
-        look_around(scene, events, happening, time)
+            shape[2, 0] += neighbours_of(scene, events.cells, path, plan, x, y, z, event.face)
+        look_around(scene, events, event, time)
         following = next_time(events)
         if following > scene.end_time:
             time = scene.end_time
@@ -67,16 +72,16 @@ def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
         if ledger.tally[STEPS] >= budget:
             ledger.tally[EXHAUSTED] = 1
             break
-        happening = take_event(scene, particles, ledger, events, time)
-        if happening.kind == BOUNCED or happening.kind == BONDED:
+        event = take_event(scene, particles, ledger, events, time)
+        if event.kind == BOUNCED or event.kind == BONDED:
             times[hits] = time
-            pairs[hits, 0], pairs[hits, 1] = happening.i, happening.j
-            kinds[hits] = happening.kind
+            pairs[hits, 0], pairs[hits, 1] = event.i, event.j
+            kinds[hits] = event.kind
             hits += 1
-    shape[1, 0], shape[1, 1] = events.cells.shape[ALONG], events.cells.shape[GIANTS]
+    shape[1, 0], shape[1, 1] = events.cells.shape[ALONG], events.cells.shape[OVERSIZE]
     settle_all(scene, particles, events, time)
     compact(particles)
-    leave_frame(scene, particles, drift, time - start)
+    to_box_frame(scene, particles, drift, time - start)
     return time, hits
 
 
@@ -86,7 +91,7 @@ def recorded(scene, particles, most=100_000, start=0.0):
     times, pairs = np.empty(most), np.empty((most, 2), np.int64)
     kinds, shape = np.empty(most, np.int64), np.zeros((3, 2), np.int64)
     time, hits = record_events(scene, particles, ledger, times, pairs, kinds, shape, start)
-    (along, giants), (along_last, giants_last), (compared, _) = shape.tolist()
+    (along, oversize), (along_last, giants_last), (compared, _) = shape.tolist()
     return Recorded(
         times[:hits],
         pairs[:hits],
@@ -94,7 +99,7 @@ def recorded(scene, particles, most=100_000, start=0.0):
         time,
         ledger,
         (along, along_last),
-        (giants, giants_last),
+        (oversize, giants_last),
         compared,
     )
 

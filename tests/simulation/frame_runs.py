@@ -10,13 +10,15 @@ from scenes import (
     make_scene,
 )
 
+from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.friction import RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.restitution import ConstantRestitution
-from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.frames import Frames, new_frames
+from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import FixedSteps
-from agglom_mpi.simulation.snapshots import Frames, new_frames
 
 CROWD = {"particles": 50, "size_ratio": 0.7, "end_time": 2.0**-9}
 STEPS = 128
@@ -26,6 +28,13 @@ STEPS = 128
 def stepping(restitution, steps=STEPS, **options):
     laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
     return make_scene(laws, FixedSteps(steps), Periodic(), **(CROWD | options))
+
+
+def quickstart(hardness=1e7, **options):
+    """Return a scene of the type that `jobs/quickstart.yaml` has, which is compiled anyway."""
+    scene = flying(hardness, **options)
+    laws = scene.laws._replace(duration=MeanSpeedDuration(1e-6), fragmentation=None)
+    return scene._replace(velocities=UniformX(scene.velocities.speed), laws=laws, cooling=None)
 
 
 def flying(hardness, **options):
@@ -41,6 +50,7 @@ HARD, SOFT = 1e60, 1.0
 """Hardnesses in Pa at which nothing and everything bonds."""
 
 SCENES = {
+    "quickstart": quickstart(speed=40.0),
     "event": breaking_event_periodic(**CROWD),
     "event, all bounce": flying(HARD),
     "event, all bond": flying(SOFT),
@@ -48,6 +58,10 @@ SCENES = {
     "fixed, all bond": stepping(0.0),
     "adaptive": breaking_adaptive_reentry(2.0 * FLOOR, 20.0 * FLOOR, **CROWD),
 }
+
+
+SMALL = quickstart(SOFT, particles=6, size_ratio=0.8, speed=40.0)
+SMALL_TIMES = np.linspace(0.0, SMALL.end_time, 9)
 
 
 def looked_at(scene, seed, times):

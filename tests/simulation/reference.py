@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scenes import temperatures_in
 
-from agglom_mpi.physics.duration import MeanSpeedDuration
+from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.restitution import ConstantRestitution
-from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.scene import FixedSteps
 
 

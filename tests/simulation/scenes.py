@@ -4,35 +4,32 @@ import math
 
 import numpy as np
 
-import agglom_mpi.simulation.events.engine  # noqa: F401  (registers its engine)
-from agglom_mpi.compilation import kernel
-from agglom_mpi.physics.contact_area import ContactArea
+import agglom_mpi.simulation.event_driven.engine  # noqa: F401  (registers its engine)
+from agglom_mpi.kernels import kernel
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.cooling import (
-    Exact,
-    ForwardEuler,
+    EulerCooling,
+    ExactCooling,
     RadiativeCooling,
     equilibrium_temperature,
 )
-from agglom_mpi.physics.duration import CompressionRecoveryDuration, MeanSpeedDuration
 from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import OwnEnergy, PairSplit
-from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
+from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
     ContactTimeRestitution,
     ImpactLaws,
     PressureRestitution,
 )
-from agglom_mpi.physics.solvers import PublishedIteration, RootFinder
-from agglom_mpi.simulation import adaptive, fixed  # noqa: F401  (register their engines)
-from agglom_mpi.simulation.box import Periodic, Reentry
-from agglom_mpi.simulation.engines import advance
-from agglom_mpi.simulation.frame import enter_frame, leave_frame
+from agglom_mpi.simulation.boundary import Periodic, Reentry
+from agglom_mpi.simulation.initial_state import EqualSizes, SpreadVelocities, place_randomly
+from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import EXCHANGED, EXHAUSTED, Ledger, Particles
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
-from agglom_mpi.simulation.velocities import SpreadVelocities
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, run_to_end
+from agglom_mpi.simulation.time_driven import steppers as fixed  # noqa: F401  (register their engines)
 
 HALF = 0.01
 DENSITY = 5000.0
@@ -61,7 +58,7 @@ MERGING = ImpactLaws(
     heating=PairSplit(),
     reaction=ContactAreaReaction(100.0),
     fragmentation=None,
-    solver=RootFinder(),
+    solver=BracketedRoot(),
     heat_capacity=500.0,
 )
 """A closed form gives e, and everything else of an impact is at work; duration is added."""
@@ -146,26 +143,32 @@ def radiation():
 def breaking_fixed_periodic(steps, **options):
     """Return a scene of [A] that also breaks and cools exactly."""
     laws = BREAKING._replace(duration=MeanSpeedDuration(1e-6))
-    return make_scene(laws, FixedSteps(steps), Periodic(), cooling=Exact(radiation()), **options)
+    return make_scene(
+        laws, FixedSteps(steps), Periodic(), cooling=ExactCooling(radiation()), **options
+    )
 
 
 def breaking_adaptive_reentry(floor=FLOOR, ceiling=CEILING, **options):
     """Return a scene of [B] that breaks and cools by Euler steps."""
     laws = BREAKING._replace(duration=CompressionRecoveryDuration(1e-6))
     engine = AdaptiveSteps(floor, ceiling)
-    cooling = ForwardEuler(radiation())
+    cooling = EulerCooling(radiation())
     return make_scene(laws, engine, Reentry(), cooling=cooling, **options)
 
 
 def breaking_event_periodic(**options):
-    """Return the scene of `breaking_fixed_periodic` without its steps."""
-    return breaking_fixed_periodic(1, **options)._replace(engine=EventDriven(BUDGET))
+    """Return a scene of the type that `jobs/agglomeration_2004.yaml` has."""
+    scene = breaking_fixed_periodic(1, **options)
+    laws = scene.laws._replace(
+        duration=CompressionRecoveryDuration(1e-6), friction=ConstantFriction(0.2)
+    )
+    return scene._replace(engine=EventDriven(BUDGET), laws=laws)
 
 
 def breaking_event_reentry(**options):
-    """Return the scene of `breaking_adaptive_reentry` without steps, and so cooled exactly."""
-    scene = breaking_adaptive_reentry(**options)
-    return scene._replace(engine=EventDriven(BUDGET), cooling=Exact(radiation()))
+    """Return the scene of `breaking_fixed_periodic` without its steps, and with real faces."""
+    scene = breaking_fixed_periodic(1, **options)
+    return scene._replace(engine=EventDriven(BUDGET), escape=Reentry())
 
 
 def with_own_energies(scene, surface_energy):
@@ -178,7 +181,7 @@ def with_own_energies(scene, surface_energy):
 
 def with_published_iteration(scene, tolerance, cap):
     """Return a scene whose restitution is iterated as published."""
-    return scene._replace(laws=scene.laws._replace(solver=PublishedIteration(tolerance, cap)))
+    return scene._replace(laws=scene.laws._replace(solver=FixedPointIteration(tolerance, cap)))
 
 
 def image(difference, periodic):
@@ -216,8 +219,8 @@ def state(scene, positions, velocities, radii=None):
         radius=radii,
         mass=np.array([ball_mass(radius) for radius in radii]),
         temperature=np.full(count, scene.temperature) if warms else None,
-        touched=np.zeros(count) if isinstance(cooling, Exact) else None,
-        struck=np.full(count, -np.inf) if remembers else None,
+        cooled_to=np.zeros(count) if isinstance(cooling, ExactCooling) else None,
+        last_impact=np.full(count, -np.inf) if remembers else None,
         grains=np.ones(count, np.int64) if laws.fragmentation is not None else None,
     )
 
@@ -228,10 +231,15 @@ def empty_ledger():
 
 @kernel
 def run_engine(scene, particles, ledger, abort):
-    drift = enter_frame(scene, particles)
-    time = advance(scene.engine, scene, particles, ledger, abort, None)
-    leave_frame(scene, particles, drift, time)
+    drift = to_mass_frame(scene, particles)
+    time = run_to_end(scene.engine, scene, particles, ledger, abort, None)
+    to_box_frame(scene, particles, drift, time)
     return time
+
+
+@kernel
+def place_spheres(random, escape, position, diameter, half_width):
+    return place_randomly(random, escape, position, EqualSizes(diameter), half_width)
 
 
 def run_from(scene, particles):

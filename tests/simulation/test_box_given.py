@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 from box_runs import BREAKING, GAS
+from plain_python import cases
 from scenes import HALF, image
 from scipy import stats
 
 from agglom_mpi import Box
-from agglom_mpi.campaign import CampaignError
+from agglom_mpi.config.yaml_source import CampaignError
 
 PAIR = [[0.0, 0.0, 0.0], [0.004, 0.0, 0.0]]
+
+pytestmark = pytest.mark.plain
 
 
 def test_distributions_are_drawn_the_same_for_the_same_sample():
@@ -90,7 +93,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("message", REFUSED)
+@pytest.mark.parametrize(
+    "message", cases(REFUSED, [m for m in REFUSED if "fill" not in m], pytest.mark.slow)
+)
 def test_what_cannot_be_is_refused_by_name_value_and_what_is_allowed(message):
     with pytest.raises(ValueError, match=r"must be|must not") as error:
         Box(GAS, **REFUSED[message])

@@ -22,6 +22,7 @@ def energies(state, capacity):
     return kinetic, state.mass_density * capacity * state.mean_temperature
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("name", WARM)
 def test_mass_momentum_and_energy_are_kept_across_steps(name):
     capacity, step = HEAT_CAPACITY[name.split(",")[0]], BOXES[name][2] / 5
@@ -53,6 +54,7 @@ def test_mass_momentum_and_energy_are_kept_across_steps(name):
         assert box.particles.grains.sum() == BREAKING.scene.particles
 
 
+@pytest.mark.plain
 def test_the_state_is_that_of_the_particles():
     box = make("breaking, event")
     state, rows = box.advance(BOXES["breaking, event"][2]), box.particles
@@ -69,6 +71,7 @@ def test_the_state_is_that_of_the_particles():
     assert np.all(np.abs(rows.positions) <= HALF)
 
 
+@pytest.mark.plain
 def test_a_mean_flow_carries_the_box_along_and_changes_nothing_in_it():
     # A rounding of 1e-13, of the flow, grows by travel over radius, ten at most, in each of
     # about three hits.
@@ -89,6 +92,7 @@ def test_a_mean_flow_carries_the_box_along_and_changes_nothing_in_it():
     assert np.max(np.abs(image(away, True))) < 1e-8 * HALF
 
 
+@pytest.mark.plain
 def test_the_order_in_which_particles_are_given_does_not_matter():
     random = np.random.default_rng(6)
     radii = random.uniform(0.5e-3, 1e-3, 100)
@@ -136,6 +140,7 @@ def test_a_box_cools_by_haffs_law():
     assert np.all(np.abs(mean - expected) <= 4.0 * error + 0.01 * expected)
 
 
+@pytest.mark.plain
 def test_the_example_of_the_box_is_true():
     assert doctest.testmod(example).failed == 0
     assert doctest.testmod(example).attempted > 10

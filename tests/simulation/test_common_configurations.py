@@ -3,8 +3,8 @@
 import numpy as np
 from farm_runs import QUICKSTART
 
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.simulation.sample import random_stream
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.random_streams import sample_stream
 
 TEXT = QUICKSTART.read_text()
 OWN = Campaign.from_text(TEXT)
@@ -32,10 +32,10 @@ def test_samples_of_one_string_differ():
 
 def test_the_stream_has_nothing_of_the_string_but_all_of_seed_and_sample():
     strings = np.random.default_rng(0).random((2, 10))
-    first, second = (random_stream(3, string, 4, common=True) for string in strings)
+    first, second = (sample_stream(3, string, 4, common=True) for string in strings)
     assert first.random() == second.random()
     drawn = {
-        random_stream(seed, strings[0], sample, common=common).random()
+        sample_stream(seed, strings[0], sample, common=common).random()
         for seed in (3, 4)
         for sample in (4, 5)
         for common in (False, True)

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from event_reference import run_reference
 from event_runs import bouncing, recorded, same_place, size_ratio
+from plain_python import cases
 from scenes import HALF, ball_mass, kinetic_energy, momentum, placed, state
 
-from agglom_mpi.simulation.contact import BONDED, BOUNCED
+from agglom_mpi.simulation.collision import BONDED, BOUNCED
 
 SAME = 1e-9
 """Relative difference of times, see `event_reference`: for 4 collisions per sphere at φ = 0.03 and
@@ -68,11 +69,23 @@ def assert_same_bounces(run, expected):
     return known
 
 
-@pytest.mark.parametrize("escape", ["periodic", "reentry"])
-@pytest.mark.parametrize(("e", "friction"), [(1.0, 0.0), (0.8, 0.3)])
+SLOW = pytest.mark.slow
+BOTH = pytest.mark.parametrize("escape", cases(["periodic", "reentry"], ["periodic"]))
+IMPACTS = pytest.mark.parametrize(
+    ("e", "friction"), [pytest.param(1.0, 0.0, marks=SLOW), (0.8, 0.3)]
+)
+
+
+@BOTH
+@IMPACTS
 @pytest.mark.parametrize(
     ("number", "fraction", "per_sphere", "cells"),
-    [(100, 0.03, 3, True), (100, 0.2, 8, True), (20, 0.1, 4, False), (30, 0.2, 4, False)],
+    [
+        (100, 0.03, 3, True),
+        pytest.param(100, 0.2, 8, True, marks=SLOW),
+        (20, 0.1, 4, False),
+        pytest.param(30, 0.2, 4, False, marks=SLOW),
+    ],
 )
 def test_the_same_pairs_collide_at_the_same_times(
     number, fraction, per_sphere, cells, e, friction, escape
@@ -85,7 +98,7 @@ def test_the_same_pairs_collide_at_the_same_times(
         particles = gas(scene, seed)
         expected = reference(scene, particles, e, friction, most)
         run = recorded(scene, particles, most)
-        assert run.giants == ((0, 0) if cells else (number, number))
+        assert run.oversize == ((0, 0) if cells else (number, number))
         assert run.along[0] >= 4 if cells else run.along == (0, 0)
         assert run.time == run.times[-1]
         known = assert_same_bounces(run, expected)
@@ -131,18 +144,18 @@ def mixture(scene, seed, large):
     return state(scene, positions[order], velocities[order], radii[order])
 
 
-@pytest.mark.parametrize("escape", ["periodic", "reentry"])
-@pytest.mark.parametrize(("e", "friction"), [(1.0, 0.0), (0.8, 0.3)])
-@pytest.mark.parametrize("large", [[0.4], [0.45, 0.3, 0.3]])
+@BOTH
+@IMPACTS
+@pytest.mark.parametrize("large", [pytest.param([0.4], marks=SLOW), [0.45, 0.3, 0.3]])
 def test_giants_among_grains_collide_as_without_cells(large, e, friction, escape):
     scene = bouncing(e, escape, friction, particles=100, size_ratio=0.25, end_time=1e9)
     particles = mixture(scene, 3, np.array(large) * HALF)
     expected = reference(scene, particles, e, friction, 100)
     run = recorded(scene, particles, 100)
     assert run.along[0] >= 4
-    assert run.giants[0] == len(large)
-    giants = np.flatnonzero(np.isin(run.pairs, np.argsort(particles.radius)[-len(large) :]))
-    assert len(giants) > 15
+    assert run.oversize[0] == len(large)
+    oversize = np.flatnonzero(np.isin(run.pairs, np.argsort(particles.radius)[-len(large) :]))
+    assert len(oversize) > 15
     assert assert_same_bounces(run, expected) > (99 if escape == "periodic" else 40)
 
 
@@ -167,10 +180,15 @@ def assert_same_survivors(particles, expected, rtol):
     )
 
 
-@pytest.mark.parametrize("escape", ["periodic", "reentry"])
+@BOTH
 @pytest.mark.parametrize(
     ("number", "ratio", "merges", "large"),
-    [(100, 0.4, 60, []), (100, 0.3, 60, [0.4]), (28, 0.5, 20, []), (200, 0.25, 80, [])],
+    [
+        pytest.param(100, 0.4, 60, [], marks=SLOW),
+        (100, 0.3, 60, [0.4]),
+        (28, 0.5, 20, []),
+        pytest.param(200, 0.25, 80, [], marks=SLOW),
+    ],
 )
 def test_who_bonds_does_so_when_and_where_it_does_without_cells(
     number, ratio, merges, large, escape
@@ -186,6 +204,7 @@ def test_who_bonds_does_so_when_and_where_it_does_without_cells(
     np.testing.assert_allclose(momentum(particles), start, atol=1e-12 * np.sum(particles.mass))
 
 
+@pytest.mark.slow
 def test_beyond_chaos_the_means_agree():
     """Twenty inelastic gases each from states that differ by 1e-6 of the speed."""
     number, e, friction = 40, 0.9, 0.1

@@ -4,9 +4,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from event_runs import BUDGET, ESCAPES, bouncing, recorded, same_place, size_ratio
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from plain_python import cases
 from scenes import (
     BREAKING,
     HALF,
@@ -21,10 +23,10 @@ from scenes import (
     state,
 )
 
-from agglom_mpi.physics.cooling import Exact
-from agglom_mpi.physics.duration import MeanSpeedDuration
+from agglom_mpi.physics.contact import MeanSpeedDuration
+from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.simulation.box import Periodic
+from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
     COLLISIONS,
@@ -48,6 +50,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 FRACTIONS = st.one_of(st.floats(-6.0, -1.0).map(lambda x: 10.0**x), st.floats(0.1, 0.3))
 SPEEDS = st.floats(-6.0, 6.0).map(lambda x: 10.0**x)
 ESCAPE = st.sampled_from(list(ESCAPES))
+BOTH = pytest.mark.parametrize("escape", cases(ESCAPES, ["periodic"], pytest.mark.slow))
 RESTITUTIONS = st.one_of(st.just(1.0), st.floats(0.2, 1.0))
 
 
@@ -127,9 +130,12 @@ def kinetic(particles):
     return 0.5 * float(m @ np.sum(v**2, axis=0)), float(m @ np.linalg.norm(v, axis=0))
 
 
-@few
-@given(gases())
-def test_what_bounces_keeps_momentum_and_books_what_it_loses(gas):
+@BOTH
+def test_what_bounces_keeps_momentum_and_books_what_it_loses(escape):
+    few(given(gases(escapes=st.just(escape)))(assert_books_what_it_loses))()
+
+
+def assert_books_what_it_loses(gas):
     scene, positions, velocities, radii = gas
     particles = state(scene, positions, velocities, radii)
     before, (energy, impetus) = momentum(particles), kinetic(particles)
@@ -168,7 +174,7 @@ def aggregating(draw):
         number,
         size_ratio(min(draw(FRACTIONS), 0.2)),
         0.0,
-        cooling=Exact(radiation()) if breaks else None,
+        cooling=ExactCooling(radiation()) if breaks else None,
         speed=speed,
     )
     density = number / (2.0 * HALF) ** 3
@@ -176,6 +182,7 @@ def aggregating(draw):
     return scene._replace(end_time=draw(st.floats(0.5, 10.0)) * flight / speed), draw(SEEDS)
 
 
+@pytest.mark.slow
 @few
 @given(aggregating())
 def test_what_merges_and_breaks_keeps_mass_momentum_grains_and_energy(drawn):
@@ -228,9 +235,12 @@ def roomy(particles):
 POWERS = st.sampled_from([-30, -7, -1, 1, 4, 22])
 
 
-@few
-@given(gases(), POWERS, POWERS)
-def test_units_by_powers_of_two_do_not_change_a_bit(gas, length, time):
+@BOTH
+def test_units_by_powers_of_two_do_not_change_a_bit(escape):
+    few(given(gases(escapes=st.just(escape)), POWERS, POWERS)(assert_same_in_other_units))()
+
+
+def assert_same_in_other_units(gas, length, time):
     scene, positions, velocities, radii = gas
     particles = state(scene, positions, velocities, radii)
     out = recorded(scene, particles)

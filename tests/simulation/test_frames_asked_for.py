@@ -5,10 +5,11 @@ import pytest
 from frame_runs import bits
 from scenes import breaking_event_periodic
 
-from agglom_mpi.campaign import Campaign, CampaignError
-from agglom_mpi.simulation.sample import random_stream, simulate_scene
-from agglom_mpi.simulation.scene import build_scene
-from agglom_mpi.simulation.snapshots import frame_times
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.frames import frame_times
+from agglom_mpi.simulation.sample import simulate_scene
 
 TEXT = """\
 title: frames
@@ -18,10 +19,10 @@ scene:
   half_width: 1 cm
   velocities: {law: spread, mean: [10, 10, 100], transverse: 0.5}
   restitution: pressure
-  duration: {law: mean_speed, length_ratio: 1e-6}
+  duration: {law: compression_recovery, length_ratio: 1e-6}
   contact_area: {initial: 0, final: 1}
   hardness: arrhenius
-  friction: restitution_scaled
+  friction: constant
   heating: pair_split
   reaction: contact_area
   fragmentation: pair_energy
@@ -45,6 +46,7 @@ CAMPAIGN = Campaign.from_text(TEXT)
 END = 5e-3
 
 
+@pytest.mark.plain
 def test_so_many_frames_are_evenly_spaced_and_change_nothing():
     plain, seen = CAMPAIGN.simulate({}, 4), CAMPAIGN.simulate({}, 4, frames=11)
     assert plain.frames is None
@@ -59,6 +61,7 @@ def test_so_many_frames_are_evenly_spaced_and_change_nothing():
     assert seen.frames.particles.tolist()[-1] == seen.particles == plain.particles
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("times", [[0.0, 1e-3, END], np.array([1e-3]), (END,)])
 def test_frames_are_taken_at_the_times_given(times):
     seen = CAMPAIGN.simulate({}, 4, frames=times)
@@ -68,11 +71,11 @@ def test_frames_are_taken_at_the_times_given(times):
 
 def test_the_final_particles_are_always_there():
     outcome = CAMPAIGN.simulate({}, 4)
-    scene = build_scene(CAMPAIGN.scene, CAMPAIGN.parameters())
+    scene = CAMPAIGN.scene.build(CAMPAIGN.parameters())
     assert type(scene.laws) is type(
         breaking_event_periodic(particles=2, size_ratio=0.1, end_time=1.0).laws
     )
-    random = random_stream(CAMPAIGN.seed, CAMPAIGN.parameters(), 4)
+    random = sample_stream(CAMPAIGN.seed, CAMPAIGN.parameters(), 4)
     _, particles = simulate_scene(scene, random)
     n = outcome.particles
     assert outcome.final.radii.tobytes() == bits(particles)[2]

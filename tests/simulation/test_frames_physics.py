@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from frame_runs import HARD, SCENES, SOFT, STEPS, filled, flying, looked_at, stepping, wrapped
+from plain_python import cases
 from scenes import CEILING, HALF, breaking_adaptive_reentry
 
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
@@ -14,6 +15,7 @@ ROUNDING = 2.0**-52
 ALONE = {"particles": 1, "size_ratio": 0.3}
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize(
     ("make", "roundings"),
     [(lambda **options: flying(HARD, **options), 4), (lambda **o: stepping(0.9, **o), 2 * STEPS)],
@@ -70,6 +72,7 @@ def two_that_meet(scene, seeds):
     assert found >= 4
 
 
+@pytest.mark.plain
 def test_two_that_bounce_are_where_the_elastic_impact_sends_them():
     scene = flying(HARD, **TWO)
     seen = 0
@@ -92,6 +95,7 @@ def test_two_that_bounce_are_where_the_elastic_impact_sends_them():
     assert seen > 40
 
 
+@pytest.mark.plain
 def test_two_that_bond_go_on_as_one_from_their_centre_of_mass():
     scene = flying(SOFT, **TWO)
     for frames, time, line in two_that_meet(scene, range(12)):
@@ -110,8 +114,8 @@ def test_two_that_bond_go_on_as_one_from_their_centre_of_mass():
         np.testing.assert_allclose(missed, 0.0, atol=1e-11 * HALF)
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", cases(SCENES, ["quickstart"]))
+@pytest.mark.parametrize("seed", cases(range(3), [0], pytest.mark.slow))
 def test_mass_grains_and_momentum_are_the_same_in_every_frame(name, seed):
     scene = SCENES[name]
     record, _, frames = looked_at(scene, seed, np.linspace(0.0, scene.end_time, 40))
@@ -131,6 +135,7 @@ def test_mass_grains_and_momentum_are_the_same_in_every_frame(name, seed):
         assert np.all(np.abs(frame.positions) <= HALF)
 
 
+@pytest.mark.plain
 def test_no_two_overlap_in_a_frame_between_events():
     scene = flying(HARD)
     for seed in range(3):
@@ -163,6 +168,7 @@ def radiated(scene, times):
     return start * (1.0 + 3.0 * rate * start**3 * times) ** (-1.0 / 3.0)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize(
     ("law", "closed_form"),
     [(CONVECTION, relaxed), (INTO_THE_COLD, radiated)],
@@ -179,6 +185,7 @@ def test_cooling_between_events_follows_its_closed_form(law, closed_form):
     np.testing.assert_allclose(frames.temperatures, expected[:, None].repeat(5, 1), rtol=1e-13)
 
 
+@pytest.mark.plain
 def test_an_euler_step_of_cooling_is_a_straight_line_in_between():
     step = CEILING
     scene = breaking_adaptive_reentry(step, step, end_time=10.0 * step, speed=0.0, **ALONE)

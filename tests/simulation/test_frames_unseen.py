@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,45 +11,70 @@ from frame_runs import (
     CROWD,
     HARD,
     SCENES,
-    SOFT,
+    SMALL,
+    SMALL_TIMES,
     STEPS,
     bits,
     bits_of_frame,
     filled,
-    flying,
     looked_at,
+    quickstart,
     stepping,
     unseen,
     wrapped,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_python import PLAIN, cases
+from processes import output_of, program
 from scenes import HALF
 
-from agglom_mpi.simulation.outcome import BUDGET_EXCEEDED, COMPLETED, final_particles
+from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, final_particles
+from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import EventDriven
-from agglom_mpi.simulation.snapshots import new_frames
 
 SHARES = st.lists(
     st.one_of(st.sampled_from([0.0, 0.5, 1.0]), st.floats(0.0, 1.0)), max_size=12
 ).map(sorted)
+QUICK = ["quickstart"]
+OTHERS = [name for name in SCENES if name not in QUICK]
+EACH_ENGINE = ["event", "fixed", "adaptive"]
+SLOW = pytest.mark.slow
+ALL = pytest.mark.parametrize("name", cases(SCENES, QUICK))
 
 
-@pytest.mark.parametrize("name", SCENES)
-@settings(max_examples=25, derandomize=True, deadline=None)
-@given(seed=st.integers(0, 2**32), shares=SHARES)
-def test_looking_does_not_change_a_bit(name, seed, shares):
+@pytest.mark.parametrize(
+    ("examples", "name"),
+    [
+        (25, "quickstart"),
+        *(pytest.param(25, name, marks=SLOW) for name in OTHERS),
+        *(pytest.param(2, name, marks=PLAIN) for name in EACH_ENGINE),
+    ],
+)
+def test_looking_does_not_change_a_bit(name, examples):
     scene = SCENES[name]
-    record, particles = unseen(scene, seed)
-    other, seen, frames = looked_at(scene, seed, np.array(shares) * scene.end_time)
-    assert record["state"] == COMPLETED
-    assert other.tobytes() == record.tobytes()
-    assert bits(seen) == bits(particles)
-    assert np.all(frames.particles >= 1)
+
+    @settings(max_examples=examples, derandomize=True, deadline=None)
+    @given(seed=st.integers(0, 2**32), shares=SHARES)
+    def check(seed, shares):
+        record, particles = unseen(scene, seed)
+        other, seen, frames = looked_at(scene, seed, np.array(shares) * scene.end_time)
+        assert record["state"] == COMPLETED
+        assert other.tobytes() == record.tobytes()
+        assert bits(seen) == bits(particles)
+        assert np.all(frames.particles >= 1)
+
+    check()
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "quickstart",
+        *(pytest.param(n, marks=PLAIN if n in EACH_ENGINE else SLOW) for n in OTHERS),
+    ],
+)
 def test_frames_of_a_coarse_set_are_those_of_a_finer_one(name):
     scene = SCENES[name]
     times = np.linspace(0.0, scene.end_time, 61)
@@ -59,8 +83,19 @@ def test_frames_of_a_coarse_set_are_those_of_a_finer_one(name):
         assert every[::7].tobytes() == seventh.tobytes()
 
 
-@pytest.mark.parametrize("name", [name for name in SCENES if not name.startswith("fixed")])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        *(("quickstart", seed) for seed in range(3)),
+        pytest.param("event", 0, marks=PLAIN),
+        *(
+            pytest.param(name, seed, marks=SLOW)
+            for name in OTHERS
+            for seed in range(3)
+            if not name.startswith("fixed") and (name, seed) != ("event", 0)
+        ),
+    ],
+)
 def test_a_frame_is_what_a_run_that_ended_then_leaves(name, seed):
     scene = SCENES[name]
     times = np.sort(np.random.default_rng(seed).uniform(0.0, scene.end_time, 12))
@@ -71,6 +106,7 @@ def test_a_frame_is_what_a_run_that_ended_then_leaves(name, seed):
         assert bits_of_frame(frames, f, ended) == bits(ended)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("restitution", [0.0, 0.9])
 def test_a_frame_at_the_end_of_a_step_is_what_those_steps_leave(restitution):
     scene = stepping(restitution)
@@ -83,6 +119,7 @@ def test_a_frame_at_the_end_of_a_step_is_what_those_steps_leave(restitution):
         assert bits_of_frame(frames, f, ended) == bits(ended)
 
 
+@pytest.mark.plain
 def test_within_a_step_everybody_goes_straight_to_its_end():
     scene = stepping(0.9)
     step = scene.end_time / STEPS
@@ -100,7 +137,7 @@ def test_within_a_step_everybody_goes_straight_to_its_end():
     assert turned > 10  # contacts come first in a step, so the frame at its beginning is before
 
 
-@pytest.mark.parametrize("name", SCENES)
+@ALL
 def test_the_first_frame_shows_the_grains_as_they_are_placed(name):
     scene = SCENES[name]
     frame = filled(looked_at(scene, 3, [0.0])[2], 0)
@@ -119,7 +156,7 @@ def test_the_first_frame_shows_the_grains_as_they_are_placed(name):
     )
 
 
-@pytest.mark.parametrize("name", SCENES)
+@ALL
 def test_the_frame_at_the_end_time_is_the_final_state(name):
     scene = SCENES[name]
     record, particles, frames = looked_at(scene, 6, [0.3 * scene.end_time, scene.end_time])
@@ -132,6 +169,7 @@ def test_the_frame_at_the_end_time_is_the_final_state(name):
     assert final.grains.sum() == scene.particles
 
 
+@pytest.mark.plain
 def test_places_that_nobody_is_in_are_empty():
     _, _, frames = looked_at(SCENES["event, all bond"], 1, [0.0, CROWD["end_time"]])
     n = int(frames.particles[1])
@@ -144,6 +182,7 @@ def test_places_that_nobody_is_in_are_empty():
     assert np.all(frames.grains[1, n:] == 0)
 
 
+@pytest.mark.plain
 def test_a_sample_that_fails_has_the_frames_up_to_there():
     scene = SCENES["event, all bounce"]._replace(engine=EventDriven(2))
     times = np.linspace(0.0, scene.end_time, 50)
@@ -162,29 +201,22 @@ def test_without_frames_nothing_of_them_is_kept():
     assert particles.labels_given is None
 
 
-PLAIN = """
+IN_PLAIN_PYTHON = """
 import json, sys
 sys.path[:0] = json.loads(sys.argv[1])
-from frame_runs import looked_at
-from test_frames_unseen import SMALL, SMALL_TIMES
+from frame_runs import SMALL, SMALL_TIMES, looked_at
 record, _, frames = looked_at(SMALL, 1, SMALL_TIMES)
 print(json.dumps([int(record["merges"]), *(each.tolist() for each in frames)]))
 """
-SMALL = flying(SOFT, particles=6, size_ratio=0.8)
-SMALL_TIMES = np.linspace(0.0, SMALL.end_time, 9)
 
 
 def test_plain_python_takes_the_same_frames_as_the_compiled_code():
     """Hits are found with fused products and sums only where they are compiled."""
-    done = subprocess.run(
-        [sys.executable, "-c", PLAIN, json.dumps([str(Path(__file__).parent)])],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        timeout=120,
-    )
-    merges, *plain = json.loads(done.stdout)
+    words = [sys.executable, "-c", IN_PLAIN_PYTHON, json.dumps([str(Path(__file__).parent)])]
+    with program(words, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
+    merges, *plain = json.loads(said)
     record, _, frames = looked_at(SMALL, 1, SMALL_TIMES)
     assert merges == record["merges"] > 1
     for seen, other in zip(frames, plain, strict=True):
@@ -193,7 +225,7 @@ def test_plain_python_takes_the_same_frames_as_the_compiled_code():
 
 def test_more_than_are_kept_in_order_are_followed_by_their_labels():
     """Beyond 4096 the event engine sorts particles by place; labels go with them."""
-    scene = flying(HARD, particles=5000, size_ratio=0.3, end_time=1e-5)
+    scene = quickstart(HARD, particles=5000, size_ratio=0.3, end_time=1e-5)
     times = np.linspace(0.0, scene.end_time, 3)
     record, _, frames = looked_at(scene, 1, times)
     start, _, end = (filled(frames, f) for f in range(3))
@@ -207,7 +239,8 @@ def test_more_than_are_kept_in_order_are_followed_by_their_labels():
     assert unseen(scene, 1)[0].tobytes() == record.tobytes()
 
 
-@pytest.mark.parametrize("name", ["event", "adaptive"])
+@pytest.mark.plain
+@pytest.mark.parametrize("name", cases(["event", "adaptive"], ["event"], SLOW))
 def test_labels_are_unique_and_never_come_back(name):
     scene = SCENES[name]
     breakups = 0
@@ -227,6 +260,7 @@ def test_labels_are_unique_and_never_come_back(name):
     assert breakups > 3
 
 
+@pytest.mark.plain
 def test_an_abort_ends_the_frames_too():
     scene = SCENES["event"]
     frames = new_frames(np.linspace(0.0, scene.end_time, 5), scene.particles)

@@ -3,27 +3,38 @@
 import json
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from processes import output_of, program
 
-QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
+ROOT = Path(__file__).parents[2]
 
+COUNT = """
+hits, misses = (sum(count.values()) for count in (used.stats.cache_hits, used.stats.cache_misses))
+print(json.dumps([hits, misses, result]))
+"""
+IMPACT = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+from impacts import constant_laws, encounter
+from agglom_mpi.physics.impact import solve_impact as used
+impact = used(constant_laws(0.5, None, None), encounter(3.0))
+result = [float(number).hex() for number in impact]
+"""
 SAMPLE = """
 import json, sys
-from agglom_mpi.campaign import Campaign
-from agglom_mpi.simulation.sample import run
-record = Campaign.from_text(sys.stdin.read()).simulate({"size_ratio": 0.6}, 1).record
-hits, misses = (sum(count.values()) for count in (run.stats.cache_hits, run.stats.cache_misses))
-print(json.dumps([hits, misses, record.tobytes().hex()]))
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.simulation.sample import run_sample as used
+record = Campaign.from_text(sys.argv[1]).simulate({"size_ratio": 0.6}, 1).record
+result = record.tobytes().hex()
 """
 
 
-def plain_text():
+def few_laws():
     """The quickstart with the event engine and few laws, which compile sooner."""
-    text = QUICKSTART.read_text()
+    text = (ROOT / "jobs" / "quickstart.yaml").read_text()
     text = re.sub(r"\n  (duration|hardness|friction|reaction): .*", "", text)
     return re.sub(
         r"end_time: .*",
@@ -32,17 +43,12 @@ def plain_text():
     )
 
 
-def sample_in_a_new_process(text, folder):
-    done = subprocess.run(
-        [sys.executable, "-c", SAMPLE],
-        input=text,
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
-        timeout=300,
-    )
-    return json.loads(done.stdout)
+def in_a_new_process(code, argument, folder):
+    variables = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+    with program([sys.executable, "-c", code + COUNT, argument], env=variables) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
+    return json.loads(said)
 
 
 def files_in(folder):
@@ -52,13 +58,19 @@ def files_in(folder):
 @pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled then"
 )
-def test_a_second_process_compiles_nothing_and_computes_the_same_bits(tmp_path):
-    text = plain_text()
-    hits, misses, first = sample_in_a_new_process(text, tmp_path)
+@pytest.mark.parametrize(
+    ("code", "argument"),
+    [
+        pytest.param(IMPACT, str(ROOT / "tests" / "physics"), id="impact"),
+        pytest.param(SAMPLE, few_laws(), id="sample", marks=pytest.mark.slow),
+    ],
+)
+def test_a_second_process_compiles_nothing_and_computes_the_same_bits(code, argument, tmp_path):
+    hits, misses, first = in_a_new_process(code, argument, tmp_path)
     assert (hits, misses) == (0, 1)
     stored = files_in(tmp_path)
     assert any(path.suffix == ".nbc" for path in stored)
-    hits, misses, second = sample_in_a_new_process(text, tmp_path)
+    hits, misses, second = in_a_new_process(code, argument, tmp_path)
     assert (hits, misses) == (1, 0)
     assert files_in(tmp_path) == stored
     assert second == first

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from plain_python import PLAIN, cases
 from scenes import (
     HALF,
     ball_mass,
@@ -30,10 +31,10 @@ from scipy.integrate import solve_ivp
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ConstantHardness
-from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.heating import ContactAreaReaction
+from agglom_mpi.simulation.initial_state import SpreadVelocities
 from agglom_mpi.simulation.particles import COLLISIONS, DISSIPATED, MERGES, REACTION
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.velocities import SpreadVelocities
 
 CROWD = {"particles": 60, "size_ratio": 0.7, "end_time": 4e-3}
 BREAKING = {
@@ -44,8 +45,19 @@ BREAKING = {
 }
 
 
-@pytest.mark.parametrize("name", BREAKING)
-@pytest.mark.parametrize("seed", range(6))
+QUICK = ["event, periodic"]
+OTHERS = [name for name in BREAKING if name not in QUICK]
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        *(("event, periodic", seed) for seed in range(6)),
+        *(pytest.param(name, 0, marks=PLAIN) for name in OTHERS),
+        *(pytest.param(name, seed, marks=SLOW) for name in OTHERS for seed in range(1, 6)),
+    ],
+)
 def test_momentum_energy_mass_and_grains_are_kept_through_merges_and_breakups(name, seed):
     scene = BREAKING[name]
     record, particles = simulate_scene(scene, np.random.default_rng(seed))
@@ -85,7 +97,7 @@ def test_a_mean_flow_a_million_times_the_spread_costs_the_ledger_no_digit(drift)
         assert np.linalg.norm(whole - velocities.mean) <= 4.0 * scene.velocities.speed / 60**0.5
 
 
-@pytest.mark.parametrize("name", BREAKING)
+@pytest.mark.parametrize("name", cases(BREAKING, QUICK))
 def test_grains_too_tough_to_break_only_merge(name):
     laws = BREAKING[name].laws._replace(fragmentation=PairEnergyFragmentation(1e16))
     record, particles = simulate_scene(BREAKING[name]._replace(laws=laws), np.random.default_rng(1))
@@ -101,8 +113,10 @@ LONELY = {"particles": 20, "size_ratio": 0.3, "end_time": 50.0, "speed": 0.0}
 
 @pytest.mark.parametrize(
     "scene",
-    [breaking_fixed_periodic(7, **LONELY), breaking_event_periodic(**LONELY)],
-    ids=["fixed", "event"],
+    [
+        pytest.param(breaking_fixed_periodic(7, **LONELY), id="fixed", marks=PLAIN),
+        pytest.param(breaking_event_periodic(**LONELY), id="event"),
+    ],
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_exact_cooling_runs_to_the_end_for_those_that_never_collide(scene, seed):
@@ -131,6 +145,7 @@ MERGING = {
 }
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("name", MERGING)
 def test_what_impacts_dissipate_and_react_is_found_as_heat(name):
     scene = MERGING[name]
@@ -156,8 +171,10 @@ GAS = {"particles": 150, "size_ratio": 0.8, "end_time": 1.5}
 
 @pytest.mark.parametrize(
     "scene",
-    [fixed_periodic(1.0, 60_000, **GAS), event_periodic(1.0, 10**6, **GAS)],
-    ids=["fixed", "event"],
+    [
+        pytest.param(fixed_periodic(1.0, 60_000, **GAS), id="fixed", marks=SLOW),
+        pytest.param(event_periodic(1.0, 10**6, **GAS), id="event"),
+    ],
 )
 def test_a_million_elastic_collisions_keep_the_kinetic_energy(scene):
     particles = placed(scene, 6)
@@ -190,7 +207,8 @@ def bouncing(scene, drift):
     return scene._replace(laws=laws, velocities=velocities)
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.plain
+@pytest.mark.parametrize("name", cases(OWN, QUICK, SLOW))
 def test_own_energies_keep_momentum_but_count_dissipated_energy_again(name):
     """Of each loss, 4/3 of its normal part is counted once more [B 4.9]: not even all of it."""
     merges = 0
@@ -204,8 +222,9 @@ def test_own_energies_keep_momentum_but_count_dissipated_energy_again(name):
     assert merges > 10
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (10.0, 10.0, 100.0)])
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", cases(OWN, QUICK, SLOW))
 def test_own_energies_heat_by_seven_thirds_of_a_frictionless_loss_in_any_frame(name, drift):
     scene = bouncing(OWN[name], drift)
     record, particles = simulate_scene(scene, np.random.default_rng(3))
@@ -223,6 +242,7 @@ def test_own_energies_heat_by_seven_thirds_of_a_frictionless_loss_in_any_frame(n
     assert expected > 0.01
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (10.0, 10.0, 100.0)])
 def test_who_gets_the_heat_depends_on_the_frame_with_own_energies(drift):
     """In a frame at rest most spheres are heated; in a fast one whoever is sped up is cooled."""
@@ -238,6 +258,7 @@ ITERATED = {
 }
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("name", ITERATED)
 def test_the_published_iteration_ends_at_its_cap_and_the_ledger_closes_all_the_same(name):
     """It leaves a residual in e; what is booked is what the impact with that e does."""

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scenes import CONSTANT, HALF, image, make_scene, state
 
-from agglom_mpi.compilation import Submodel
-from agglom_mpi.simulation.box import Periodic, Reentry
-from agglom_mpi.simulation.neighbours import (
+from agglom_mpi.kernels import Submodel
+from agglom_mpi.simulation.boundary import Periodic, Reentry
+from agglom_mpi.simulation.time_driven.neighbours import (
     LISTED,
     find_partners,
-    new_neighbours,
+    new_neighbour_list,
     update_neighbours,
 )
 
@@ -24,7 +24,7 @@ class Box(NamedTuple):
 
 @numba.njit(error_model="numpy")
 def make_lists(capacity):
-    return new_neighbours(capacity)
+    return new_neighbour_list(capacity)
 
 
 @numba.njit(error_model="numpy")
@@ -43,8 +43,19 @@ def brute_force(position, periodic):
     return np.array(partners), np.array(distances)
 
 
-@pytest.mark.parametrize("escape", [Periodic(), Reentry()])
-@pytest.mark.parametrize(("count", "drift"), [(60, 0.0), (300, 0.0), (300, 30.0), (900, 0.0)])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("escape", [Periodic(), pytest.param(Reentry(), marks=SLOW)])
+@pytest.mark.parametrize(
+    ("count", "drift"),
+    [
+        (60, 0.0),
+        pytest.param(300, 0.0, marks=SLOW),
+        (300, 30.0),
+        pytest.param(900, 0.0, marks=SLOW),
+    ],
+)
 @pytest.mark.parametrize("reach", ["contacts", "all"])
 def test_the_lists_name_the_same_partners_as_a_look_at_all(escape, count, drift, reach):
     random = np.random.default_rng(count)

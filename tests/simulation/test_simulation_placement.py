@@ -2,33 +2,34 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
-from scenes import HALF, breaking_fixed_periodic, image
+from plain_python import PLAIN
+from scenes import HALF, breaking_event_periodic, image, place_spheres
 from scipy.spatial.distance import pdist
 
-from agglom_mpi.simulation.box import Periodic, Reentry
-from agglom_mpi.simulation.outcome import FAILED, PLACEMENT_JAMMED
-from agglom_mpi.simulation.placement import EqualSizes, place
+from agglom_mpi.outcome import FAILED, PLACEMENT_JAMMED
+from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.sample import simulate_scene
-
-
-@numba.njit(error_model="numpy")
-def place_all(random, escape, position, diameter, half_width):
-    return place(random, escape, position, EqualSizes(diameter), half_width)
 
 
 def placement(seed, escape, count, size_ratio):
     diameter = 2.0 * HALF * size_ratio / count ** (1.0 / 3.0)
     position = np.full((3, count), np.nan)
-    assert place_all(np.random.default_rng(seed), escape, position, diameter, HALF)
+    assert place_spheres(np.random.default_rng(seed), escape, position, diameter, HALF)
     return position, diameter
 
 
-@pytest.mark.parametrize("escape", [Periodic(), Reentry()])
+SIZES = [(2, 0.8), (9, 0.8), (30, 0.85), (100, 0.8), (1000, 0.8), (300, 0.05)]
+
+
 @pytest.mark.parametrize(
-    ("count", "size_ratio"), [(2, 0.8), (9, 0.8), (30, 0.85), (100, 0.8), (1000, 0.8), (300, 0.05)]
+    ("count", "size_ratio", "escape"),
+    [
+        *((*size, Periodic()) for size in SIZES),
+        *(pytest.param(*size, Reentry(), marks=PLAIN) for size in SIZES[:3]),
+        *(pytest.param(*size, Reentry(), marks=pytest.mark.slow) for size in SIZES[3:]),
+    ],
 )
 def test_no_two_spheres_overlap_and_all_are_inside(escape, count, size_ratio):
     position, diameter = placement(3, escape, count, size_ratio)
@@ -72,7 +73,7 @@ def test_spheres_may_lie_across_the_faces():
 
 def test_a_jammed_placement_is_a_failed_record():
     """No two points of a periodic cube are farther apart than √3 half-widths."""
-    scene = breaking_fixed_periodic(5, particles=2, size_ratio=0.5, end_time=1e-4)
+    scene = breaking_event_periodic(particles=2, size_ratio=0.5, end_time=1e-4)
     scene = scene._replace(radius=0.5 * 1.001 * math.sqrt(3.0) * HALF)
     record, _ = simulate_scene(scene, np.random.default_rng(1))
     assert record["state"] == FAILED

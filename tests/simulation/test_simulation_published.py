@@ -6,16 +6,15 @@ import json
 import math
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import output_of, program
 
-from agglom_mpi.campaign import Campaign, load_campaign
-from agglom_mpi.campaign.engines import AdaptiveEngine
-from agglom_mpi.simulation.scene import build_scene
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.scene import AdaptiveEngine
 from agglom_mpi.variables import NAMES
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
@@ -72,6 +71,7 @@ def mean_and_error(values):
     return values.mean(), values.std(ddof=1) / math.sqrt(len(values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 1, 2])
 def test_the_published_strings_grow_as_the_independent_code_says(row):
     mean, error = mean_and_error(growth(JOB, TABLE_1[row], 400, "fixed:200"))
@@ -79,6 +79,7 @@ def test_the_published_strings_grow_as_the_independent_code_says(row):
     assert abs(mean - FIXED_STEPS[row]) <= 4.0 * math.hypot(error, 0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 1, 2])
 def test_the_event_engine_grows_the_2003_strings_as_an_independent_exact_code(row):
     mean, error = mean_and_error(growth(JOB, TABLE_1[row], 400, "event"))
@@ -95,10 +96,11 @@ def test_the_event_engine_grows_the_2004_string_as_an_independent_exact_code():
 def adaptive(share):
     """Steps of at least, and at most ten times, this share of the run."""
     campaign = load_campaign(JOB)
-    end_time = build_scene(campaign.scene, campaign.parameters(named(TABLE_1[0]))).end_time
+    end_time = campaign.scene.build(campaign.parameters(named(TABLE_1[0]))).end_time
     return AdaptiveEngine(floor=share * end_time, ceiling=10.0 * share * end_time)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["fixed", "adaptive"])
 def test_shorter_steps_converge_to_the_event_engine(law):
     """The same samples on all engines: paired differences, each with its standard error."""
@@ -118,26 +120,31 @@ def test_shorter_steps_converge_to_the_event_engine(law):
 
 TINY = """
 import json, sys
-from agglom_mpi.campaign import Campaign
-campaign = Campaign.from_text(sys.stdin.read())
+from agglom_mpi.config.campaign import Campaign
+campaign = Campaign.from_text(sys.argv[2])
 outcome = campaign.simulate(json.loads(sys.argv[1]), 3)
 print(json.dumps([float(value) for value in outcome.record] + outcome.temperatures.tolist()))
 """
 
 
+SLOW = pytest.mark.slow
+FUSED = 1e-9
+"""Hits are found with fused products and sums where they are compiled: a rounding of the first
+times, 1e-16, grows by travel over radius, ten at most, in each of a few hits."""
+
+
 @pytest.mark.parametrize(
-    ("engine", "tolerance"),
+    ("engine", "cooling", "tolerance"),
     [
-        ("{law: fixed, steps: 10}", 1e-12),
-        # Hits are found with fused products and sums where they are compiled: a rounding of the
-        # first times, 1e-16, grows by travel over radius, ten at most, in each of a few hits.
-        ("event", 1e-9),
+        pytest.param("event", "none", FUSED, id="event"),
+        pytest.param("event", "quartic", FUSED, id="event, cooling", marks=SLOW),
+        pytest.param("{law: fixed, steps: 10}", "quartic", 1e-12, id="fixed", marks=SLOW),
     ],
-    ids=["fixed", "event"],
 )
-def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, tolerance):
+def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, cooling, tolerance):
     text = JOB.read_text().replace("ratio: 2}", "ratio: 1.5}")
     text = re.sub(r"engine: .*", f"engine: {engine}", text)
+    text = re.sub(r"cooling: .*", f"cooling: {cooling}", text)
     string = named(TABLE_1[0]) | {"size_ratio": 0.8, "relative_speed": 30.0}
     if engine == "event":
         text = text.replace("particles: 100", "particles: 9")
@@ -145,15 +152,10 @@ def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, tole
         string["hardness"] = 4e10  # so that some bounce and some merge
     else:
         text = text.replace("particles: 100", "particles: 5")
-    plain = subprocess.run(
-        [sys.executable, "-c", TINY, json.dumps(string)],
-        input=text,
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        timeout=120,
-    )
+    words = [sys.executable, "-c", TINY, json.dumps(string), text]
+    with program(words, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
     outcome = Campaign.from_text(text).simulate(string, 3)
     if engine == "event":
         assert outcome.collisions > outcome.merges > 2
@@ -161,4 +163,4 @@ def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, tole
         assert outcome.steps == 10
         assert outcome.collisions > 0
     compiled = [float(value) for value in outcome.record] + outcome.temperatures.tolist()
-    assert json.loads(plain.stdout) == pytest.approx(compiled, rel=tolerance, abs=1e-13)
+    assert json.loads(said) == pytest.approx(compiled, rel=tolerance, abs=1e-13)

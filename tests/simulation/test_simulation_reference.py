@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain_python import cases
 from reference import Reference
 from scenes import (
     adaptive_reentry,
@@ -33,8 +34,18 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("name", SCENES)
+MIXED = ["fixed, re-entry, mixed", "adaptive, periodic, mixed"]
+CROWDED = [name for name in SCENES if "crowd" in name]
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *cases([name for name in SCENES if name not in CROWDED], set(SCENES) - set(MIXED)),
+        *cases(CROWDED, [], pytest.mark.slow),
+    ],
+)
 def test_every_trajectory_is_that_of_the_plain_reference(name, seed):
     scene = SCENES[name]
     particles = placed(scene, seed)
@@ -57,7 +68,7 @@ def test_every_trajectory_is_that_of_the_plain_reference(name, seed):
     np.testing.assert_allclose(temperatures, [ball.T for ball in balls], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["fixed, re-entry, mixed", "adaptive, periodic, mixed"])
+@pytest.mark.parametrize("name", MIXED)
 def test_the_mixed_scenes_bounce_and_merge(name):
     reference = Reference(SCENES[name], placed(SCENES[name], 1)).run()
     assert reference.merges >= 3

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.numbers import with_prefix
+from agglom_mpi.formatting import value_with_prefix
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -79,7 +79,9 @@ def draw_cloud(
     ):
         _draw_box(ax, half_width, reach)
         _draw_spheres(ax, place, radius, value, norm)
-        ax.set_title(f"t = {with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9)
+        ax.set_title(
+            f"t = {value_with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9
+        )
     _label_side(axes[0], half_width)
     scale = ScalarMappable(norm, COLOUR_MAP)
     figure.colorbar(scale, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
@@ -167,7 +169,7 @@ def _label_side(ax: Any, half_width: float) -> None:
     at = (0.5 * (x0 + x1), ax.get_ylim()[0])
     ax.text(
         *at,
-        with_prefix(2.0 * half_width, "m"),
+        value_with_prefix(2.0 * half_width, "m"),
         ha="center",
         va="top",
         rotation=slope,

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.report.figures.axes import grid, legend_below, say
 from agglom_mpi.report.material import Material, half_width
 from agglom_mpi.report.picture import COLOURS, Picture
-from agglom_mpi.search.ensembles import Ensemble
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.stopping import (
     FixedNumber,
     Moments,
-    Rule,
     StandardError,
+    StoppingRule,
     SuccessiveDifference,
 )
-from agglom_mpi.search.worth import Objective
-from agglom_mpi.simulation.outcome import Measured, measured
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -33,7 +33,7 @@ WIDE: Final = 9
 """First samples whose intervals need not fit."""
 MARKERS: Final = "osD^vP"
 
-RULES: Final[tuple[tuple[str, Rule], ...]] = (
+RULES: Final[tuple[tuple[str, StoppingRule], ...]] = (
     ("mean radius within 1e-5 [A 27]", SuccessiveDifference(1e-5, "mean_radius")),
     ("objective within 5e-4 [B 8.1]", SuccessiveDifference(5e-4, "objective")),
     ("four moments within 1e-3 [A 25]", Moments(1e-3, 4)),
@@ -73,7 +73,7 @@ def course(material: Material, string: int) -> Course:
     used = int(material.result_of[string]["samples_used"])
     completed = rows[rows["state"] == 1]
     tally, values, errors = material.objective.tally(), [], []
-    for outcome in measured(completed):
+    for outcome in summaries(completed):
         tally.add(outcome)
         values.append(tally.value)
         errors.append(tally.standard_error)
@@ -84,7 +84,7 @@ def course(material: Material, string: int) -> Course:
 
 def stops(material: Material, string: int) -> list[Stop]:
     """Return where the campaign's own rule, and each of `RULES`, ends the samples of a string."""
-    outcomes = measured(material.samples_of(string))
+    outcomes = summaries(material.samples_of(string))
     own, fewest = material.rule, int(material.identity.get("ensemble.min_samples", 2))
     particles = int(material.identity["scene.particles"])
     tried = [(name, rule, 2) for name, rule in RULES if rule != own]
@@ -97,7 +97,11 @@ def stops(material: Material, string: int) -> list[Stop]:
 
 
 def stop(
-    outcomes: Sequence[Measured], rule: Rule, objective: Objective, particles: int, fewest: int
+    outcomes: Sequence[SampleSummary],
+    rule: StoppingRule,
+    objective: Objective,
+    particles: int,
+    fewest: int,
 ) -> int | None:
     """Completed samples after which a rule is satisfied; None if these are not enough."""
     ensemble = Ensemble(rule, objective, particles, fewest, max(len(outcomes) + 1, fewest))
@@ -108,12 +112,12 @@ def stop(
     return None
 
 
-def in_words(rule: Rule) -> str:
+def in_words(rule: StoppingRule) -> str:
     """Say a rule in a few words."""
     return _said(rule).replace("e-0", "e-")
 
 
-def _said(rule: Rule) -> str:
+def _said(rule: StoppingRule) -> str:
     match rule:
         case SuccessiveDifference():
             return f"{rule.quantity.replace('_', ' ')} within {rule.tolerance:g}"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.report.picture import COLOURS
-from agglom_mpi.simulation.snapshots import Frames
+from agglom_mpi.simulation.frames import Frames
 
 if TYPE_CHECKING:
     import matplotlib.figure

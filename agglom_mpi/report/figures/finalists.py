@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglom_mpi.database.estimates import Estimate
+from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.report.figures.axes import grid, legend_below, say
 from agglom_mpi.report.material import Material, half_width
 from agglom_mpi.report.picture import COLOURS, Picture

@@ -11,7 +11,7 @@ from agglom_mpi.report.picture import COLOURS, Picture
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from agglom_mpi.search.sensitivity import Sensitivity
+    from agglom_mpi.analysis.sensitivity import Sensitivity
 
 
 def draw_sensitivity(ax: Any, names: Sequence[str], found: "Sensitivity") -> Any:

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.campaign import load_campaign
-from agglom_mpi.database.reader import open_campaign
-from agglom_mpi.report import again
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.report import sample_frames as again
 from agglom_mpi.report.figures import busy, convergence, ensembles, paths
 from agglom_mpi.report.figures.axes import in_unit
 from agglom_mpi.report.material import gather
-from agglom_mpi.report.numbers import with_prefix
 from agglom_mpi.report.published import ACCRETION, AGGLOMERATION, paper_of
-from agglom_mpi.search.student import t_95
+from agglom_mpi.statistics import t_95
 
 
 @pytest.fixture(scope="module")
@@ -78,20 +78,20 @@ def test_samples_simulated_again_are_the_recorded_ones(material):
 
 
 def test_pictures_are_taken_of_a_sample_from_its_start_to_its_end(material):
-    film = again.film(material, material.best[0])
+    film = again.frames_of(material, material.best[0])
     rows = material.samples_of(film.string)
     [row] = rows[rows["sample"] == film.sample]
     assert film.frames.times[0] == 0.0
     assert film.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
     assert film.frames.particles[-1] == row["particles"]
-    shown = again.telling(film.frames)
+    shown = again.informative_frames(film.frames)
     assert shown == [0, 1, 2, 3, 4, 5]
 
 
 def test_pictures_that_are_shown_of_many_are_where_particles_bond():
     counts = np.array([1000, 500, 100, 11, *[10] * 96])
     frames = type("Frames", (), {"particles": counts})
-    shown = again.telling(frames)
+    shown = again.informative_frames(frames)
     assert shown[:4] == [0, 1, 2, 3]
     assert shown[-1] == 99
     assert len(shown) == again.FRAMES
@@ -180,7 +180,7 @@ def test_the_published_strings_lie_in_the_papers_boxes():
     [(0.0, "0 s"), (0.0123, "12.3 ms"), (999.7, "1 ks"), (1e-6, "1 µs"), (3e-20, "3e-20 s")],
 )
 def test_a_quantity_is_said_in_the_multiple_that_suits_it(value, said):
-    assert with_prefix(value, "s") == said
+    assert value_with_prefix(value, "s") == said
 
 
 def test_only_joules_and_pascals_get_a_prefix():

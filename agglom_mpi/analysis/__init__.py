@@ -1,0 +1,1 @@
+"""What a finished campaign file says; nothing is drawn."""

@@ -1,0 +1,110 @@
+"""Several campaign files side by side."""
+
+import json
+import statistics
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from agglom_mpi.analysis.summary import Summary, as_dict, collect_summary
+from agglom_mpi.formatting import format_duration
+from agglom_mpi.storage.reader import CampaignData
+
+SHOWN: Final = 12
+"""Settings that differ and are listed; more are counted."""
+
+
+class Comparison(NamedTuple):
+    """What several files found.
+
+    Attributes
+    ----------
+    summaries : list of Summary
+        In the order of the files.
+    differences : dict
+        Settings that are not the same everywhere: name -> value in each file, None if it has none.
+    comparable : bool
+        Whether all judge strings alike, by the same objective of the same number of grains.
+    """
+
+    summaries: list[Summary]
+    differences: dict[str, list[Any]]
+    comparable: bool
+
+
+def compare(files: Sequence[CampaignData]) -> Comparison:
+    """Gather what campaign files found, finished or not."""
+    identities = [file.identity for file in files]
+    names = dict.fromkeys(name for identity in identities for name in identity)
+    differences = {}
+    for name in names:
+        values = [identity.get(name) for identity in identities]
+        if any(value != values[0] for value in values):
+            differences[name] = values
+    decisive = [
+        name for name in differences if name == "scene.particles" or name.startswith("objective")
+    ]
+    return Comparison([collect_summary(file, best=1) for file in files], differences, not decisive)
+
+
+def best_objectives(comparison: Comparison) -> list[tuple[float, float]]:
+    """Objective of each file's best string, and its standard error: re-estimated where it was."""
+    found = []
+    for summary in comparison.summaries:
+        for entry in summary.best:
+            source = entry["reestimate"] or entry
+            found.append((source["objective"], source["standard_error"]))
+    return found
+
+
+def in_words(comparison: Comparison) -> RenderableType:
+    """Tabulate the files, and say what they differ in and how their best strings are spread."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("file", "state"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("generations", "strings", "samples", "time", "best as searched", "re-estimate"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for summary in comparison.summaries:
+        table.add_row(*_cells(summary))
+    return Group(table, "", *_footer(comparison))
+
+
+def _cells(summary: Summary) -> Iterator[str]:
+    samples = summary.samples_simulated + summary.samples_fresh
+    yield from (summary.file, summary.state, str(summary.generations), str(summary.strings))
+    yield from (str(samples), format_duration(summary.seconds))
+    for entry in summary.best:
+        yield _with_error(entry)
+        yield _with_error(entry["reestimate"]) if entry["reestimate"] else ""
+
+
+def _with_error(entry: dict[str, Any]) -> str:
+    return f"{entry['objective']:.4f} ± {entry['standard_error']:.4f}"
+
+
+def _footer(comparison: Comparison) -> Iterator[str]:
+    found = best_objectives(comparison)
+    if not comparison.comparable:
+        yield "objectives are not of the same question, and cannot be compared"
+    elif len(found) > 1:
+        values = [value for value, _ in found]
+        yield (
+            f"best strings: median {statistics.median(values):.4f}, "
+            f"from {min(values):.4f} to {max(values):.4f}; ± is a standard error"
+        )
+    settings = comparison.differences
+    for name, values in list(settings.items())[:SHOWN]:
+        yield f"{name}: {', '.join('none' if value is None else str(value) for value in values)}"
+    if len(settings) > SHOWN:
+        yield f"and {len(settings) - SHOWN} more settings differ (--json has all)"
+    if not settings:
+        yield "all are of the same campaign, with the same seed"
+
+
+def as_text(comparison: Comparison) -> str:
+    """JSON of a comparison."""
+    files = [as_dict(summary) for summary in comparison.summaries]
+    more = {"differences": comparison.differences, "comparable": comparison.comparable}
+    return json.dumps({"files": files, **more}, indent=2)

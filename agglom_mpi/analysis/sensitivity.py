@@ -1,0 +1,149 @@
+"""Which variables matter: Sobol indices of a regression of all evaluated strings.
+
+The variance of the objective over the search box is divided among the variables (Sobol 1993): the
+first-order index of one is the share that it alone explains, the total index the share in which it
+plays any part (Homma and Saltelli 1996). A variable with a total index near 0 may be fixed.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.random_streams import SENSITIVITY, search_stream
+from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
+from agglom_mpi.search.surrogate import spread
+from agglom_mpi.storage.contents import parameters_of
+from agglom_mpi.storage.reader import CampaignData
+
+POINTS: Final = 2048
+"""Base points of the estimate, a power of two; there are d + 2 times as many in all."""
+
+FITTED: Final = 600
+"""Strings that the regression rests on at most, the best and others evenly."""
+
+FEWEST: Final = 10
+"""Strings without which nothing is said."""
+
+
+class Sensitivity(NamedTuple):
+    """Indices of the d variables that are searched, and how good the regression behind them is.
+
+    Attributes
+    ----------
+    first_order, total : array, shape (d,)
+    strings
+        Strings that the regression rests on.
+    explained
+        Share of the variance among their objectives that it predicts when each is left out in
+        turn; what is missing is noise of the samples, or what the regression does not know.
+    noise
+        Share that the noise of the samples has, by the regression.
+    """
+
+    first_order: NDArray[np.float64]
+    total: NDArray[np.float64]
+    strings: int
+    explained: float
+    noise: float
+
+
+@single_threaded
+def sensitivity(
+    points: NDArray[np.float64], objectives: NDArray[np.float64], samples: NDArray[np.int64]
+) -> Sensitivity | None:
+    """Estimate how much each variable matters over the unit cube.
+
+    Parameters
+    ----------
+    points
+        Strings in units of the box, shape (n, d).
+    objectives
+        Finite, shape (n,).
+    samples
+        How many each of them rests on, shape (n,).
+
+    Returns
+    -------
+    Sensitivity or None
+        None if there are too few strings, or all are worth the same.
+    """
+    from scipy import stats
+
+    if len(points) < FEWEST or np.ptp(objectives) == 0.0:
+        return None
+    some = spread(objectives, FITTED)
+    known = points[some], objectives[some], samples[some]
+    model = GaussianProcess(fit_covariance(*known), *known)
+    indices = stats.sobol_indices(
+        func=lambda x: model.mean(x.T),
+        n=POINTS,
+        dists=[stats.uniform()] * points.shape[1],
+        random_state=search_stream(0, SENSITIVITY),
+    )
+    variance = objectives[some].var()
+    missed = objectives[some] - model.left_out()
+    return Sensitivity(
+        first_order=np.clip(indices.first_order, 0.0, 1.0),
+        total=np.clip(indices.total_order, 0.0, None),
+        strings=len(some),
+        explained=1.0 - float(np.mean(missed**2) / variance),
+        noise=float(model.sample_deviation**2 * np.mean(1.0 / samples[some]) / variance),
+    )
+
+
+def sensitivity_of(file: CampaignData) -> tuple[tuple[str, ...], "Sensitivity | None"]:
+    """Variables that were searched, and how much each matters; None of too few strings.
+
+    Strings that could not be judged are left out.
+    """
+    from agglom_mpi.analysis.sensitivity import sensitivity
+
+    variables = Campaign.from_text(file.campaign_text, str(file.path)).variables
+    strings, results = file.string_rows(), file.result_rows()
+    _, of_string, of_result = np.intersect1d(
+        strings["string"], results["string"], return_indices=True
+    )
+    strings, results = strings[of_string], results[of_result]
+    finite = np.isfinite(results["objective"])
+    points = variables.space().to_unit(parameters_of(strings))
+    samples = results["samples_used"] - results["failed"]
+    found = sensitivity(points[finite], results["objective"][finite], samples[finite])
+    return variables.searched, found
+
+
+def as_dict(names: tuple[str, ...], found: "Sensitivity | None") -> dict[str, Any] | None:
+    """Return the same as plain numbers, for JSON."""
+    if found is None:
+        return None
+    indices = zip(names, found.first_order.tolist(), found.total.tolist(), strict=True)
+    return {
+        "strings": found.strings,
+        "explained": found.explained,
+        "noise": found.noise,
+        "variables": {
+            name: {"first_order": first, "total": total} for name, first, total in indices
+        },
+    }
+
+
+def in_words(names: tuple[str, ...], found: "Sensitivity | None") -> RenderableType:
+    """Table of the variables, those that matter most first, and what it rests on."""
+    if found is None:
+        return "sensitivity: too few strings, or all of them are worth the same"
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("share of the variance of the objective", no_wrap=True)
+    table.add_column("alone", justify="right")
+    table.add_column("with others", justify="right")
+    for i in np.argsort(-found.total, kind="stable").tolist():
+        table.add_row(names[i], f"{found.first_order[i]:.1%}", f"{found.total[i]:.1%}")
+    return Group(
+        "",
+        table,
+        f"over the search box, by a regression of {found.strings} strings; it predicts "
+        f"{found.explained:.0%} of the variance of strings left out, noise of samples is "
+        f"{found.noise:.0%}",
+    )

@@ -1,0 +1,320 @@
+"""The end of a run in numbers, and the selection bias of the best strings."""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import combinations
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.table import Table
+
+from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
+from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import processor_seconds
+from agglom_mpi.formatting import format_duration, value_with_error
+from agglom_mpi.statistics import MeanEstimate
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.variables import NAMES, VARIABLES
+
+
+class Verdict(NamedTuple):
+    """What the estimates of several strings say together.
+
+    Attributes
+    ----------
+    first
+        The string with the lowest estimate.
+    same
+        Strings that cannot be told from it at 95 %, in order of rank.
+    pairs
+        Comparisons that this is corrected for.
+    test
+        How two are compared: by Welch's t, or by the paired t on common configurations.
+    optimism, standard_error
+        Mean of estimate minus the search's own objective, and its error by the fresh samples;
+        above 0 the search believed its luck.
+    """
+
+    first: int
+    same: list[int]
+    pairs: int
+    test: str
+    optimism: float
+    standard_error: float
+
+
+def verdict(estimates: Sequence[Estimate], paired: PairedSamples | None = None) -> Verdict | None:
+    """Compare estimates, in order of rank; None if there is none with an error.
+
+    Parameters
+    ----------
+    estimates
+        Of strings.
+    paired
+        The samples behind them if these start from the same random configurations.
+    """
+    known = [estimate for estimate in estimates if estimate.known]
+    if not known:
+        return None
+    places = range(len(known))
+    means = [MeanEstimate(e.objective, e.standard_error, e.samples - e.failed) for e in known]
+    if paired is None:
+        different, test = significant_differences(means), "Welch's t"
+        error = float(np.linalg.norm([mean.error for mean in means])) / len(known)
+    else:
+        strings = [estimate.string for estimate in known]
+        differences = {
+            (i, j): paired.difference(strings[i], strings[j]) for i, j in combinations(places, 2)
+        }
+        different, test = (
+            significant_differences(means, differences),
+            "paired t on common configurations",
+        )
+        error = paired.average().error
+    same = [known[place].string for place in places[1:] if (0, place) not in different]
+    optimism = float(np.mean([e.objective - e.searched_objective for e in known]))
+    count = len(known) * (len(known) - 1) // 2
+    return Verdict(known[0].string, same, count, test, optimism, error)
+
+
+def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> Iterator[str]:
+    """Lines on a verdict.
+
+    Parameters
+    ----------
+    verdict
+        None if there are no estimates.
+    shown
+        Strings of the columns of a table, #1 first.
+    estimated
+        How many of them were estimated again.
+    """
+    if verdict is None:
+        yield "objectives are the search's own; the lucky survive, so they are biased low"
+        return
+    by = value_with_error(abs(verdict.optimism), verdict.standard_error)
+    yield (
+        "re-estimates are on fresh samples that no decision has seen; the search's own objectives "
+        f"are too {'low' if verdict.optimism > 0 else 'high'}, by {by} on average"
+    )
+    if estimated < len(shown):
+        yield "objectives of strings without re-estimate are the search's own, biased low"
+    if verdict.pairs:
+        yield _comparison(verdict, shown)
+
+
+def _comparison(verdict: Verdict, shown: Sequence[int]) -> str:
+    test = f"at 95 % ({verdict.test}, {verdict.pairs} pair{'s' * (verdict.pairs > 1)}, Holm)"
+    places = {string: f"#{place}" for place, string in enumerate(shown, 1)}
+    first = places.get(verdict.first, f"string {verdict.first}")
+    if not verdict.same:
+        return f"{first} is the best of those estimated again, {test}"
+    names = [places.get(string, f"string {string}") for string in verdict.same]
+    listed = names[-1] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{listed} cannot be told from {first} {test}"
+
+
+_WIDE: Final = 10_000
+
+REESTIMATED: Final = (
+    "objective",
+    "standard_error",
+    "lower",
+    "upper",
+    "samples",
+    "failed",
+    "mean_radius_ratio",
+)
+"""What is told of an `Estimate`."""
+
+
+class Summary(NamedTuple):
+    """What `agglom report` says; `json.dumps` takes `_asdict()` of it."""
+
+    file: str
+    title: str
+    state: str
+    reason: str
+    generations: int
+    strings: int
+    samples_used: int
+    samples_simulated: int
+    samples_fresh: int
+    failed: int
+    hit_maximum: int
+    seconds: float
+    samples_per_second: float
+    best: list[dict[str, Any]]
+    verdict: Verdict | None
+
+
+def collect_summary(file: CampaignData, best: int = 6) -> Summary:
+    """Gather the figures of a campaign file, finished or not, believing only what is final.
+
+    In each of the best `reestimate` is None, or what its fresh samples say; the `verdict` is what
+    these say together.
+    """
+    results, legs, status = file.result_rows(), file.legs(), file.status()
+    samples = file.all_sample_rows()
+    strings = file.string_rows()
+    parameters = {int(row["string"]): row for row in strings}
+    rows, estimates, order = rank_strings(file, results, strings, samples)
+    again = {estimate.string: estimate for estimate in estimates}
+    fresh = int((samples["sample"] >= file.fresh_from).sum())
+    cost = processor_seconds(samples, max(parameters, default=-1) + 1)
+    generations = file.generation_rows()
+    whole = legs[np.isfinite(legs["stopped"])]
+    seconds = float((whole["stopped"] - whole["started"]).sum())
+    if len(whole) < len(legs) and len(generations):
+        seconds = max(seconds, float(generations["seconds"].max()))
+    return Summary(
+        file=str(file.path),
+        title=str(file.attributes["title"]),
+        state=status.state,
+        reason=status.reason,
+        generations=len(generations),
+        strings=len(results),
+        samples_used=int(results["samples_used"].sum()),
+        samples_simulated=len(samples) - fresh,
+        samples_fresh=fresh,
+        failed=int((samples["state"] == 2).sum()),
+        hit_maximum=int(results["hit_maximum"].sum()),
+        seconds=seconds,
+        samples_per_second=len(samples) / seconds if seconds else 0.0,
+        best=[
+            _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
+            for string in order[:best]
+        ],
+        verdict=verdict(estimates, PairedSamples.of_file(file, samples, estimates)),
+    )
+
+
+def _entry(
+    result: np.void, string: np.void, seconds: float, again: Estimate | None
+) -> dict[str, Any]:
+    entry: dict[str, Any] = {"string": int(result["string"])}
+    for name in NAMES:
+        if not np.isnan(string[name]):
+            entry[name] = float(string[name])
+    for name in ("objective", "standard_error", "mean_radius_ratio", "growth_number"):
+        entry[name] = float(result[name])
+    entry["mean_grains"] = float(result["mean_grains"])
+    entry["samples"] = int(result["samples_used"])
+    entry["processor_seconds"] = seconds
+    entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
+    return entry
+
+
+class Fitting:
+    """What is made of as many of the best strings as there are columns for on a terminal."""
+
+    def __init__(self, make: Callable[[int], RenderableType], most: int) -> None:
+        self._make = make
+        self._most = most
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for count in range(self._most, 0, -1):
+            made = self._make(count)
+            wanted = Measurement.get(console, options.update(width=_WIDE), made).maximum
+            if wanted <= options.max_width:
+                break
+        yield made
+        if count < self._most:
+            yield f"{count} of {self._most} shown; a wider window shows more"
+
+
+def summarise(file: CampaignData) -> RenderableType:
+    """Table of the best six strings in SI units, and what the campaign took.
+
+    A narrow terminal shows fewer.
+    """
+    summary = collect_summary(file)
+    table = Fitting(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
+    return Group(table, *_footer(summary))
+
+
+def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
+    table = Table(title=summary.title or None, title_justify="left", box=None, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for rank in range(1, len(best) + 1):
+        table.add_column(f"#{rank}", justify="right", no_wrap=True)
+    _add_row(table, "string", best, "string", "d")
+    for variable in VARIABLES:
+        if best and variable.name in best[0]:
+            unit = "" if variable.unit == "1" else f" {variable.unit}"
+            _add_row(table, variable.name + unit, best, variable.name, ".4g")
+    table.add_section()
+    again = [entry for entry in summary.best if entry["reestimate"]]
+    for name, label, style in (
+        ("objective", f"objective{', as searched' if again else ''}", ".4f"),
+        ("standard_error", "± standard error", ".4f"),
+    ):
+        _add_row(table, label, best, name, style)
+    if again:
+        _add_estimates(table, best)
+    for name, label, style in (
+        ("mean_radius_ratio", f"mean b/b0{', as searched' if again else ''}", ".4g"),
+        ("growth_number", "(mean b/b0)^3", ".4g"),
+        ("mean_grains", "grains per particle", ".4g"),
+        ("samples", "samples", "d"),
+        ("processor_seconds", "processor s", ".3g"),
+    ):
+        _add_row(table, label, best, name, style)
+    return table
+
+
+def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, style: str) -> None:
+    table.add_row(label, *(format(entry[name], style) for entry in best))
+
+
+def _add_estimates(table: Table, best: list[dict[str, Any]]) -> None:
+    for name, label, style in (
+        ("objective", "re-estimate", ".4f"),
+        ("lower", "95 % from", ".4f"),
+        ("upper", "95 % to", ".4f"),
+        ("mean_radius_ratio", "mean b/b0", ".4g"),
+        ("samples", "fresh samples", "d"),
+    ):
+        values = [entry["reestimate"] and entry["reestimate"][name] for entry in best]
+        table.add_row(label, *("" if value is None else format(value, style) for value in values))
+
+
+def _footer(summary: Summary) -> list[str]:
+    shown = [entry["string"] for entry in summary.best]
+    estimated = sum(entry["reestimate"] is not None for entry in summary.best)
+    fresh = f" and {summary.samples_fresh} fresh ones" if summary.samples_fresh else ""
+    lines = [
+        f"{summary.state}: {summary.reason}" if summary.reason else summary.state,
+        f"{summary.generations} generations, {summary.strings} strings, {summary.samples_used} "
+        f"samples used of {summary.samples_simulated} simulated{fresh}, "
+        f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
+        *in_words(summary.verdict, shown, estimated),
+    ]
+    if summary.hit_maximum:
+        lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")
+    if summary.failed:
+        lines.append(f"{summary.failed} samples failed")
+    return [*lines, summary.file]
+
+
+def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a summary, and more by name, for JSON; numbers that are none are None."""
+    said = summary.verdict and summary.verdict._asdict()
+    return dict(_without_nan(summary._asdict() | {"verdict": said} | dict(more or {})))
+
+
+def as_text(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
+    """JSON of `as_dict`."""
+    return json.dumps(as_dict(summary, more), indent=2)
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,145 @@
+"""The tables of a campaign file as pandas DataFrames."""
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agglom_mpi.analysis.estimates import Estimate, estimates_in
+from agglom_mpi.outcome import REASONS
+from agglom_mpi.storage.columns import Column
+from agglom_mpi.storage.schema import (
+    ORIGINS,
+    RESULTS,
+    SAMPLES,
+    STATES,
+    STRINGS,
+    generations_layout,
+)
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.storage.reader import CampaignData
+
+
+def table_of(file: "CampaignData", name: str) -> "pd.DataFrame":
+    """Tabulate the `strings`, `samples`, `estimates`, `generations` or `variables` of a file."""
+    if name == "variables":
+        return variables(file.variable_rows())
+    if name == "generations":
+        return generations(file.generation_rows())
+    stored = file.all_sample_rows()
+    if name == "samples":
+        return samples(stored, file.result_rows(), file.fresh_from)
+    if name == "estimates":
+        return estimates(estimates_in(file, stored))
+    return strings(file.string_rows(), file.result_rows(), file.variable_rows(), stored)
+
+
+def strings(
+    rows: np.ndarray, results: np.ndarray, variables: np.ndarray, samples: np.ndarray
+) -> "pd.DataFrame":
+    """Tabulate strings, the variables in use and their judgement: nan or 0 if there is none.
+
+    `seconds` is the processor time of all samples of a string.
+    """
+    pandas = _pandas()
+    unused = set(NAMES) - set(_used_names(variables))
+    first = _columns(pandas, rows, without={"origin", "parents", *unused})
+    first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
+    first.insert(4, "parent_1", rows["parents"][:, 0])
+    first.insert(5, "parent_2", rows["parents"][:, 1])
+    second = _columns(pandas, results).set_index("string").reindex(rows["string"])
+    second = second.reset_index(drop=True)
+    second["hit_maximum"] = second["hit_maximum"] == 1
+    for name in ("samples_used", "failed"):
+        second[name] = second[name].fillna(0).astype(np.int64)
+    room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
+    second["seconds"] = processor_seconds(samples, room)[rows["string"]]
+    fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
+    return _with_units(pandas.concat([first, second], axis=1), fields)
+
+
+def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
+    """Processor time in s that the samples of each string took, used or not, shape (strings,)."""
+    return np.bincount(samples["string"], samples["seconds"], minlength=strings)
+
+
+def samples(rows: np.ndarray, results: np.ndarray, fresh_from: int) -> "pd.DataFrame":
+    """Tabulate samples, with `used` derived from how many samples of their string were judged.
+
+    Those from number `fresh_from` on are `fresh`: they estimate their string again.
+    """
+    frame = _columns(_pandas(), rows, without={"state", "reason"})
+    judged = dict(zip(results["string"].tolist(), results["samples_used"].tolist(), strict=True))
+    limits = np.array([judged.get(string, 0) for string in rows["string"].tolist()], dtype=int)
+    frame.insert(2, "state", _texts(rows["state"], STATES))
+    frame.insert(3, "used", rows["sample"] < limits)
+    frame.insert(4, "reason", _texts(rows["reason"], REASONS))
+    frame.insert(5, "fresh", rows["sample"] >= fresh_from)
+    return _with_units(frame, SAMPLES.fields)
+
+
+def estimates(rows: Sequence[Estimate]) -> "pd.DataFrame":
+    """Tabulate estimates on fresh samples."""
+    frame = _pandas().DataFrame(rows, columns=list(Estimate._fields))
+    counts = {"string", "samples", "failed"}
+    for name in frame.columns:
+        frame[name] = frame[name].astype(np.int64 if name in counts else np.float64)
+    units = {name: "" if name == "string" else "1" for name in frame.columns}
+    frame.attrs["units"] = units
+    return frame
+
+
+def generations(rows: np.ndarray) -> "pd.DataFrame":
+    """Tabulate generations; `population` holds an array of string numbers, the best first."""
+    frame = _columns(_pandas(), rows, without={"population"})
+    frame["population"] = list(rows["population"])
+    return _with_units(frame, generations_layout(1).fields)
+
+
+def variables(rows: np.ndarray) -> "pd.DataFrame":
+    """Tabulate the variables that the campaign uses."""
+    used = rows[~np.isnan(rows["lower"])]
+    columns = {
+        "name": [name.decode() for name in used["name"]],
+        "unit": [unit.decode() for unit in used["unit"]],
+        "lower": used["lower"],
+        "upper": used["upper"],
+        "searched": used["searched"] == 1,
+    }
+    return _pandas().DataFrame(columns)
+
+
+def _used_names(rows: np.ndarray) -> list[str]:
+    return [row["name"].decode() for row in rows if not np.isnan(row["lower"])]
+
+
+def _columns(
+    pandas: ModuleType, rows: np.ndarray, without: set[str] | frozenset[str] = frozenset()
+) -> "pd.DataFrame":
+    names = [name for name in rows.dtype.names or () if name != "crc" and name not in without]
+    return pandas.DataFrame({name: np.ascontiguousarray(rows[name]) for name in names})
+
+
+def _texts(codes: np.ndarray, texts: tuple[str, ...]) -> list[str]:
+    return [texts[code] if code < len(texts) else f"unknown ({code})" for code in codes.tolist()]
+
+
+def _with_units(frame: "pd.DataFrame", fields: tuple[Column, ...]) -> "pd.DataFrame":
+    units = {field.name: field.unit for field in fields}
+    frame.attrs["units"] = {name: units.get(name, "") for name in frame.columns}
+    return frame
+
+
+def _pandas() -> ModuleType:
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            "tables need pandas: pip install 'agglom_mpi[report]' (rows as numpy arrays do not)"
+        ) from error
+    return pandas

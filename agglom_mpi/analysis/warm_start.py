@@ -1,0 +1,81 @@
+"""The strings that a search begins with, where they are the best of an earlier campaign."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.search import EarlierCampaign
+from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+from agglom_mpi.storage.access import NotACampaign
+from agglom_mpi.storage.contents import given_rows, parameters_of, row_list
+from agglom_mpi.storage.reader import read_campaign, read_inversion
+
+
+def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArray[np.float64]:
+    """Return the strings that a campaign is given to begin with, in its box: shape (n, 10).
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    output
+        Its own file; if it has begun, what it began with counts, whatever became of the other.
+
+    Raises
+    ------
+    CampaignError
+        If the earlier campaign's file is none, cannot be read, has too few strings, or is needed
+        for a lost row and has other best strings by now.
+    """
+    start = campaign.search.start
+    if not isinstance(start, EarlierCampaign):
+        return campaign.given_strings()
+    begun = None
+    if output is not None and output.exists():
+        begun = given_rows(read_campaign(output).string_rows())
+        if len(begun) == start.strings:
+            return parameters_of(begun)
+    try:
+        strings = _in_the_box(campaign, _best_strings(start))
+        if begun is not None:
+            _check_begun(begun, strings)
+    except (NotACampaign, OSError, ValueError) as error:
+        line = parse(campaign.text, campaign.name).line(("search", "start"))
+        said = (isinstance(error, OSError) and error.strerror) or str(error)
+        message = said if isinstance(error, NotACampaign) else f"{start.file}: {said}"
+        raise CampaignError(Problem(campaign.name, line, "search.start", message)) from None
+    return strings
+
+
+def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
+    """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
+    file = read_inversion(start.file)
+    strings = file.string_rows()
+    order = rank_strings(file, file.result_rows(), strings, file.all_sample_rows()).order
+    if len(order) < start.strings:
+        raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
+    return parameters_of(strings[np.searchsorted(strings["string"], order[: start.strings])])
+
+
+def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return strings, (n, 10), with what is searched taken from others, and clipped to the box."""
+    strings = np.tile(campaign.parameters(), (len(best), 1))
+    searched = campaign.variables.lower < campaign.variables.upper
+    known = searched & np.isfinite(best)
+    strings[known] = best[known]
+    return np.clip(strings, campaign.variables.lower, campaign.variables.upper)
+
+
+def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:
+    """Make sure that lost rows of the strings to begin with can be made again.
+
+    The earlier campaign may have gone on since, or have estimated its best again.
+    """
+    if not np.array_equal(parameters_of(begun), strings[begun["slot"]], equal_nan=True):
+        lost = row_list(set(range(len(strings))) - set(begun["slot"].tolist()))
+        raise ValueError(
+            f"has other best strings now than this campaign began with, of which {lost} is lost"
+        )

@@ -1,0 +1,196 @@
+"""The `variables` section: values and ranges, and which ones a scene needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
+from math import pi
+from typing import Annotated, Any, Final, NamedTuple
+
+import numpy as np
+from pydantic import BeforeValidator, create_model
+
+from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.units import shown, to_si
+from agglom_mpi.config.validation import Section
+from agglom_mpi.config.yaml_source import Path
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.variables import COUNT, NAMES, VARIABLES, Variable
+
+JAMMING: Final = 0.38
+"""Volume fraction at which random sequential placement jams."""
+
+LARGEST_SIZE_RATIO: Final = 0.8986
+"""(6 JAMMING / pi)^(1/3), rounded down to what a message can say."""
+
+MAY_BE_ZERO: Final = frozenset({"relative_speed", "friction", "activation_energy", "reaction_heat"})
+
+
+class Range(NamedTuple):
+    """Lower and upper end in SI units, equal for a fixed variable; `logarithmic`: how to search."""
+
+    lower: float
+    upper: float
+    logarithmic: bool = False
+
+
+def volume_fraction(size_ratio: float) -> float:
+    """Share of the box that the grains fill, (pi/6) size_ratio^3."""
+    return pi / 6.0 * size_ratio**3
+
+
+def read_value(variable: Variable, value: Any) -> float:
+    """One value of a variable in SI units, refused with a ValueError where it is impossible."""
+    number = to_si(value, variable.unit)
+    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    if variable.name == "temperature" and number <= 0.0:
+        raise ValueError(f"is {shown(value)}; must be above absolute zero, 0 K")
+    if number < 0.0 and variable.name in MAY_BE_ZERO:
+        raise ValueError(f"is {shown(value)}; must be 0{unit} or more")
+    if number <= 0.0 and variable.name not in MAY_BE_ZERO:
+        raise ValueError(f"is {shown(value)}; must be greater than 0{unit}")
+    if variable.name == "size_ratio" and number > LARGEST_SIZE_RATIO:
+        raise ValueError(
+            f"is {shown(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
+            f"placement jams near {JAMMING}, so at most {LARGEST_SIZE_RATIO}"
+        )
+    return number
+
+
+def read_named(name: str, value: Any) -> float:
+    """One value of the variable called `name`, in SI units."""
+    if name not in NAMES:
+        close = get_close_matches(name, NAMES, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(NAMES)}"
+        raise ValueError(f"unknown variable; {hint}")
+    return read_value(VARIABLES[NAMES.index(name)], value)
+
+
+def read_range(value: Any, variable: Variable) -> Range:
+    """Read a variable's entry: one value, or a list of a lower and a higher one, and maybe log."""
+    if not isinstance(value, list):
+        number = read_value(variable, value)
+        return Range(number, number)
+    logarithmic = len(value) == 3 and value[2] == "log"
+    if len(value) != 2 + logarithmic:
+        allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
+        raise ValueError(f"is {shown(value)}; must be {allowed}")
+    lower, upper = (read_value(variable, end) for end in value[:2])
+    if lower >= upper:
+        raise ValueError(f"is {shown(value)}; the lower end must be less than the upper")
+    if logarithmic and lower <= 0.0:
+        raise ValueError(f"is {shown(value)}; without 0, to be searched by its logarithm")
+    return Range(lower, upper, logarithmic)
+
+
+def _field(variable: Variable) -> Any:
+    reader = BeforeValidator(partial(read_range, variable=variable))
+    return Annotated[Range | None, reader], None
+
+
+VariableEntries: Any = create_model(
+    "VariableEntries",
+    __base__=Section,
+    **{variable.name: _field(variable) for variable in VARIABLES},
+)
+"""The section as it is written, a model with one optional field per variable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The variables of a campaign.
+
+    Attributes
+    ----------
+    lower, upper
+        Ends in SI units in the order of `agglom_mpi.variables.VARIABLES`: equal where a variable
+        is fixed, nan where the scene does not use it.
+    logarithmic
+        Which are searched by their logarithms, shape (10,).
+    used
+        Names that the scene depends on.
+    ignored
+        Names that the file fixes although the scene does not depend on them.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    logarithmic: np.ndarray
+    used: tuple[str, ...]
+    ignored: tuple[str, ...]
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """Names that are ranges."""
+        return tuple(NAMES[i] for i in np.flatnonzero(self.lower < self.upper))
+
+    def space(self) -> SearchSpace:
+        """Return the box to be searched."""
+        return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic)
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Value of each used variable that is not searched, in SI units."""
+        return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
+
+
+def collect(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Bounds:
+    """Arrays of the entries that the scene uses."""
+    lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
+    logarithmic = np.zeros(COUNT, np.bool_)
+    ignored = []
+    for i, name in enumerate(NAMES):
+        entry = entries[name]
+        if entry is not None and name in used:
+            lower[i], upper[i], logarithmic[i] = entry
+        elif entry is not None:
+            ignored.append(name)
+    for array in (lower, upper, logarithmic):
+        array.flags.writeable = False
+    return Bounds(lower, upper, logarithmic, used, tuple(ignored))
+
+
+LACKING: Final = {
+    "hardness": "restitution by pressure",
+    "heat_capacity": "heating",
+    "friction": "friction",
+    "temperature": "heating and no arrhenius hardness",
+    "activation_energy": "arrhenius hardness",
+    "reaction_heat": "reaction",
+    "surface_energy": "fragmentation",
+}
+"""What a scene lacks in which nothing depends on the variable."""
+
+
+def required_variables(scene: SceneSection) -> dict[str, str]:
+    """Variables the scene depends on, in their order, each with what needs it."""
+    reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
+    submodels = ["heating", "friction", "reaction", "fragmentation"]
+    if scene.restitution.law == "pressure":
+        reasons["hardness"] = "restitution: pressure"
+        submodels.insert(0, "hardness")
+    for submodel in submodels:
+        section = getattr(scene, submodel)
+        if section.law != "none":
+            reasons |= dict.fromkeys(section.requires, f"{submodel}: {section.law}")
+    return {name: reasons[name] for name in NAMES if name in reasons}
+
+
+def check_required(
+    scene: SceneSection, entries: Mapping[str, Range | None]
+) -> list[tuple[Path, str]]:
+    """Variables that are missing, and ranges that nothing depends on."""
+    needed = required_variables(scene)
+    problems: list[tuple[Path, str]] = []
+    for name in NAMES:
+        entry = entries[name]
+        if entry is None and name in needed:
+            message = f"is missing; needed by {needed[name]}; a value or a range [lower, upper]"
+            problems.append(((name,), message))
+        elif entry is not None and entry.lower < entry.upper and name not in needed:
+            message = (
+                f"is a range, but the scene has no {LACKING[name]}; nothing depends on it; "
+                "give one value or leave it out"
+            )
+            problems.append(((name,), message))
+    return problems

@@ -1,0 +1,307 @@
+"""What a campaign would run, in words: `agglom check CAMPAIGN.yaml`."""
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from agglom_mpi.config.bounds import required_variables, volume_fraction
+from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.search import EarlierCampaign
+from agglom_mpi.config.validation import Section
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.search import Search
+
+
+ESCAPES: Final = {
+    "periodic": "true periodic box, contacts across faces",
+    "reentry": "re-entry at the opposite face, no contacts across faces, as published",
+}
+"""One line on each way to leave the box."""
+SUBMODELS: Final = (
+    *("escape", "velocities", "restitution", "duration", "contact_area", "hardness", "friction"),
+    *("heating", "reaction", "fragmentation", "cooling", "solver"),
+)
+"""Fields of a scene that name a law."""
+
+
+def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
+    """Lines on the submodels that the scene uses, and the names of those it leaves out."""
+    used, left_out = [], []
+    idle = _idle(scene)
+    for key in SUBMODELS:
+        part = getattr(scene, key)
+        law = part if isinstance(part, str) else getattr(part, "law", "")
+        if law == "none" or key in idle:
+            left_out.append(key)
+        else:
+            name = f"{key}: {law}" if law else key
+            summary = ESCAPES[part] if isinstance(part, str) else part.summary
+            used.append(f"{name:<32}{summary}{_settings(part)}")
+    return used, left_out
+
+
+def missing_arrays(scene: SceneSection) -> list[str]:
+    """Name what need not be known of each particle; `simulation.particles` does the same."""
+    kept = {
+        "temperature": scene.heating.law != "none",
+        "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",
+        "time of last impact": getattr(scene.restitution, "contact_time", 0.0) > 0.0,
+        "number of grains": scene.fragmentation.law != "none",
+    }
+    return [name for name, used in kept.items() if not used]
+
+
+def _idle(scene: SceneSection) -> set[str]:
+    """Submodels that have a law, but that nothing in the scene asks."""
+    if scene.restitution.law == "pressure":
+        return set()
+    return {"duration", "hardness", "solver"} | (
+        {"contact_area"} if scene.reaction.law == "none" else set()
+    )
+
+
+def _settings(part: Section | str) -> str:
+    if isinstance(part, str):
+        return ""
+    pairs = [
+        f"{key} {_plain(value)}"
+        for key, value in part
+        if key != "law" and (key, value) != ("contact_time", 0.0)
+    ]
+    return f"; {', '.join(pairs)}" if pairs else ""
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_plain, value))})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+Paragraph = tuple[str, list[str]]
+"""A heading with its lines."""
+
+FINAL_BYTES: Final = 32
+"""Stored of a grain at the end of a sample."""
+FRAME_BYTES: Final = 88
+"""Stored of a grain in a picture."""
+
+
+def text(campaign: "Campaign") -> str:
+    """All sections, each a heading with indented lines."""
+    return "\n".join(
+        line
+        for heading, lines in sections(campaign)
+        for line in (heading, *(f"  {line}" for line in lines))
+    )
+
+
+def sections(campaign: "Campaign") -> list[Paragraph]:
+    """Headings with their lines."""
+    used, left_out = submodels(campaign.scene)
+    return [
+        (campaign.title or campaign.name, _run(campaign)),
+        ("Scene", _scene(campaign)),
+        ("Variables", _variables(campaign)),
+        ("Submodels", used),
+        ("Left out", left_out + _unkept(campaign) or ["nothing"]),
+    ]
+
+
+def _unkept(campaign: "Campaign") -> list[str]:
+    lines = []
+    if arrays := missing_arrays(campaign.scene):
+        lines.append(f"not known of a particle: {', '.join(arrays)}")
+    if campaign.plan is not None:
+        output = campaign.output
+        absent = [] if output.final_particles else ["single particles"]
+        absent += [] if output.frames else ["states before the end"]
+        if absent:
+            lines.append(f"not stored of a sample: {', '.join(absent)}")
+    return lines
+
+
+def _run(campaign: "Campaign") -> list[str]:
+    lines = [f"seed: {campaign.seed}", f"objective: {_objective(campaign)}"]
+    if campaign.plan is None:
+        return [*lines, "a scene: nothing is searched, `agglom simulate` runs it"]
+    return lines + _search(campaign) + _stored(campaign)
+
+
+def _stored(campaign: "Campaign") -> list[str]:
+    """Say what is stored beside a row for each sample, and how much that is."""
+    output, grains = campaign.output, campaign.scene.particles
+    lines = []
+    if output.final_particles:
+        size = FINAL_BYTES * grains
+        lines.append(f"stored of every sample: its final particles, {size / 1e3:.3g} kB")
+    if output.frames is not None:
+        count, (strings, samples) = output.frames.count, campaign.most_framed
+        size = FRAME_BYTES * grains * count * strings * samples
+        best = "the best string" if strings == 1 else f"each of the best {strings} strings"
+        lines.append(
+            f"stored of {pluralise(samples, 'sample')} of {best}: {pluralise(count, 'frame')}, "
+            f"{size / 1e6:.3g} MB in all"
+        )
+    return lines
+
+
+def _search(campaign: "Campaign") -> list[str]:
+    search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
+    strings = campaign.most_strings
+    fewest = strings if stopping.target is None else search.first_generation
+    lines = _method(search)
+    lines.append(f"ensemble: {_rule(campaign)}")
+    if ensemble.common_configurations:
+        lines.append("configurations: sample k of all strings starts from the same random numbers")
+    if ensemble.racing is not None:
+        lines.append(
+            f"racing: from {ensemble.racing.first} samples on, strings that are not among the best "
+            f"{search.kept} get no more, at a confidence of {ensemble.racing.confidence:g}"
+        )
+    if stopping.target is not None:
+        top, objective = stopping.target.top, stopping.target.objective
+        lines.append(f"target: mean objective of the best {top} at most {objective:g}")
+    lines += [
+        f"generations: {_between(1 if stopping.target else None, stopping.generations)}",
+        f"strings: {_between(fewest, strings)}",
+        f"samples: {_between(fewest * ensemble.min_samples, strings * ensemble.max_samples)}, "
+        f"{_between(ensemble.min_samples, ensemble.max_samples)} per string",
+        f"final answer: {_final(campaign)}",
+    ]
+    if ensemble.rule in ("successive_difference", "moments"):
+        lines.append("samples per string in the papers: 125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)")
+    return lines
+
+
+def _method(search: "Search") -> list[str]:
+    match search.method:
+        case "genetic":
+            lines = [
+                f"search: genetic, population {search.population}, parents {search.parents}, "
+                f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
+            ]
+            if search.more_samples is not None:
+                more = pluralise(search.more_samples, "more sample")
+                lines.append(f"parents: each gets {more} in every generation")
+            if search.rescale is not None:
+                shrunk = f"every {search.rescale.every} generations shrunk"
+                around = f"by {search.rescale.factor:g} around the best"
+                lines.append(f"search box: {shrunk} {around}")
+        case "surrogate":
+            lines = [
+                f"search: Gaussian process through all samples, {search.initial} Sobol points "
+                f"first, then batches of {search.batch} by Thompson sampling"
+            ]
+        case "cmaes":
+            lines = [
+                f"search: CMA-ES, population {search.population}, first standard deviation "
+                f"{search.sigma:g} of the box"
+            ]
+        case _:
+            kind = "independent random points" if search.method == "random" else "a Sobol sequence"
+            lines = [f"search: {kind}, {search.population} in a generation; nothing is learnt"]
+    if isinstance(search.start, EarlierCampaign):
+        lines.append(f"begins with: the best {search.given} of {search.start.file}")
+    elif search.start is not None:
+        lines.append(f"begins with: {pluralise(search.given, 'given string')}")
+    return lines
+
+
+def _final(campaign: "Campaign") -> str:
+    final = campaign.final
+    if final is None:
+        return "none; objectives are the search's own, biased low"
+    strings = min(final.strings, campaign.most_strings)
+    best = "the best string" if strings == 1 else f"the best {strings} strings"
+    return f"{best} estimated again, each on {final.samples} fresh samples"
+
+
+def _between(fewest: int | None, most: int) -> str:
+    return f"{most:,}" if fewest in (None, most) else f"{fewest:,} to {most:,}"
+
+
+def _objective(campaign: "Campaign") -> str:
+    objective = campaign.objective
+    if objective.law == "growth_target":
+        return f"mean radius ratio {objective.ratio:g}, |mean/{objective.ratio:g} - 1| [A 26]"
+    if objective.law == "maximum_growth":
+        return "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
+    if objective.law == "moments":
+        weights = objective.weighting
+        wanted = [
+            f"{name} {target:g}" + (f" (weight {weights[name]:g})" if weights[name] != 1.0 else "")
+            for name, target in objective.wanted.items()
+        ]
+        return f"moments of the final radii, relative misses added up: {', '.join(wanted)} [A 29]"
+    digest = "" if campaign.code is None else f" (SHA-256 {campaign.code.sha256[:16]})"
+    return f"mean over samples of {objective.call}{digest}, run with --allow-code only"
+
+
+def _rule(campaign: "Campaign") -> str:
+    ensemble = campaign.ensemble
+    match ensemble.rule:
+        case "successive_difference":
+            cite = "[A 27]" if ensemble.quantity == "mean_radius" else "[B 8.1]"
+            quantity = "mean radius" if ensemble.quantity == "mean_radius" else "objective"
+            what = f"until one more sample changes the {quantity} by less than"
+            return f"{what} {ensemble.tolerance:g} of itself {cite}"
+        case "moments":
+            what = f"until one more sample changes no moment up to {ensemble.order} by more than"
+            return f"{what} {ensemble.tolerance:g} of itself [A 25, 27]"
+        case "standard_error":
+            what = "until half the 95 % interval of the objective is at most"
+            return f"{what} {ensemble.tolerance:g}"
+        case _:
+            return f"{pluralise(ensemble.samples, 'sample')} of every string"
+
+
+def _scene(campaign: "Campaign") -> list[str]:
+    scene, i = campaign.scene, NAMES.index("size_ratio")
+    low, high = (volume_fraction(float(ends[i])) for ends in _ends(campaign))
+    fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    engine = scene.engine
+    match engine.law:
+        case "event":
+            how = f"event-driven, exact times, at most {engine.budget:,} events per grain"
+        case "fixed":
+            how = f"{engine.steps} equal steps [A]"
+        case _:
+            how = f"adaptive steps, {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
+    if scene.end_time == "characteristic":
+        end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
+    else:
+        end = f"{scene.end_time:g} s"
+    return [
+        f"particles: {scene.particles:,}",
+        f"box: half-width {scene.half_width:g} m, volume fraction {fraction}",
+        f"engine: {how}",
+        f"end time: {end}",
+    ]
+
+
+def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
+    return campaign.variables.lower, campaign.variables.upper
+
+
+def _variables(campaign: "Campaign") -> list[str]:
+    reasons = required_variables(campaign.scene)
+    logarithmic = {NAMES[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
+    lines = []
+    for variable, lower, upper in zip(VARIABLES, *_ends(campaign), strict=True):
+        if variable.name in campaign.variables.searched:
+            value = f"{lower:g} .. {upper:g}"
+            if variable.name in logarithmic:
+                value += ", by its logarithm"
+        elif variable.name in reasons:
+            value = f"{lower:g} (fixed)"
+        elif variable.name in campaign.variables.ignored:
+            value = "ignored: nothing depends on it"
+        else:
+            continue
+        unit = "" if variable.unit == "1" else variable.unit
+        lines.append(f"{variable.name:<18}{unit:<8}{value}")
+    return lines

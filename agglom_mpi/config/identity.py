@@ -1,0 +1,77 @@
+"""What decides the results of a campaign, in one canonical form that can be compared and hashed."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from agglom_mpi.config.ensemble import Plan
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+
+
+def identity(campaign: "Campaign") -> dict[str, object]:
+    """Flat mapping such as `scene.particles` -> 100, with all values in SI units.
+
+    Title, output, the final answer, the number of generations and the failures allowed are left
+    out: a campaign that differs in these goes on with the same rows.
+    """
+    variables = campaign.variables
+    ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
+    boxes = {
+        name: (*pair, "log") if logarithmic else pair
+        for name, pair, logarithmic in zip(NAMES, ends, variables.logarithmic, strict=True)
+    }
+    sections = {
+        "seed": campaign.seed,
+        "scene": campaign.scene.entries(),
+        "variables": {name: boxes[name] for name in variables.used},
+        "objective": objective(campaign),
+    }
+    if campaign.plan is not None:
+        sections |= _planned(campaign.plan)
+    return dict(_flat(sections))
+
+
+def objective(campaign: "Campaign") -> dict[str, object]:
+    """Everything that decides what a sample is worth."""
+    entries: dict[str, object] = campaign.objective.entries()
+    if campaign.objective.law == "function":
+        if campaign.code is None:
+            raise campaign.refused_code("is a function whose source was not read")
+        entries["source_sha256"] = campaign.code.sha256
+    return entries
+
+
+def _planned(plan: Plan) -> dict[str, object]:
+    target = plan.stopping.target
+    return {
+        "search": plan.search.entries(),
+        "ensemble": plan.ensemble.entries(),
+        "stopping": {"target": target.entries() if target else None},
+    }
+
+
+def digest(entries: Mapping[str, object]) -> str:
+    """SHA-256 of an identity as 64 hexadecimal digits."""
+    # JSON writes a float as the shortest text that reads back as the same float64.
+    text = json.dumps(entries, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, object]]:
+    match value:
+        case {} if not value and path:  # a given string that is the middle of the box
+            yield path, "nothing"
+        case dict():
+            for key, inner in value.items():
+                yield from _flat(inner, f"{path}.{key}" if path else str(key))
+        case list() | tuple():
+            for i, inner in enumerate(value):
+                yield from _flat(inner, f"{path}.{i}")
+        case float():
+            yield path, value + 0.0  # -0.0 is 0.0
+        case _:
+            yield path, value

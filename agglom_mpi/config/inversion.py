@@ -1,0 +1,68 @@
+"""The inversion of a campaign: its search with its ensembles."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.search import SearchInputs
+from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
+from agglom_mpi.search.inversion import Inversion, Observer, Target
+from agglom_mpi.search.proposals import Proposals
+
+Restore = Callable[[Proposals, int], Proposals]
+"""Replaces proposals by what an earlier leg has stored of them; see `Inversion`."""
+
+
+def inversion_of(
+    campaign: Campaign,
+    given: NDArray[np.float64],
+    restore: Restore,
+    observer: Observer,
+    background: bool = False,
+) -> Inversion:
+    """Return the inversion of a campaign, at its start.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    given
+        Strings to begin with, shape (n, 10).
+    restore
+        Replaces proposals by stored ones.
+    observer
+        Told every decision.
+    background
+        Whether long computations of the search may run in a thread.
+    """
+    ensemble, stopping = campaign.ensemble, campaign.stopping
+    particles = campaign.scene.particles
+    objective, rule = campaign.objective.build(particles), ensemble.build()
+    target, race = stopping.target, ensemble.racing
+    inputs = SearchInputs(
+        campaign.variables.space(),
+        campaign.seed,
+        given,
+        magnitude=campaign.objective.law == "growth_target",
+        background=background,
+    )
+
+    def signed(result: EnsembleResult) -> float:
+        """Return the signed mean whose magnitude is the objective of a string."""
+        if campaign.objective.law == "growth_target":
+            return result.mean_radius_ratio / campaign.objective.ratio - 1.0
+        return result.objective
+
+    return Inversion(
+        campaign.search.build(inputs),
+        lambda: Ensemble(rule, objective, particles, ensemble.min_samples, ensemble.max_samples),
+        stopping.generations,
+        None if target is None else Target(target.top, target.objective),
+        restore,
+        observer,
+        signed,
+        None if race is None else race.build(campaign.search.kept),
+        campaign.more_samples or 1,
+    )

@@ -1,0 +1,91 @@
+"""One sample forward, exactly as a rank of a campaign simulates it."""
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+import agglom_mpi.simulation.event_driven.engine
+import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
+from agglom_mpi import outcome as result
+from agglom_mpi.outcome import FinalParticles, final_particles
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.finished import finished_sample
+from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.simulation.scene import Scene
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.simulation.sample import Outcome, simulate_scene
+
+
+def simulate(
+    campaign: "Campaign",
+    parameters: npt.ArrayLike,
+    sample: int = 0,
+    engine: Any = None,
+    times: npt.NDArray[np.float64] | None = None,
+) -> Outcome:
+    """Simulate one sample exactly as a rank of the campaign does; see `Outcome`.
+
+    Its frames are those at `times` in s, shape (F,), ascending from 0 to the end time at most.
+
+    Raises
+    ------
+    RuntimeError
+        If the sample fails, with the reason.
+    """
+    vector = np.asarray(parameters, dtype=np.float64)
+    scene = campaign.scene.build(vector, engine)
+    frames = None if times is None else new_frames(times, scene.particles)
+    random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
+    begin = time.perf_counter()
+    record, particles = simulate_scene(scene, random, frames=frames)
+    seconds = time.perf_counter() - begin
+    if record["state"] != result.COMPLETED:
+        raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
+    ratio = float(record["mean_radius_ratio"])
+    final = final_particles(scene, particles)
+    try:
+        objective = _objective(campaign, scene, vector, record, final)
+    except Exception as error:  # of the user's own function
+        said = f"{type(error).__name__}: {error}"
+        raise RuntimeError(f"sample {sample} failed: {said}") from error
+    return Outcome(
+        mean_radius_ratio=ratio,
+        objective=objective,
+        particles=int(record["particles"]),
+        radii=final.radii / scene.radius,
+        temperatures=final.temperatures,
+        moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
+        ledger={name: record[name].item() for name in result.LEDGER},
+        collisions=int(record["collisions"]),
+        merges=int(record["merges"]),
+        breakups=int(record["breakups"]),
+        steps=int(record["steps"]),
+        seconds=seconds,
+        record=record,
+        final=final,
+        frames=frames,
+    )
+
+
+def _objective(
+    campaign: "Campaign",
+    scene: Scene,
+    parameters: npt.NDArray[np.float64],
+    record: Any,
+    final: FinalParticles,
+) -> float:
+    """Return the campaign's objective of one completed sample."""
+    from agglom_mpi.config.user_function import evaluate
+
+    code = campaign.code
+    if campaign.objective.law == "function":
+        if code is None or code.source is None:
+            return math.nan
+        return evaluate(code, finished_sample(scene, parameters, record, final))
+    rows = np.array([record], result.OUTCOME)
+    return float(campaign.objective.build(scene.particles).of_samples(rows)[0])

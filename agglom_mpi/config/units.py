@@ -1,0 +1,173 @@
+"""Numbers with units: an SI number as it is, or a text such as `10 MPa` that pint converts."""
+
+import re
+from decimal import Decimal
+from functools import cache, partial
+from math import isfinite
+from numbers import Real
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from pydantic import BeforeValidator
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+KINDS: Final = {
+    "1": "a pure number",
+    "m": "length",
+    "s": "time",
+    "m/s": "speed",
+    "kg/m^3": "density",
+    "Pa": "pressure",
+    "K": "temperature",
+    "J/kg/K": "heat capacity per mass",
+    "J/mol": "energy per amount of substance",
+    "J/m^2": "energy per area",
+    "W/m^2/K": "heat transfer coefficient",
+    "J": "energy",
+    "kg": "mass",
+    "N": "force",
+    "W": "power",
+    "C": "electric charge",
+    "mol": "amount of substance",
+    "1/s": "frequency",
+    "m^2": "area",
+    "m^3": "volume",
+    "m/s^2": "acceleration",
+    "J/kg": "energy per mass",
+    "W/m^2": "power per area",
+}
+"""What the dimension of a unit is called in messages."""
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
+
+
+SMALLEST: Final = 1e-100
+LARGEST: Final = 1e100
+"""Sizes of numbers other than 0 whose squares and products float64 can hold."""
+
+
+def to_si(value: Any, unit: str) -> float:
+    """Value in SI units.
+
+    Parameters
+    ----------
+    value
+        A finite number in SI units, or a text of a number and a unit.
+    unit
+        The SI unit of the field, a key of `KINDS`.
+
+    Raises
+    ------
+    ValueError
+        With what is wrong and what is allowed.
+    """
+    number = _convert(value, unit) if isinstance(value, str) else _plain(value, unit)
+    if not isfinite(number):
+        raise ValueError(f"is {shown(value)}; must be a finite number")
+    if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
+        si_unit = "" if unit == "1" else f" {unit}"
+        raise ValueError(
+            f"is {shown(value)}; must be 0 or in size between {SMALLEST:g} and {LARGEST:g}{si_unit}"
+        )
+    return number
+
+
+def _plain(value: Any, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"is {shown(value)}; must be {_wanted(unit)}")
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
+
+
+def shown(value: Any) -> str:
+    """Quote a value for a message, shortened to one readable piece."""
+    match value:
+        case None:
+            return "empty"
+        case bool():
+            return "true" if value else "false"
+        case dict():
+            return "a mapping"
+        case str() if len(value) > 60:
+            return repr(value[:57] + "...")
+    text = repr(value) if isinstance(value, str | list) else str(value)
+    return text if len(text) <= 70 else text[:67] + "..."
+
+
+def _wanted(unit: str) -> str:
+    if unit == "1":
+        return "a number"
+    return f"a number in {unit}, or a text with a unit like '10 {unit}'"
+
+
+def _convert(text: str, unit: str) -> float:
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(f"is the text {shown(text)}; must be {_wanted(unit)}")
+    number, given = match.groups()
+    if not given:
+        raise ValueError(f"is the text {shown(text)}, a number in quotes; leave out the quotes")
+    registry = _registry()
+    source = _unit(registry, given)
+    target = registry.parse_units("" if unit == "1" else unit)
+    if source.dimensionality != target.dimensionality:
+        expected = KINDS[unit] if unit == "1" else f"{KINDS[unit]} like '{unit}'"
+        kind = _kinds().get(source.dimensionality, str(source.dimensionality))
+        raise ValueError(f"wrong unit: '{given}' is {kind}, expected {expected}")
+    try:
+        return float(registry.Quantity(Decimal(number), source).to(target).magnitude)
+    except (TypeError, ArithmeticError):  # logarithmic units, exponents beyond Decimal's
+        raise ValueError(f"is {shown(text)}; cannot be converted to '{unit}'") from None
+
+
+def _unit(registry: "UnitRegistry", text: str) -> Any:
+    from pint.errors import UndefinedUnitError
+
+    try:
+        return registry.parse_units(text)
+    except UndefinedUnitError as error:
+        names = error.unit_names
+        unknown = names if isinstance(names, str) else ", ".join(names)
+        raise ValueError(f"unknown unit '{unknown}' in '{text}'") from None
+    except Exception:  # pint lets its tokenizer's and its assertions' errors through
+        raise ValueError(f"'{shown(text)[1:-1]}' is not a unit") from None
+
+
+@cache
+def _registry() -> "UnitRegistry":
+    # Imported late because it takes a third of a second. Decimal, because 67.188 MPa must be
+    # the same float64 as 67.188e6: the identity of a campaign depends on it.
+    from pint import UnitRegistry
+
+    return UnitRegistry(non_int_type=Decimal)
+
+
+@cache
+def _kinds() -> dict[Any, str]:
+    registry = _registry()
+    return {
+        registry.parse_units("" if unit == "1" else unit).dimensionality: kind
+        for unit, kind in KINDS.items()
+    }
+
+
+def _reader(unit: str) -> BeforeValidator:
+    return BeforeValidator(partial(to_si, unit=unit))
+
+
+Number = Annotated[float, _reader("1")]
+"""A pure number."""
+Length = Annotated[float, _reader("m")]
+"""Metres."""
+Time = Annotated[float, _reader("s")]
+"""Seconds."""
+Speed = Annotated[float, _reader("m/s")]
+"""Metres per second."""
+Temperature = Annotated[float, _reader("K")]
+"""Kelvin; degrees Celsius are converted."""
+HeatTransfer = Annotated[float, _reader("W/m^2/K")]
+"""Watts per square metre and kelvin."""

@@ -1,0 +1,209 @@
+"""Sections of a campaign, and their errors as file:line: field."""
+
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Annotated, Any, Final, get_args
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from agglom_mpi.config.units import shown
+from agglom_mpi.config.yaml_source import Path, Problem, Source
+
+Models = list[type[BaseModel]]
+
+SENTENCES = {
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be a text; put it in quotes",
+    "string_unicode": "must be a text",
+    "string_too_short": "must not be empty",
+    "too_short": "must not be empty",
+    "bool_type": "must be true or false",
+    "model_type": "must be a mapping",
+    "tuple_type": "must be a list",
+    "finite_number": "must be a finite number",
+    "greater_than": "must be greater than {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be at most {le}",
+    "multiple_of": "must be a multiple of {multiple_of}",
+    "too_long": "must have {max_length} entries",
+}
+"""What is allowed, by the type of pydantic's error."""
+
+
+def explain(error: ValidationError, source: Source, model: type[BaseModel]) -> list[Problem]:
+    """Every error of a validation of `source.data` by `model`."""
+    return [
+        Problem(source.name, source.line(path), ".".join(map(str, path)), message)
+        for details in error.errors(include_url=False)
+        for path, message in _messages(dict(details), source, model)
+    ]
+
+
+def _messages(
+    details: dict[str, Any], source: Source, model: type[BaseModel]
+) -> Iterator[tuple[Path, str]]:
+    kind, loc, context = details["type"], details["loc"], details.get("ctx", {})
+    path = _written(loc, source)
+    match kind:
+        case "value_error" if isinstance(context["error"], FieldError):
+            for below, message in context["error"].problems:
+                yield (*path, *below), message
+        case "value_error":
+            yield path, str(context["error"])
+        case "missing" if isinstance(loc[-1], int):
+            path = _written(loc[:-1], source)
+            yield path, f"is {shown(source.value(path))}; has too few entries"
+        case "missing":
+            (*_, last) = loc
+            wanted = [_wanted(found, last) for found in _models(loc[:-1], model)]
+            message = "; ".join(["is missing", *filter(None, wanted)])
+            yield (*_written(loc[:-1], source), last), message
+        case "extra_forbidden":
+            yield path, _unknown_key(str(loc[-1]), _models(loc[:-1], model))
+        case "union_tag_not_found":
+            key = context["discriminator"].strip("'")
+            tags = [tag for found in _models(loc, model) for tag in _tags(found)]
+            yield (*path, key), f"is missing; allowed: {', '.join(tags)}"
+        case "union_tag_invalid":
+            key, value = context["discriminator"].strip("'"), context["tag"]
+            place = (*path, key) if isinstance(source.value(path), dict) else path
+            yield place, f"is {shown(value)}; allowed: {_listed(context['expected_tags'])}"
+        case "literal_error":
+            value = shown(source.value(path))
+            yield path, f"is {value}; allowed: {_listed(context['expected'])}"
+        case "model_attributes_type":
+            yield path, f"is {shown(source.value(path))}; must be a mapping"
+        case _:
+            allowed = SENTENCES[kind].format(**context) if kind in SENTENCES else details["msg"]
+            yield path, f"is {shown(source.value(path))}; {allowed}"
+
+
+def _wanted(model: type[BaseModel], key: str) -> str | None:
+    if key == "law":
+        return f"allowed: {', '.join(_tags(model))}"
+    return model.model_fields[key].description
+
+
+def _listed(quoted: str) -> str:
+    return ", ".join(re.findall(r"'([^']*)'", quoted))
+
+
+def _unknown_key(key: str, models: Models) -> str:
+    allowed = [name for model in models for name in model.model_fields]
+    close = get_close_matches(key, allowed, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(allowed)}"
+    return f"unknown key '{key[:40]}'; {hint}"
+
+
+def _written(loc: Path, source: Source) -> Path:
+    """Without what pydantic adds: the laws of discriminated unions, and `law` of a short form."""
+    path: Path = ()
+    for part in loc:
+        if (*path, part) in source.lines:
+            path = (*path, part)
+    return path
+
+
+def _models(loc: Path, model: type[BaseModel]) -> Models:
+    """Models that pydantic may have tried at a location."""
+    models = [model]
+    for part in loc:
+        tagged = [found for found in models if part in _tags(found)]
+        models = tagged or [
+            inner
+            for found in models
+            if part in found.model_fields
+            for inner in _inside(found.model_fields[str(part)].annotation)
+        ]
+    return models
+
+
+def _inside(annotation: Any) -> Models:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _inside(inner)]
+
+
+def _tags(model: type[BaseModel]) -> tuple[str, ...]:
+    fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
+    return tuple(tag for field in fields if field for tag in get_args(field.annotation))
+
+
+WholeNumber = Annotated[int, Field(strict=True)]
+"""An integer that is written as one: no text, no `true`, no 100.0."""
+
+Flag = Annotated[bool, Field(strict=True)]
+"""`true` or `false`: no 1, no `yes`."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(
+            "holds a character that cannot be printed; allowed: one line of plain text"
+        )
+    return text
+
+
+Line = Annotated[str, AfterValidator(_printable)]
+"""One line of text: no line break, null byte or lone surrogate."""
+
+
+LATER: Final = "added later"
+"""Marks a field that the first campaigns did not have: at its default it changes no identity."""
+
+
+class Section(BaseModel):
+    """A section or a submodel of the campaign."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def entries(self) -> dict[str, Any]:
+        """Return all fields, as plain values; those marked `LATER` only if they were asked for."""
+        return {
+            name: _plain(getattr(self, name))
+            for name, field in type(self).model_fields.items()
+            if LATER not in field.metadata or getattr(self, name) != field.default
+        }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Section):
+        return value.entries()
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+class FieldError(ValueError):
+    """Fields that do not fit together, each with its path below the validated part."""
+
+    def __init__(self, *problems: tuple[Path, str]) -> None:
+        super().__init__("; ".join(message for _, message in problems))
+        self.problems = problems
+
+
+def raise_field_errors(problems: list[tuple[Path, str]]) -> None:
+    """Raise a `FieldError` if there are any problems."""
+    if problems:
+        raise FieldError(*problems)
+
+
+def _named(value: Any) -> Any:
+    if isinstance(value, str):
+        return {"law": value}
+    if not isinstance(value, dict | Section):
+        raise ValueError(f"is {shown(value)}; must be the name of a law or a mapping with `law:`")
+    return value
+
+
+def _named_or_none(value: Any) -> Any:
+    return _named("none" if value is None else value)
+
+
+NAMED = BeforeValidator(_named)
+"""Reads `key: foo` as `key: {law: foo}`."""
+NAMED_OR_NONE = BeforeValidator(_named_or_none)
+"""The same, and an empty entry as `none`."""

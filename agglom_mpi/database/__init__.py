@@ -1,1 +1,0 @@
-"""The campaign file: schema, writer and reader."""

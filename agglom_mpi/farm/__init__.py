@@ -1,1 +1,0 @@
-"""Who simulates what, when: scheduler, messages, master and workers."""

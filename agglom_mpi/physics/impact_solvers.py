@@ -1,0 +1,184 @@
+"""How is e = G(e) solved?  A root finder that cannot fail, and the published iteration.
+
+Bonding is decided first: r(d=1) ≥ 1. Otherwise the impact is the smallest root in e, that is the
+largest in the deficit d.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness, log_hardening
+from agglom_mpi.physics.heating import keeps_root_unique
+from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.restitution import (
+    ImpactLaws,
+    RestitutionSolution,
+    log_pressure_ratio,
+    log_pressure_scale,
+    rootless_step,
+    solve_pressure_law,
+)
+
+UNIQUE_HARDENING: Final = 4.0
+"""U/(Rθ) of the colder sphere up to which the root is unique: heat/d falls with d, so
+d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ₀)/θ² = U/(4Rθ₀)."""
+
+SMALLEST_LOG: Final = -600.0
+"""Below this ln d the impact is elastic: the pressure on so small an area soon overflows."""
+
+TOLERANCE: Final = 4e-15
+WALK_CAP: Final = 10_000
+
+
+class BracketedRoot(NamedTuple):
+    """Bracketed root in ln d where the root is unique, a certified walk up from e = 0 elsewhere."""
+
+
+class FixedPointIteration(NamedTuple):
+    """e ← G(e) from e = 0 until |Δe| ≤ `tolerance` or `cap` iterations  [A 20] [B 6b].
+
+    Bonding is tested at e = 0 only. It does not converge for most impacts; the residual tells.
+    """
+
+    tolerance: float
+    cap: int
+
+
+@dispatch
+def root_is_unique(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> bool:
+    """Whether the hardness law leaves e = G(e) a single root for this pair."""
+
+
+@root_is_unique.register(ConstantHardness)
+def _always(model, laws, pair):  # type: ignore[no-untyped-def]
+    return True
+
+
+@root_is_unique.register(ArrheniusHardness)
+def _arrhenius(model, laws, pair):  # type: ignore[no-untyped-def]
+    colder = min(pair.temperature_i, pair.temperature_j)
+    return keeps_root_unique(laws.heating) and (
+        log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
+    )
+
+
+@inlined
+def lower_bracket(laws: ImpactLaws, pair: ContactPair, scale: float, start: float) -> float:
+    """Find some ln d with r(d) ≥ d below `start` = ln r(1) < 0, or less than `SMALLEST_LOG`."""
+    trial = start
+    excess = log_pressure_ratio(laws, pair, scale, math.exp(trial)) - trial
+    while excess < 0.0 and trial >= SMALLEST_LOG:
+        trial += 2.0 * excess - 1.0
+        excess = log_pressure_ratio(laws, pair, scale, math.exp(trial)) - trial
+    return trial
+
+
+@inlined
+def unique_root(laws: ImpactLaws, pair: ContactPair, scale: float, plastic: float) -> float:
+    """Ln d of the only root, by Chandrupatla's bracketing method.
+
+    T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145–149: inverse quadratic interpolation where
+    it is safe, bisection elsewhere. `plastic` = ln r(1) < 0.
+    """
+    a = 0.0
+    fa = plastic
+    b = lower_bracket(laws, pair, scale, plastic)
+    if b < SMALLEST_LOG:
+        return b
+    fb = log_pressure_ratio(laws, pair, scale, math.exp(b)) - b
+    c, fc = a, fa
+    fraction = fa / (fa - fb) if fb != math.inf else 0.5
+    while True:
+        x = a + fraction * (b - a)
+        fx = log_pressure_ratio(laws, pair, scale, math.exp(x)) - x
+        if (fx < 0.0) == (fa < 0.0):
+            c, fc = a, fa
+        else:
+            c, fc = b, fb
+            b, fb = a, fa
+        a, fa = x, fx
+        best = a if abs(fa) < abs(fb) else b
+        limit = TOLERANCE * max(1.0, abs(best)) / abs(b - a)
+        if not limit <= 0.5 or fa == 0.0 or fb == 0.0:  # what is no number ends it too
+            return a if fa == 0.0 else (b if fb == 0.0 else best)
+        fraction = interpolation_fraction(a, b, c, fa, fb, fc)
+        fraction = min(1.0 - limit, max(limit, fraction))
+
+
+@inlined
+def interpolation_fraction(a: float, b: float, c: float, fa: float, fb: float, fc: float) -> float:
+    """Chandrupatla's next point as a fraction of the way from a to b; 0.5 bisects."""
+    xi = (a - b) / (c - b)
+    phi = (fa - fb) / (fc - fb)
+    if phi * phi < xi and (1.0 - phi) * (1.0 - phi) < 1.0 - xi:
+        return fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
+    return 0.5
+
+
+@inlined
+def first_root(laws: ImpactLaws, pair: ContactPair, scale: float) -> tuple[float, int]:
+    """Ln d of the largest root in d, and the steps taken, `WALK_CAP` if that ended the walk.
+
+    Steps down in ln d from 0; each is proven to hold no root, so none is jumped over however many
+    there are or however nearly they touch. Near a root the steps are Newton's, and at two roots
+    that nearly touch they shrink only with the square root of the gap.
+    """
+    upper = 0.0
+    trial = 1.0
+    for count in range(1, WALK_CAP):
+        step = rootless_step(laws, pair, scale, upper, trial)
+        upper -= step
+        trial = 2.0 * step if step > 0.0 else 0.25 * trial
+        if upper < SMALLEST_LOG or trial < TOLERANCE * max(1.0, abs(upper)):
+            return upper, count
+    return upper, WALK_CAP
+
+
+@inlined
+def restitution_residual(
+    laws: ImpactLaws, pair: ContactPair, scale: float, deficit: float
+) -> float:
+    """|e − G(e)|, dimensionless."""
+    log_ratio = log_pressure_ratio(laws, pair, scale, deficit)
+    ratio = math.exp(log_ratio) if log_ratio < 0.0 else 1.0
+    return abs(ratio - deficit)
+
+
+@solve_pressure_law.register(BracketedRoot)
+def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
+    scale = log_pressure_scale(laws, pair)
+    plastic = log_pressure_ratio(laws, pair, scale, 1.0)
+    if plastic >= 0.0:
+        return RestitutionSolution(1.0, True, 0.0, False)
+    if scale == -math.inf:
+        return RestitutionSolution(0.0, False, 0.0, False)
+    steps = 0
+    if root_is_unique(laws.hardness, laws, pair):
+        logarithm = unique_root(laws, pair, scale, plastic)
+    else:
+        logarithm, steps = first_root(laws, pair, scale)
+    if logarithm < SMALLEST_LOG:
+        return RestitutionSolution(0.0, False, 0.0, steps == WALK_CAP)
+    deficit = math.exp(logarithm)
+    residual = restitution_residual(laws, pair, scale, deficit)
+    return RestitutionSolution(deficit, False, residual, steps == WALK_CAP)
+
+
+@solve_pressure_law.register(FixedPointIteration)
+def _published_iteration(solver, laws, pair):  # type: ignore[no-untyped-def]
+    scale = log_pressure_scale(laws, pair)
+    if log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
+        return RestitutionSolution(1.0, True, 0.0, False)
+    deficit = 1.0
+    for _ in range(solver.cap):
+        log_ratio = log_pressure_ratio(laws, pair, scale, deficit)
+        following = math.exp(log_ratio) if log_ratio < 0.0 else 1.0
+        change = abs(following - deficit)
+        deficit = following
+        if change <= solver.tolerance:
+            residual = restitution_residual(laws, pair, scale, deficit)
+            return RestitutionSolution(deficit, False, residual, False)
+    return RestitutionSolution(
+        deficit, False, restitution_residual(laws, pair, scale, deficit), True
+    )

@@ -1,0 +1,40 @@
+"""Two spheres about to collide, as the scalars that the impact laws need."""
+
+import math
+from typing import NamedTuple
+
+
+class ContactPair(NamedTuple):
+    """A pair at contact and approaching; n points from i to j, t along the slip of i against j.
+
+    Attributes
+    ----------
+    approach_speed
+        w = (v_i − v_j)·n > 0, m/s.
+    slip_speed
+        Magnitude of the tangential relative velocity, m/s.
+    mass_i, mass_j, reduced_mass
+        Masses and m_i m_j/(m_i + m_j), kg.
+    radius
+        Smaller of the two radii, m.
+    temperature_i, temperature_j
+        Before the impact, K.
+    normal_i, normal_j, tangent_i, tangent_j
+        Components of the two velocities along n and t, m/s; frame dependent, used by `OwnEnergy`.
+    since
+        Time since the last impact of either, s; inf where neither has had one.
+    """
+
+    approach_speed: float
+    slip_speed: float
+    mass_i: float
+    mass_j: float
+    reduced_mass: float
+    radius: float
+    temperature_i: float
+    temperature_j: float
+    normal_i: float
+    normal_j: float
+    tangent_i: float
+    tangent_j: float
+    since: float = math.inf

@@ -1,0 +1,109 @@
+"""Pilot samples: random strings simulated for a short time."""
+
+import time
+from collections.abc import Callable, Iterator
+from threading import Timer
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.planning.workload import PilotSamples
+from agglom_mpi.random_streams import RANDOM_STRING, search_stream
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.messages import RESULT
+from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.storage.table import concatenated
+
+STRINGS_PER_SAMPLE: Final = 4
+"""Strings to simulate for each sample of one of them: times differ more between strings."""
+
+
+def run_pilot(campaign: Campaign, seconds: float, tell: Callable[[str], None]) -> PilotSamples:
+    """Simulate samples of random strings for at most so many seconds, compilation not counted.
+
+    The first strings are those of the campaign's first generation.
+
+    Parameters
+    ----------
+    campaign
+        To be searched.
+    seconds
+        Time to spend, s.
+    tell
+        Shown how it goes.
+
+    Raises
+    ------
+    CampaignError
+        If the time is over before the first sample is.
+    """
+    simulator = SampleRunner(InversionExperiment(campaign), 0)
+    tell("loading or compiling the simulation")
+    simulator.warm_up()
+    # Another thread looks at the clock: one sample may take longer than all the time there is.
+    alarm = Timer(seconds, simulator.watch.stop)
+    alarm.start()
+    begin, rows = time.monotonic(), 0
+    strings: list[NDArray[np.float64]] = []
+    batch = Batch([], [], [], [])
+    try:
+        for string, first, count in _tasks(campaign.most_strings, campaign.ensemble.max_samples):
+            if string == len(strings):
+                strings.append(_random_string(campaign, string))
+            rows += _simulate(simulator, _task(string, first, count, strings[string]), batch)
+            spent = time.monotonic() - begin
+            tell(f"simulating: {rows} samples of {len(strings)} strings, {spent:.0f} s")
+            if simulator.watch.stopped:
+                break
+    finally:
+        alarm.cancel()
+    if not rows:
+        message = f"no sample is done within {seconds:g} s; allow more with --seconds"
+        raise CampaignError(Problem(campaign.name, None, "", message))
+    return PilotSamples(concatenated(batch.results, RESULT), np.array(strings))
+
+
+def _tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
+    """Yield string, first sample and number of samples: ever more of both, in proportion."""
+    before = 0
+    while True:
+        samples = min(max(1, 2 * before), most_samples)
+        # Strings of the rounds before have their first samples already.
+        old = min(STRINGS_PER_SAMPLE * before, most_strings)
+        new = min(STRINGS_PER_SAMPLE * samples, most_strings)
+        for string in range(new):
+            first = before if string < old else 0
+            if first < samples:
+                yield string, first, samples - first
+        if samples == most_samples:
+            break
+        before = samples
+    for string in range(new, most_strings):
+        yield string, 0, most_samples
+
+
+def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
+    """Draw a string of the whole search box, shape (10,); first those of the first generation."""
+    generation, slot = divmod(number, campaign.search.population)
+    space = campaign.variables.space()
+    return space.sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
+
+
+def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) -> np.void:
+    task = np.zeros(1, TASK)
+    task["string"], task["first"], task["count"] = string, first, count
+    task["parameters"] = parameters
+    return task[0]
+
+
+def _simulate(simulator: SampleRunner, task: np.void, batch: Batch) -> int:
+    """Simulate samples into a batch, unless the time is over; how many are done."""
+    job, before = simulator.begin(task), len(batch.results)
+    while job.go_on():
+        pass
+    job.take(batch)
+    return sum(map(len, batch.results[before:]))

@@ -1,0 +1,158 @@
+"""Sample times and ensemble sizes from recorded or pilot samples.
+
+A string that was simulated gives its own samples first. All others are drawn from the string
+nearest to it, so that a forecast can go on for as long as the campaign would.
+"""
+
+from hashlib import blake2b
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.user_function import recorded_function
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.outcome import SampleSummary, summaries
+
+LEAST_SAMPLES: Final = 5
+"""Samples that a string must have for others to draw from, if any has so many: two that happen to
+be alike would let every string near it converge at once."""
+
+_MASK: Final = 2**64 - 1
+
+
+class PilotSamples(NamedTuple):
+    """Samples that were simulated.
+
+    Attributes
+    ----------
+    rows
+        Rows of `/samples`, shape (n,), n > 0.
+    parameters
+        Their strings in SI units, shape (m, 10); `rows["string"]` is an index into them.
+    differences
+        What was different from the campaign in question, in words.
+    """
+
+    rows: NDArray[np.void]
+    parameters: NDArray[np.float64]
+    differences: tuple[str, ...] = ()
+
+
+class _Pool(NamedTuple):
+    """Where the samples of a string come from: its own rows by number, then `size` others."""
+
+    own: dict[int, int]
+    first: int
+    size: int
+    key: int
+
+
+class EmpiricalWorkload:
+    """A `Workload` made of samples that were simulated.
+
+    Parameters
+    ----------
+    recorded
+        The samples.
+    campaign
+        Says which variables are searched, and their box, in units of which strings are near.
+    """
+
+    def __init__(self, recorded: PilotSamples, campaign: Campaign) -> None:
+        lower, upper = campaign.variables.lower, campaign.variables.upper
+        self._searched = lower < upper
+        self._lower = lower[self._searched]
+        self._width = (upper - lower)[self._searched]
+        rows = recorded.rows
+        rows = rows[np.lexsort((rows["sample"], rows["string"]))]
+        self._outcomes, self._seconds = summaries(rows), rows["seconds"].tolist()
+        self._samples = rows["sample"].tolist()
+        counts = np.bincount(rows["string"], minlength=len(recorded.parameters))
+        self._first = np.concatenate(([0], np.cumsum(counts)))
+        self._rich = np.flatnonzero(counts >= min(LEAST_SAMPLES, counts.max()))
+        points = recorded.parameters[:, self._searched]
+        self._places = self._in_unit_box(points[self._rich])
+        self._strings = {point.tobytes(): string for string, point in enumerate(points)}
+        self._pools: dict[bytes, _Pool] = {}
+
+    def sample(
+        self, string: int, parameters: NDArray[np.float64], sample: int
+    ) -> tuple[SampleSummary, float]:
+        """Outcome of a sample and its time in s; the number of the string plays no part."""
+        name = parameters.tobytes()
+        pool = self._pools.get(name)
+        if pool is None:
+            pool = self._pools[name] = self._pool(parameters[self._searched])
+        row = pool.own.get(sample)
+        if row is None:
+            row = pool.first + _scrambled(pool.key, sample) % pool.size
+        return self._outcomes[row], self._seconds[row]
+
+    def _in_unit_box(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points - self._lower) / self._width
+
+    def _pool(self, point: NDArray[np.float64]) -> _Pool:
+        same = self._strings.get(point.tobytes())
+        own: dict[int, int] = {}
+        if same is not None:
+            rows = range(self._first[same], self._first[same + 1])
+            own = {self._samples[row]: row for row in rows}
+        away = self._places - self._in_unit_box(point)
+        nearest = self._rich[np.argmin((away**2).sum(axis=1))]
+        first, end = self._first[nearest : nearest + 2].tolist()
+        digest = blake2b(point.tobytes(), digest_size=8).digest()
+        return _Pool(own, first, end - first, int.from_bytes(digest, "little"))
+
+
+def _scrambled(key: int, count: int) -> int:
+    """Return the 64-bit number of a key and a count (SplitMix64, Steele, Lea and Flood 2014)."""
+    z = (key + (count + 1) * 0x9E3779B97F4A7C15) & _MASK
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)
+
+
+def recorded_in(path: str, campaign: Campaign) -> PilotSamples:
+    """Read the samples of a campaign file, finished or not, that searched the same variables.
+
+    Raises
+    ------
+    CampaignError
+        If it searched others, or has no sample yet.
+    NotACampaign, OSError
+        If it is none, or cannot be read.
+    """
+    # HDF5, which most forecasts do without.
+    from agglom_mpi.storage.contents import parameters_of
+    from agglom_mpi.storage.reader import read_inversion
+
+    file = read_inversion(path)
+    if campaign.code is not None and recorded_function(file.identity) != campaign.code.unread:
+        message = f"has samples that another objective has judged than that of {campaign.name}"
+        raise CampaignError(Problem(path, None, "objective.call", message))
+    boxes = file.variable_rows()
+    searched = [str(name.decode()) for name in boxes["name"][boxes["searched"] == 1]]
+    if tuple(searched) != campaign.variables.searched:
+        wanted = ", ".join(campaign.variables.searched)
+        message = f"were searched: {', '.join(searched)}; {campaign.name} searches {wanted}"
+        raise CampaignError(Problem(path, None, "variables", message))
+    strings, rows = file.string_rows(), file.all_sample_rows()
+    known = np.isin(rows["string"], strings["string"])  # a damaged string is absent
+    rows = rows[known]
+    if not len(rows):
+        raise CampaignError(Problem(path, None, "", "has no samples yet"))
+    rows["string"] = np.searchsorted(strings["string"], rows["string"])
+    parameters = parameters_of(strings)
+    return PilotSamples(rows, parameters, tuple(_differences(file.identity, campaign.identity())))
+
+
+def _differences(then: dict[str, object], now: dict[str, object]) -> list[str]:
+    """Entries of a scene, or fixed variables, that were something else when samples were made."""
+    keys = [key for key in {**now, **then} if key.split(".")[0] in ("scene", "variables")]
+    return [
+        f"{key} was {then.get(key, 'absent')}, is {now.get(key, 'absent')}"
+        for key in keys
+        if then.get(key) != now.get(key)
+    ]

@@ -1,0 +1,63 @@
+"""Random streams: each draw is keyed by what it is for, never by when it happens.
+
+All keys begin with the seed of the campaign and a purpose; no two purposes share a stream.
+"""
+
+import hashlib
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+SAMPLE: Final = 1
+"""Purpose of a sample's stream: placement and velocities of one string and sample number."""
+COMMON_SAMPLE: Final = 2
+"""The same for streams that all strings have in common."""
+RANDOM_STRING: Final = 101
+OFFSPRING_BLEND: Final = 102
+SOBOL_SCRAMBLE: Final = 103
+SURROGATE: Final = 104
+EVOLUTION: Final = 105
+SENSITIVITY: Final = 106
+"""Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
+
+
+def search_stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the generator that belongs to a campaign seed and a key.
+
+    Parameters
+    ----------
+    seed
+        Seed of the campaign, not negative.
+    key
+        Purpose first, then what tells draws of that purpose apart: generation, slot. Keys of
+        one purpose must have one length, for a seed sequence does not see trailing zeros.
+    """
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *key])))
+
+
+def sample_stream(
+    seed: int, parameters: NDArray[np.float64], sample: int, common: bool = False
+) -> np.random.Generator:
+    """Return the random stream of one sample, keyed by what it is and by nothing else.
+
+    Parameters
+    ----------
+    seed
+        The campaign's seed.
+    parameters
+        The ten variables in SI units, shape (10,).
+    sample
+        Sample number from 0.
+    common
+        Whether strings have common configurations; their parameters then play no part.
+    """
+    if common:
+        return np.random.Generator(
+            np.random.PCG64(np.random.SeedSequence([seed, COMMON_SAMPLE, sample]))
+        )
+    digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
+    words = np.frombuffer(digest, "<u4").tolist()
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence([seed, SAMPLE, *words, sample]))
+    )

@@ -1,0 +1,1 @@
+"""A run on one or many ranks: messages, simulation threads, recording."""

@@ -1,0 +1,273 @@
+"""The campaign file of a run: created or reopened, checked, its provenance."""
+
+import ast
+import functools
+import hashlib
+import os
+import platform
+import re
+import socket
+import time
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.runtime.experiment import Experiment
+from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
+from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.version import __version__
+
+_SOURCES = Path(__file__).parents[2]
+
+
+def git_revision(folder: Path = _SOURCES) -> str:
+    """Commit that is checked out in a folder; empty if the folder is no checkout.
+
+    Read from the repository's files: a process that speaks MPI had better not start another.
+    Edits since are not seen; the digest of the sources, stored beside, shows them.
+    """
+    try:
+        found = _resolve(folder / ".git")
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return found if re.fullmatch(r"[0-9a-f]{40}|[0-9a-f]{64}", found) else ""
+
+
+def _resolve(git: Path) -> str:
+    if git.is_file():  # of a second working tree
+        git = git.parent / git.read_text().removeprefix("gitdir:").strip()
+    head = (git / "HEAD").read_text().strip()
+    if not head.startswith("ref:"):
+        return head
+    name = head.removeprefix("ref:").strip()
+    common = git / "commondir"
+    shared = git / common.read_text().strip() if common.is_file() else git
+    if (shared / name).is_file():
+        return (shared / name).read_text().strip()
+    packed = (line.partition(" ") for line in (shared / "packed-refs").read_text().splitlines())
+    return next((commit for commit, _, reference in packed if reference == name), "")
+
+
+PACKAGE: Final = Path(__file__).parents[1]
+DECIDING: Final = (
+    "kernels.py",
+    "outcome.py",
+    "random_streams.py",
+    "statistics.py",
+    "variables.py",
+    "physics/*.py",
+    "simulation/**/*.py",
+    "search/*.py",
+    # From the campaign's text to scenes, searches and ensembles.
+    "config/*.py",
+    "runtime/experiment.py",
+    # What a search begins with, and which strings are estimated again.
+    "analysis/estimates.py",
+    "analysis/ranking.py",
+    "analysis/warm_start.py",
+)
+"""Files of the package that decide what a sample computes or what is made of it."""
+WORDING: Final = ("config/describe.py",)
+"""Those among them that only tell of it."""
+_NO_MEANING: Final = ("ctx", "kind", "type_comment")
+
+
+@functools.cache
+def sources_digest(package: Path = PACKAGE) -> str:
+    """Return a digest of all that decides, as 64 hexadecimal digits.
+
+    It is over the syntax without docstrings and comments, so that a better sentence changes
+    nothing; and the same with any version of Python that reads the same syntax.
+    """
+    digest = hashlib.sha256()
+    for pattern in DECIDING:
+        for path in sorted(package.glob(pattern)):
+            name = path.relative_to(package).as_posix()
+            if name not in WORDING:
+                digest.update("\0".join([name, *_words(ast.parse(path.read_bytes()))]).encode())
+    return digest.hexdigest()
+
+
+def _words(node: Any) -> Iterator[str]:
+    """Yield the parts of a syntax tree in order, without what is absent or only said."""
+    if isinstance(node, ast.AST):
+        yield type(node).__name__
+        for name, value in ast.iter_fields(node):
+            if value is not None and value != [] and name not in _NO_MEANING:
+                yield name
+                yield from _words(value)
+    elif isinstance(node, list):
+        for one in node:
+            if not _is_docstring(one):
+                yield from _words(one)
+        yield "]"
+    else:
+        yield repr(node)
+
+
+def _is_docstring(node: Any) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+class OutputError(ValueError):
+    """The output file cannot be used for this campaign; one message, exit code 2."""
+
+
+def output_path(campaign: Campaign, output: str | None) -> Path:
+    """File that a run of this campaign writes: the option, the campaign's own, or its stem.
+
+    Raises
+    ------
+    OutputError
+        If the file or its directory cannot be written.
+    """
+    path = Path(output or campaign.output.file or f"{Path(campaign.name).stem}.h5")
+    check_writable(path)
+    return path
+
+
+def check_writable(path: Path) -> None:
+    """Raise an OutputError unless a file can be written there."""
+    if path.is_dir():
+        raise OutputError(f"{path}: is a directory; give the name of a file")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: the directory {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"{path}: the directory {path.parent} cannot be written")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise OutputError(f"{path}: is read-only; --output names another file")
+
+
+def prepare(path: Path, work: Experiment, accept_code_change: bool) -> CampaignData:
+    """Open the campaign's file for a resume, or make it.
+
+    Raises
+    ------
+    NotACampaign
+        If something else lies there.
+    OutputError
+        If it belongs to other work or to other simulation sources.
+    """
+    room, campaign = work.room, work.campaign
+    if not path.exists():
+        create_campaign_file(
+            path,
+            campaign_text=campaign.text,
+            campaign_sha256=work.sha256(),
+            identity=work.identity(),
+            seed=campaign.seed,
+            title=campaign.title,
+            purpose=work.purpose,
+            code_version=__version__,
+            sources_sha256=sources_digest(),
+            lower=campaign.variables.lower,
+            upper=campaign.variables.upper,
+            **room._asdict(),
+        )
+        return read_campaign(path)
+    stored = read_campaign(path)
+    check_same_campaign(path, stored.identity, work.identity())
+    if last_sources(stored) != sources_digest() and not accept_code_change:
+        raise OutputError(
+            f"{path}: was computed by other simulation sources (version "
+            f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
+            "comparable. --accept-code-change continues all the same, --output starts afresh"
+        )
+    enlarge_campaign_file(
+        path,
+        room.strings,
+        room.generations,
+        grains=room.grains,
+        final_particles=room.final_particles,
+        frames=room.frames,
+    )
+    return stored
+
+
+def lacking_room(path: Path, file: CampaignData, work: Experiment) -> str:
+    """Say that there is less room for fresh samples than asked for; nothing if there is enough."""
+    room, wanted = file.max_samples - file.fresh_from, work.room.fresh
+    if room >= wanted:
+        return ""
+    return (
+        f"{path}: has room for {room} of the {wanted} fresh samples of a string that final asks "
+        "for; it was made for no more"
+    )
+
+
+def last_sources(stored: CampaignData) -> str:
+    """Hash of the sources that the last leg of a campaign, or its creation, ran with."""
+    legs = stored.legs()
+    if len(legs):
+        return str(legs[-1]["sources_sha256"].decode())
+    return str(stored.attributes["sources_sha256"])
+
+
+def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
+    """Raise an OutputError that names every difference between two campaigns."""
+    different = [
+        f"  {key}: {stored.get(key, 'absent')} in the file, {wanted.get(key, 'absent')} now"
+        for key in sorted(stored.keys() | wanted.keys())
+        if stored.get(key) != wanted.get(key)
+    ]
+    if different:
+        raise OutputError(
+            f"{path}: belongs to another campaign; --output names another file. Different are:\n"
+            + "\n".join(different)
+        )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a leg ran with."""
+    found = {"python": platform.python_version(), "hdf5": h5py.version.hdf5_version}
+    for package in ("numpy", "scipy", "numba", "h5py", "mpi4py"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = ""
+    return found
+
+
+def leg_fields(
+    ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
+) -> dict[str, Any]:
+    """Collect what is recorded of a start of the program."""
+    return {
+        "started": time.time(),
+        "ranks": ranks,
+        "nodes": nodes,
+        "database": database,
+        "host": socket.gethostname(),
+        "processor": processor(),
+        "code_version": __version__,
+        "sources_sha256": sources_digest(),
+        "git_revision": git_revision(),
+        "versions": versions() | {"mpi": mpi},
+    }
+
+
+def processor() -> str:
+    """Kind of processor that this is, as far as the system says."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            for line in file:
+                if line.startswith("model name"):
+                    return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def error_text(error: Exception) -> str:
+    """Text of a mistake of the user's; of one with a file, the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

@@ -1,0 +1,101 @@
+"""The MPI world, if there is one, its machines, and who writes the campaign file."""
+
+import os
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import h5py
+
+from agglom_mpi.launcher import launched_size
+from agglom_mpi.runtime.file_setup import OutputError
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class LaunchError(RuntimeError):
+    """The launcher and the MPI library do not belong together, or there is no MPI library."""
+
+
+def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
+    """Start MPI if the launcher asks for it, and return the world; None for a plain run.
+
+    Raises
+    ------
+    LaunchError
+        If no MPI library loads, or the world is not as large as the launcher promised: it then
+        belongs to another MPI, and every process would run the campaign for itself.
+    """
+    promised = launched_size(environment)
+    if promised is None:
+        return None
+    import mpi4py
+
+    mpi4py.rc.thread_level = "funneled"
+    # It warns on every rank of what is said below once.
+    warnings.filterwarnings("ignore", "suspicious MPI execution", RuntimeWarning)
+    try:
+        from mpi4py import MPI
+    except (ImportError, RuntimeError) as error:
+        raise LaunchError(
+            f"launched as {promised} MPI rank(s), but no MPI library can be loaded ({error}); "
+            "install one, for example: pip install 'agglom_mpi[mpi]'"
+        ) from None
+    world = MPI.COMM_WORLD
+    if promised != world.size:
+        raise LaunchError(
+            f"the launcher started {promised} processes, but {MPI.get_vendor()[0]}"
+            f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
+            "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
+        )
+    return world
+
+
+GATHERED: Final = "gathered"
+PARALLEL: Final = "parallel"
+
+
+def choose_database(asked: str | None, world: "Intracomm | None") -> str:
+    """Choose what is asked, or `parallel` if HDF5 can and there are several ranks.
+
+    Raises
+    ------
+    OutputError
+        If `parallel` is asked for and cannot be had.
+    """
+    able = bool(h5py.get_config().mpi)
+    if asked == PARALLEL:
+        if not able:
+            raise OutputError(
+                f"--database parallel: h5py {h5py.__version__} was built without MPI here; allowed "
+                "is gathered, or an h5py that was built with HDF5_MPI=ON"
+            )
+        if world is None:
+            raise OutputError("--database parallel: needs ranks; start the program with mpirun")
+    if asked is not None:
+        return asked
+    return PARALLEL if able and world is not None and world.size > 1 else GATHERED
+
+
+class Nodes(NamedTuple):
+    """Machines that the ranks are on.
+
+    `syncs` says whether this rank has to put on the disc what ranks of its node have written:
+    one of each node does, but rank 0 for its own.
+    """
+
+    number: int
+    syncs: bool
+
+
+def find_nodes(world: "Intracomm | None") -> Nodes:
+    """Count the machines; all ranks call this together."""
+    if world is None:
+        return Nodes(1, False)
+    from mpi4py import MPI
+
+    node = world.Split_type(MPI.COMM_TYPE_SHARED, key=world.rank)
+    first = node.rank == 0
+    node.Free()
+    return Nodes(world.allreduce(int(first)), first and world.rank > 0)

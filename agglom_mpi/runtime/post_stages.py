@@ -1,0 +1,210 @@
+"""Stages after the search: re-estimation of the best strings, stored frames."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, Stage
+from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
+from agglom_mpi.storage.writer import CampaignWriter
+
+
+class PostStage(ABC):
+    """Something to be done for the best strings after the search, once and for all.
+
+    Attributes
+    ----------
+    scheduler
+        Who does which of its tasks; there when it has begun.
+    done_before
+        What was done of its stage when it began.
+    """
+
+    scheduler: StaticScheduler
+    done_before: int
+
+    @property
+    @abstractmethod
+    def stage(self) -> Stage:
+        """How far it is."""
+
+    @property
+    @abstractmethod
+    def complete(self) -> bool:
+        """Whether a run would have nothing to do."""
+
+    @property
+    @abstractmethod
+    def done(self) -> bool:
+        """Whether nothing more will come."""
+
+    @abstractmethod
+    def open(self) -> NDArray[np.void]:
+        """Make ready; the tasks, (n,) of `TASK`, for what is missing."""
+
+    @abstractmethod
+    def announcement(self, tasks: NDArray[np.void]) -> str:
+        """Say what is to be done."""
+
+    def begin(self, ranks: int) -> str:
+        """Make ready for so many ranks; what they have to do, in words, nothing if nothing."""
+        tasks = self.open()
+        self.scheduler = StaticScheduler(tasks, ranks)
+        self.done_before = self.stage.done
+        return self.announcement(tasks) if len(tasks) else ""
+
+
+class FrameStage(PostStage):
+    """What is to be stored in `/frames`, sample by sample in the order of `pictures`.
+
+    Parameters
+    ----------
+    pictures
+        Samples and number of frames of each.
+    writer
+        Of the campaign file, which may hold pictures of an earlier end of the campaign.
+    parameters
+        Parameter string, (10,), of a number.
+    """
+
+    def __init__(
+        self,
+        pictures: FramePlan,
+        writer: CampaignWriter,
+        parameters: Callable[[int], NDArray[np.float64]],
+    ) -> None:
+        self._pictures = pictures
+        self._writer = writer
+        self._parameters = parameters
+        self._places = {pair: place for place, pair in enumerate(pictures.samples)}
+        wanted, stored = self._keys(), writer.frame_keys() if pictures.samples else {}
+        self._same = all(wanted.get(place) == key for place, key in stored.items())
+        self._missing = set(wanted)
+        if self._same:
+            self._missing -= stored.keys()
+
+    @property
+    def complete(self) -> bool:
+        """Whether the file holds exactly what is asked for; whatever it holds if nothing is."""
+        return self._same and not self._missing
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing more will come."""
+        return not self._missing
+
+    @property
+    def stage(self) -> Stage:
+        """Count the pictures that are asked for."""
+        total = len(self._places) * self._pictures.frames
+        return Stage(total - len(self._missing), total, "pictures")
+
+    def open(self) -> NDArray[np.void]:
+        """Drop pictures of other samples; the tasks, (n,) of `TASK`, for those that are missing."""
+        if not self._same:
+            self._writer.forget_frames()
+            self._same = True
+        count = max(1, self._pictures.frames)
+        lacking = sorted({row // count for row in self._missing})
+        tasks = np.zeros(len(lacking), TASK)
+        for task, place in zip(tasks, lacking, strict=True):
+            task["string"], task["first"] = self._pictures.samples[place]
+            task["count"], task["frames"] = 1, count
+            task["parameters"] = self._parameters(int(task["string"]))
+        return tasks
+
+    def announcement(self, tasks: NDArray[np.void]) -> str:
+        """Say what is to be done."""
+        return f"taking pictures of {pluralise(len(tasks), 'sample')}, {tasks['frames'][0]} of each"
+
+    def store(self, rows: NDArray[np.void]) -> bool:
+        """Store rows of `/frames` of one sample, consecutive ones; whether all of it are there."""
+        first = rows[0]
+        place = self._places[int(first["string"]), int(first["sample"])]
+        count = self._pictures.frames
+        at = place * count + int(first["frame"])
+        self._writer.put_frames(at, rows)
+        self._missing -= set(range(at, at + len(rows)))
+        return self._missing.isdisjoint(range(place * count, (place + 1) * count))
+
+    def give_up(self, string: int, sample: int) -> None:
+        """Expect no more of a sample that raised when it was looked at."""
+        at = self._places[string, sample] * self._pictures.frames
+        self._missing -= set(range(at, at + self._pictures.frames))
+
+    def _keys(self) -> dict[int, tuple[int, int, int]]:
+        count = self._pictures.frames
+        return {
+            place * count + frame: (*pair, frame)
+            for pair, place in self._places.items()
+            for frame in range(count)
+        }
+
+
+class ReestimationStage(PostStage):
+    """Fresh samples of the best strings, those numbers of `/samples` that no decision sees.
+
+    Parameters
+    ----------
+    finalists
+        Strings, the best first, and how many samples are asked for of each.
+    fresh_from, max_samples
+        Numbers of the first fresh sample of a string, and of the first that there is no room for.
+    known
+        (string, sample) that need no simulation, from an earlier leg.
+    parameters
+        Parameter string, (10,), of a number.
+    """
+
+    def __init__(
+        self,
+        finalists: ReestimationPlan,
+        fresh_from: int,
+        max_samples: int,
+        known: Collection[tuple[int, int]],
+        parameters: Callable[[int], NDArray[np.float64]],
+    ) -> None:
+        self._finalists = finalists
+        self._numbers = range(fresh_from, min(fresh_from + finalists.samples, max_samples))
+        self._parameters = parameters
+        pairs = {(string, sample) for string in finalists.strings for sample in self._numbers}
+        self._missing = pairs.difference(known)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all are there that are asked for and that there is room for."""
+        return not self._missing
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing more will come."""
+        return not self._missing
+
+    @property
+    def stage(self) -> Stage:
+        """Count the samples that are asked for."""
+        total = len(self._finalists.strings) * len(self._numbers)
+        return Stage(total - len(self._missing), total, "fresh samples")
+
+    def open(self) -> NDArray[np.void]:
+        """Return the tasks, (n,) of `TASK`, for samples that are missing; the best string first."""
+        pairs = [(i, j) for i in self._finalists.strings for j in self._numbers]
+        tasks = np.zeros(len(self._missing), TASK)
+        lacking = [pair for pair in pairs if pair in self._missing]
+        for task, (string, sample) in zip(tasks, lacking, strict=True):
+            task["string"], task["first"], task["count"] = string, sample, 1
+            task["parameters"] = self._parameters(string)
+        return tasks
+
+    def announcement(self, tasks: NDArray[np.void]) -> str:
+        """Say what is to be done."""
+        strings = pluralise(len(set(tasks["string"].tolist())), "string")
+        return f"estimating {strings} again, on {pluralise(len(tasks), 'fresh sample')}"
+
+    def take(self, rows: NDArray[np.void]) -> None:
+        """Take samples, (n,), completed or failed."""
+        self._missing.difference_update(rows[["string", "sample"]].tolist())

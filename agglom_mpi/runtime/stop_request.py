@@ -1,0 +1,40 @@
+"""Signals, walltime and other reasons to stop a run."""
+
+import signal
+import time
+from types import FrameType
+
+
+class StopRequest:
+    """Remember that somebody asked for an early stop, and why.
+
+    Parameters
+    ----------
+    max_walltime
+        Seconds after which to stop; None never.
+    """
+
+    def __init__(self, max_walltime: float | None = None) -> None:
+        self._reason = ""
+        self._deadline = None if max_walltime is None else time.monotonic() + max_walltime
+
+    def listen(self) -> None:
+        """Take INT, TERM and USR1 as requests to stop."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            signal.signal(number, self._on_signal)
+
+    @property
+    def reason(self) -> str:
+        """Why to stop, in words; empty to go on."""
+        if not self._reason and self._deadline is not None and time.monotonic() >= self._deadline:
+            self._reason = "the walltime limit is reached"
+        return self._reason
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._reason = f"received {signal.Signals(number).name}"
+
+
+def ignore_signals() -> None:
+    """Leave INT, TERM and USR1 to rank 0, which tells the others when to stop."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+        signal.signal(number, signal.SIG_IGN)

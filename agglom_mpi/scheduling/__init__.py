@@ -1,0 +1,1 @@
+"""Which rank simulates which samples; no MPI, no files, no clock."""

@@ -1,0 +1,150 @@
+"""The samples of one string, taken in order until they suffice."""
+
+import copy
+import math
+from typing import Final, NamedTuple
+
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
+from agglom_mpi.statistics import PooledMoments, RunningMean
+
+FAILURES_JUDGED_FROM: Final = 10
+"""Samples before the share of failed ones may end an ensemble."""
+
+
+class EnsembleResult(NamedTuple):
+    """What a string turned out to be."""
+
+    objective: float
+    """Inf where no sample completed or more than 10 % failed."""
+    standard_error: float
+    """Of the objective, by the delta method; nan below two completed samples."""
+    mean_radius_ratio: float
+    """Mean of b^f/b⁰ over the completed samples; nan if there are none."""
+    samples_used: int
+    """Samples that were judged, failed ones included: numbers 0 … samples_used - 1."""
+    failed: int
+    hit_maximum: bool
+    """Ended by the largest number of samples, the stopping rule not being satisfied."""
+    growth_number: float
+    """n^f = (mean b^f/b⁰)³ [B 7.2]."""
+    mean_grains: float
+    """Mean over samples of grains per particle left, which is not `growth_number`."""
+
+
+class Ensemble:
+    """Judge the samples of one string one by one and say when they are enough.
+
+    Failed samples are left out of every mean and trigger no rule. When they are more than 10 %
+    the string ranks last, and from ten samples on it is given up at once.
+
+    Parameters
+    ----------
+    rule
+        When to stop; asked after each completed sample from `min_samples` on.
+    objective
+        What the string is worth.
+    particles
+        N, particles a sample starts with.
+    min_samples
+        Fewest completed samples.
+    max_samples
+        Most samples, failed ones included.
+    """
+
+    def __init__(
+        self,
+        rule: StoppingRule,
+        objective: Objective,
+        particles: int,
+        min_samples: int,
+        max_samples: int,
+    ) -> None:
+        if not 1 <= min_samples <= max_samples:
+            raise ValueError("max_samples must be at least min_samples, and that at least 1")
+        self.max_samples = max_samples
+        self.samples_used = 0
+        self.failed = 0
+        self._before = 0, 0
+        self.finished = False
+        self._rule = rule
+        self._particles = particles
+        self._min_samples = min_samples
+        self._converged = False
+        self._ratio = RunningMean()
+        self._worth = objective.tally()
+        self._grains = RunningMean()
+        self._radii = PooledMoments()
+        self._last: EnsembleState | None = None
+
+    def add(self, outcome: SampleSummary) -> None:
+        """Judge sample number `samples_used`."""
+        if self.finished:
+            raise ValueError("this ensemble needs no more samples")
+        self.samples_used += 1
+        if outcome.completed:
+            self._measure(outcome)
+        else:
+            self.failed += 1
+        failing = self.failed > 0 and self._unreliable
+        given_up = failing and self.samples_used >= FAILURES_JUDGED_FROM
+        self.finished = self._converged or given_up or self.samples_used >= self.max_samples
+
+    def again(self, samples: int) -> "Ensemble":
+        """Return an ensemble that goes on from here with so many more samples, numbered from 0.
+
+        Objective, error and means are those of all samples, numbers of samples those of its own.
+        """
+        more = copy.deepcopy(self)
+        more._before = self._before[0] + self.samples_used, self._before[1] + self.failed
+        more.samples_used = more.failed = 0
+        more.max_samples = samples
+        more.finished = more._converged = False
+        more._rule = FixedNumber()
+        return more
+
+    @property
+    def completed(self) -> int:
+        """Samples that the objective rests on."""
+        return self._ratio.count
+
+    def result(self) -> EnsembleResult:
+        """Return what the samples so far amount to."""
+        unusable = self._unreliable or self._ratio.count == 0
+        return EnsembleResult(
+            objective=math.inf if unusable else self._worth.value,
+            standard_error=self._worth.standard_error,
+            mean_radius_ratio=self._ratio.mean,
+            samples_used=self.samples_used,
+            failed=self.failed,
+            hit_maximum=self._hit_maximum,
+            growth_number=self._ratio.mean**3,
+            mean_grains=self._grains.mean,
+        )
+
+    @property
+    def _hit_maximum(self) -> bool:
+        at_maximum = self.samples_used >= self.max_samples
+        return at_maximum and not self._converged and not isinstance(self._rule, FixedNumber)
+
+    @property
+    def _unreliable(self) -> bool:
+        samples, failed = self._before
+        return 10 * (failed + self.failed) > samples + self.samples_used
+
+    def _measure(self, outcome: SampleSummary) -> None:
+        ratio, left = outcome.mean_radius_ratio, outcome.particles
+        self._ratio.add(ratio)
+        self._worth.add(outcome)
+        self._grains.add(self._particles / left)
+        if self._rule.needs_moments:
+            self._radii.add(left, ratio, outcome.central_moments)
+        before, self._last = self._last, self._snapshot()
+        if before is not None and self._last.samples >= self._min_samples:
+            self._converged = self._rule.satisfied(before, self._last)
+
+    def _snapshot(self) -> EnsembleState:
+        ratio, worth = self._ratio, self._worth
+        central = self._radii.central if self._rule.needs_moments else None
+        return EnsembleState(ratio.count, ratio.mean, worth.value, worth.standard_error, central)

@@ -1,0 +1,158 @@
+"""The cube −D ≤ r ≤ D: periodic images, re-entry, and the sorting of particles into cells."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating
+
+
+class Periodic(NamedTuple):
+    """A true periodic box: contacts by minimum image."""
+
+
+class Reentry(NamedTuple):
+    """As published: who leaves re-enters on the opposite face, and faces hide contacts  [A, B]."""
+
+
+@dispatch
+def separation(escape: Submodel, difference: float, half_width: float) -> float:
+    """Component in m, signed, of the vector between two particles in the box."""
+
+
+@dispatch
+def distance_along(escape: Submodel, difference: float, half_width: float) -> float:
+    """Magnitude in m of `separation`, without a branch."""
+
+
+@dispatch
+def wrapped(escape: Submodel, coordinate: float, half_width: float) -> float:
+    """Coordinate in m at which a particle that may have left the box is put."""
+
+
+@dispatch
+def nearest_image(escape: Submodel, difference: float, side: float, per_side: float) -> float:
+    """`separation` in m of particles that may be outside the box, without a branch.
+
+    `side` is the edge of the box in m, `per_side` its inverse.
+    """
+
+
+@dispatch
+def clamped(escape: Submodel, coordinate: float, half_width: float) -> float:
+    """Coordinate in m of a particle whose leaving the box is an event of its own."""
+
+
+@dispatch
+def is_periodic(escape: Submodel) -> bool:
+    """Whether contacts reach across faces."""
+
+
+@separation.register(Periodic)
+def _minimum_image(escape, difference, half_width):  # type: ignore[no-untyped-def]
+    if difference > half_width:
+        return difference - 2.0 * half_width
+    if difference < -half_width:
+        return difference + 2.0 * half_width
+    return difference
+
+
+@separation.register(Reentry)
+def _plain(escape, difference, half_width):  # type: ignore[no-untyped-def]
+    return difference
+
+
+@distance_along.register(Periodic)
+def _minimum_image_distance(escape, difference, half_width):  # type: ignore[no-untyped-def]
+    plain = abs(difference)
+    return min(plain, abs(2.0 * half_width - plain))
+
+
+@distance_along.register(Reentry)
+def _plain_distance(escape, difference, half_width):  # type: ignore[no-untyped-def]
+    return abs(difference)
+
+
+@wrapped.register(Periodic)
+def _wrapped_periodically(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    if abs(coordinate) <= half_width:
+        return coordinate
+    side = 2.0 * half_width
+    return coordinate - side * math.floor((coordinate + half_width) / side)
+
+
+@wrapped.register(Reentry)
+def _opposite_face(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    if abs(coordinate) <= half_width:
+        return coordinate
+    return -half_width if coordinate > 0.0 else half_width
+
+
+@nearest_image.register(Periodic)
+def _rounded_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
+    return difference - side * np.rint(difference * per_side)
+
+
+@nearest_image.register(Reentry)
+def _no_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
+    return difference
+
+
+@clamped.register(Periodic)
+def _clamped_periodically(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    return wrapped(escape, coordinate, half_width)
+
+
+@clamped.register(Reentry)
+def _clamped_to_faces(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+    return min(max(coordinate, -half_width), half_width)
+
+
+@is_periodic.register(Periodic)
+def _has_images(escape):  # type: ignore[no-untyped-def]
+    return True
+
+
+@is_periodic.register(Reentry)
+def _has_no_images(escape):  # type: ignore[no-untyped-def]
+    return False
+
+
+@inlined
+def cell_of(coordinate, cells, half_width):  # type: ignore[no-untyped-def]
+    """Index along one axis of the cell of a coordinate in m."""
+    return min(cells - 1, max(0, int((coordinate + half_width) / (2.0 * half_width) * cells)))
+
+
+@inlined_allocating
+def sort_into_cells(particles, cells, half_width):  # type: ignore[no-untyped-def]
+    """Particles in order of their cells, shape (N,), and where each cell starts in that order.
+
+    Cell (a, b, c) of `cells`³ has the number (a·cells + b)·cells + c.
+    """
+    count = particles.size[0]
+    number = np.empty(count, np.int64)
+    start = np.zeros(cells**3 + 2, np.int64)
+    for i in range(count):
+        index = 0
+        for axis in range(3):
+            index = index * cells + cell_of(particles.position[axis, i], cells, half_width)
+        number[i] = index
+        start[index + 2] += 1
+    for index in range(cells**3):
+        start[index + 2] += start[index + 1]
+    order = np.empty(count, np.int32)
+    for i in range(count):
+        place = start[number[i] + 1]
+        order[place] = i
+        start[number[i] + 1] = place + 1
+    return order, start
+
+
+@inlined
+def wrapped_cell(index, cells):  # type: ignore[no-untyped-def]
+    """Index of a cell along one axis, across the face if need be."""
+    if index < 0:
+        return index + cells
+    return index - cells if index >= cells else index

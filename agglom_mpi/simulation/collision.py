@@ -1,0 +1,374 @@
+"""What a contact does to the particles: bounce, bond or break, with everything booked."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.kernels import ANY, dispatch, inlined, inlined_allocating
+from agglom_mpi.physics.contact import contact_area
+from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, exact_temperature
+from agglom_mpi.physics.fragmentation import (
+    breakage,
+)
+from agglom_mpi.physics.heating import (
+    merge_dissipation,
+    merge_heat,
+    own_loss,
+    reaction_heat,
+)
+from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.simulation.boundary import separation, wrapped
+from agglom_mpi.simulation.particles import (
+    BREAKUPS,
+    CAPPED,
+    COLLISIONS,
+    DISSIPATED,
+    FLOORED,
+    MERGES,
+    REACTION,
+    SURFACE,
+    UNRESOLVED,
+    copy_slot,
+    empty_slot,
+    new_label,
+    record_cooling,
+    set_value,
+    value_or,
+)
+
+RECEDING: Final = 0
+BOUNCED: Final = 1
+BONDED: Final = 2
+
+
+@inlined
+def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-untyped-def]
+    """Vector in m from particle i to particle j."""
+    r = particles.position
+    return (
+        separation(escape, r[0, j] - r[0, i], half_width),
+        separation(escape, r[1, j] - r[1, i], half_width),
+        separation(escape, r[2, j] - r[2, i], half_width),
+    )
+
+
+@inlined
+def relative_velocity(particles, i, j):  # type: ignore[no-untyped-def]
+    """Velocity in m/s of particle i seen from particle j."""
+    v = particles.velocity
+    return v[0, i] - v[0, j], v[1, i] - v[1, j], v[2, i] - v[2, j]
+
+
+@inlined
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def scaled(a, factor):  # type: ignore[no-untyped-def]
+    """Vector times a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@inlined
+def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
+    """Return the unit vector from i to j; where the centres coincide, that of the velocity."""
+    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+    length = math.sqrt(dot(line, line))
+    if length == 0.0:
+        line = relative_velocity(particles, i, j)
+        length = math.sqrt(dot(line, line))
+    return scaled(line, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
+
+
+@inlined
+def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
+    """Slip speed in m/s and its unit vector; the vector is zero without slip."""
+    slip = (
+        velocity[0] - approach * normal[0],
+        velocity[1] - approach * normal[1],
+        velocity[2] - approach * normal[2],
+    )
+    speed = math.sqrt(dot(slip, slip))
+    return speed, scaled(slip, 1.0 / speed) if speed > 0.0 else (0.0, 0.0, 0.0)
+
+
+@dispatch
+def cool_until(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+    """Cool particle i exactly up to `time` in s, where the scene cools on demand."""
+
+
+@cool_until.register(None, EulerCooling)
+def _nothing_due(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+    return None
+
+
+@cool_until.register(ExactCooling)
+def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+    surface = 4.0 * math.pi * particles.radius[i] ** 2
+    capacity = particles.mass[i] * scene.laws.heat_capacity
+    before = particles.temperature[i]
+    elapsed = time - particles.cooled_to[i]
+    after = exact_temperature(cooling.law, before, surface, capacity, elapsed)
+    if after != before:
+        record_cooling(ledger, capacity * (before - after))
+    particles.temperature[i] = after
+    particles.cooled_to[i] = time
+
+
+@dispatch
+def add_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+    """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
+
+
+@add_heat.register(None)
+def _no_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+    return None
+
+
+@add_heat.register(ANY)
+def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+    capacity = particles.mass[i] * scene.laws.heat_capacity
+    before = particles.temperature[i]
+    temperature = before + heat / capacity
+    ledger.energy[UNRESOLVED] += heat - capacity * (temperature - before)
+    if temperature < 0.0:
+        ledger.tally[FLOORED] += 1
+        temperature = 0.0
+    particles.temperature[i] = temperature
+
+
+@inlined
+def contact_pair(scene, particles, ledger, i, j, normal, time):  # type: ignore[no-untyped-def]
+    """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
+    cool_until(scene.cooling, scene, particles, ledger, i, time)
+    cool_until(scene.cooling, scene, particles, ledger, j, time)
+    velocity = relative_velocity(particles, i, j)
+    approach = dot(velocity, normal)
+    slip, tangent = slip_direction(normal, velocity, approach)
+    v = particles.velocity
+    velocity_i = (v[0, i], v[1, i], v[2, i])
+    velocity_j = (v[0, j], v[1, j], v[2, j])
+    mass_i, mass_j = particles.mass[i], particles.mass[j]
+    pair = ContactPair(
+        approach,
+        slip,
+        mass_i,
+        mass_j,
+        mass_i * mass_j / (mass_i + mass_j),
+        min(particles.radius[i], particles.radius[j]),
+        value_or(particles.temperature, i, scene.temperature),
+        value_or(particles.temperature, j, scene.temperature),
+        dot(velocity_i, normal),
+        dot(velocity_j, normal),
+        dot(velocity_i, tangent),
+        dot(velocity_j, tangent),
+        time
+        - max(
+            value_or(particles.last_impact, i, -np.inf), value_or(particles.last_impact, j, -np.inf)
+        ),
+    )
+    return pair, tangent
+
+
+@inlined
+def resolve_contact(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+    """Resolve a contact at `time` in s; bounces are carried out, merges are left to the caller.
+
+    Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. New pieces are appended.
+    """
+    normal = line_of_centres(scene, particles, i, j)
+    if not dot(relative_velocity(particles, i, j), normal) > 0.0:
+        return RECEDING
+    pair, tangent = contact_pair(scene, particles, ledger, i, j, normal, time)
+    set_value(particles.last_impact, i, time)
+    set_value(particles.last_impact, j, time)
+    impact = solve_impact(scene.laws, pair)
+    if impact.bonds:
+        return BONDED
+    record_impact(ledger, impact)
+    impulse = impulse_of(scene.laws.friction, impact, normal, tangent)
+    apply_impulse(particles, i, -1.0 / pair.mass_i, impulse)
+    apply_impulse(particles, j, 1.0 / pair.mass_j, impulse)
+    apply_impact(scene, particles, ledger, i, pair.normal_i, pair.tangent_i, impact, impact.heat_i)
+    apply_impact(
+        scene, particles, ledger, j, -pair.normal_j, -pair.tangent_j, impact, impact.heat_j
+    )
+    return BOUNCED
+
+
+@inlined
+def record_impact(ledger, impact):  # type: ignore[no-untyped-def]
+    """Enter an impact in the ledger; what is always 0 in a scene compiles to nothing."""
+    ledger.tally[COLLISIONS] += 1
+    ledger.energy[DISSIPATED] += impact.loss
+    if impact.reaction != 0.0:
+        ledger.energy[REACTION] += impact.reaction
+    if impact.residual != 0.0:
+        ledger.residual[0] = max(ledger.residual[0], impact.residual)
+    if impact.capped:
+        ledger.tally[CAPPED] += 1
+
+
+@dispatch
+def impulse_of(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    """Impulse in N s, three components, that acts on j and against i."""
+
+
+@impulse_of.register(None)
+def _along_normal(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    return scaled(normal, impact.normal_impulse)
+
+
+@impulse_of.register(ANY)
+def _with_friction(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+    push, rub = impact.normal_impulse, impact.friction_impulse
+    return (
+        push * normal[0] + rub * tangent[0],
+        push * normal[1] + rub * tangent[1],
+        push * normal[2] + rub * tangent[2],
+    )
+
+
+@inlined
+def apply_impulse(particles, i, factor, impulse):  # type: ignore[no-untyped-def]
+    """Change the velocity of particle i by an impulse in N s times `factor` in 1/kg."""
+    particles.velocity[0, i] += factor * impulse[0]
+    particles.velocity[1, i] += factor * impulse[1]
+    particles.velocity[2, i] += factor * impulse[2]
+
+
+@inlined
+def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):  # type: ignore[no-untyped-def]
+    """Heat particle i after a bounce, and break it if the energy it absorbed suffices."""
+    change = own_loss(
+        particles.mass[i],
+        normal_speed,
+        tangent_speed,
+        impact.normal_impulse,
+        impact.friction_impulse,
+    )
+    pieces, energy = breakage(
+        scene.laws.fragmentation,
+        impact.loss,
+        change,
+        particles.radius[i],
+        value_or(particles.grains, i, 1),
+    )
+    add_heat(scene.laws.heating, scene, particles, ledger, i, heat - energy)
+    fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy)
+
+
+@dispatch
+def fragment(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    """Break particle i into `pieces`, at a surface energy in J, where the scene has breakage."""
+
+
+@fragment.register(None)
+def _unbreakable(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    return None
+
+
+@fragment.register(ANY)
+def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+    if pieces > 1:
+        ledger.tally[BREAKUPS] += 1
+        ledger.energy[SURFACE] += energy
+        split(scene, particles, i, pieces)
+
+
+@inlined_allocating
+def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
+    """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
+
+    The first piece keeps slot and label, the others are appended. Grains are dealt out as evenly as
+    whole numbers allow.
+    """
+    grains = particles.grains[i]
+    particles.mass[i] /= pieces
+    particles.radius[i] /= pieces ** (1.0 / 3.0)
+    sites = packed_sites(pieces, particles.radius[i])
+    centre = (particles.position[0, i], particles.position[1, i], particles.position[2, i])
+    for piece in range(pieces):
+        slot = i
+        if piece > 0:
+            slot = particles.size[0]
+            particles.size[0] += 1
+            copy_slot(particles, i, slot)
+            new_label(particles.label, particles.labels_given, slot)
+        for axis in range(3):
+            coordinate = centre[axis] + sites[axis, piece]
+            particles.position[axis, slot] = wrapped(scene.escape, coordinate, scene.half_width)
+        particles.grains[slot] = grains // pieces + (1 if piece < grains % pieces else 0)
+
+
+@inlined_allocating
+def packed_sites(count, radius):  # type: ignore[no-untyped-def]
+    """Sites in m of touching equal spheres around their centre of mass, shape (3, count).
+
+    The `count` sites of a face-centred cubic lattice that are nearest to one of its sites.
+    """
+    sites = np.empty((3, count))
+    unit = math.sqrt(2.0) * radius
+    found = 0
+    shell = 0
+    while found < count:
+        reach = int(math.sqrt(shell)) + 1
+        for a in range(-reach, reach + 1):
+            for b in range(-reach, reach + 1):
+                for c in range(-reach, reach + 1):
+                    if a * a + b * b + c * c == shell and found < count:
+                        sites[0, found] = unit * a
+                        sites[1, found] = unit * b
+                        sites[2, found] = unit * c
+                        found += 1
+        shell += 2
+    for axis in range(3):
+        total = 0.0
+        for piece in range(count):
+            total += sites[axis, piece]
+        for piece in range(count):
+            sites[axis, piece] -= total / count
+    return sites
+
+
+@inlined
+def merged_radius(first, second):  # type: ignore[no-untyped-def]
+    """Radius of the sphere of both volumes, in any unit of length to the bit."""
+    larger = max(first, second)
+    return larger * (1.0 + (min(first, second) / larger) ** 3) ** (1.0 / 3.0)
+
+
+@inlined
+def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+    """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
+    normal = line_of_centres(scene, particles, i, j)
+    pair, _ = contact_pair(scene, particles, ledger, i, j, normal, time)
+    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+    mass = pair.mass_i + pair.mass_j
+    share = pair.mass_j / mass
+    laws = scene.laws
+    area = contact_area(laws.contact_area, 1.0, pair.radius)
+    reaction = 2.0 * reaction_heat(laws.reaction, area)
+    ledger.tally[COLLISIONS] += 1
+    ledger.tally[MERGES] += 1
+    ledger.energy[REACTION] += reaction
+    ledger.energy[DISSIPATED] += merge_dissipation(pair)
+    v = particles.velocity
+    for axis in range(3):
+        coordinate = particles.position[axis, i] + share * line[axis]
+        particles.position[axis, i] = wrapped(scene.escape, coordinate, scene.half_width)
+        v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
+    mixed = pair.temperature_i + share * (pair.temperature_j - pair.temperature_i)
+    set_value(particles.temperature, i, mixed)
+    left = pair.mass_i * (pair.temperature_i - mixed) + pair.mass_j * (pair.temperature_j - mixed)
+    particles.radius[i] = merged_radius(particles.radius[i], particles.radius[j])
+    particles.mass[i] = mass
+    grains = value_or(particles.grains, i, 1) + value_or(particles.grains, j, 1)
+    set_value(particles.grains, i, grains)
+    empty_slot(particles, j)
+    heat = merge_heat(laws.heating, pair) + reaction + left * laws.heat_capacity
+    add_heat(laws.heating, scene, particles, ledger, i, heat)

@@ -1,0 +1,1 @@
+"""The event-driven engine: exact times of collisions, predicted for one particle at a time."""

@@ -1,0 +1,126 @@
+"""When does a particle leave its cell, its range or the box, and what then?"""
+
+import numpy as np
+
+from agglom_mpi.kernels import inlined
+from agglom_mpi.simulation.boundary import is_periodic
+from agglom_mpi.simulation.event_driven.cells import ALONG, link, unlink
+from agglom_mpi.simulation.event_driven.flights import RANGE, catch_up_position, void_event
+
+
+@inlined
+def time_to_leave(coordinate, velocity, low, high):  # type: ignore[no-untyped-def]
+    """Time in s until a coordinate in m leaves [low, high]."""
+    if velocity > 0.0:
+        return max(0.0, high - coordinate) / velocity
+    return min(0.0, low - coordinate) / velocity if velocity < 0.0 else np.inf
+
+
+@inlined
+def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):  # type: ignore[no-untyped-def]
+    """Take leaving [low, high] along an axis as the next turn, if it comes first."""
+    time = trajectory["time"] + time_to_leave(coordinate, velocity, low, high)
+    if time < next_event["turn_time"]:
+        next_event["turn_time"] = time
+        next_event["turn"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
+
+
+@inlined
+def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
+    """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
+
+    Without cells nothing ranges: in a periodic box the images say when to look again.
+    """
+    trajectory, next_event = flights.trajectory[i], flights.next_event[i]
+    half = scene.half_width
+    next_event["turn_time"] = np.inf
+    x, y, z = trajectory["x"], trajectory["y"], trajectory["z"]
+    u, v, w = trajectory["u"], trajectory["v"], trajectory["w"]
+    if next_event["oversize"] < 0:
+        edge = 2.0 * half / cells.shape[ALONG]
+        x0, y0, z0 = (
+            next_event["a"] * edge - half,
+            next_event["b"] * edge - half,
+            next_event["c"] * edge - half,
+        )
+        earlier_crossing(trajectory, next_event, x, u, x0, x0 + edge, 0)
+        earlier_crossing(trajectory, next_event, y, v, y0, y0 + edge, 2)
+        earlier_crossing(trajectory, next_event, z, w, z0, z0 + edge, 4)
+        return
+    if not is_periodic(scene.escape):
+        earlier_crossing(trajectory, next_event, x, u, -half, half, 0)
+        earlier_crossing(trajectory, next_event, y, v, -half, half, 2)
+        earlier_crossing(trajectory, next_event, z, w, -half, half, 4)
+    if cells.shape[ALONG] > 0:
+        reach = cells.range[0]
+        earlier_crossing(trajectory, next_event, x, u, x - reach, x + reach, RANGE)
+        earlier_crossing(trajectory, next_event, y, v, y - reach, y + reach, RANGE)
+        earlier_crossing(trajectory, next_event, z, w, z - reach, z + reach, RANGE)
+
+
+@inlined
+def next_cell(index, face, along):  # type: ignore[no-untyped-def]
+    """Index along its axis of the cell behind a face, and whether the box ended there."""
+    if face & 1:
+        return (0, 1) if index + 1 == along else (index + 1, 0)
+    return (along - 1, -1) if index == 0 else (index - 1, 0)
+
+
+@inlined
+def cross_cell(scene, particles, cells, flights, i, now):  # type: ignore[no-untyped-def]
+    """Let particle i take its turn at `now` in s; through which face the look around is due.
+
+    A cell's face is where the nine cells behind it come into reach. After a jump to the opposite
+    face of the box, or at the end of a range, everybody may be.
+    """
+    next_event = flights.next_event[i]
+    face = np.int64(next_event["turn"])
+    if face == RANGE:
+        catch_up_position(scene, particles, flights, i, now)
+    else:
+        beyond = 1 if face & 1 else -1
+        if next_event["oversize"] < 0:
+            unlink(cells, next_event, i)
+            beyond = step_cell(next_event, face, cells.shape[ALONG])
+            link(cells, next_event, i)
+        if beyond != 0:
+            face = cross_face(scene, particles, flights, i, face, beyond, now)
+    schedule_crossing(scene, cells, flights, i)
+    return face
+
+
+@inlined
+def step_cell(next_event, face, along):  # type: ignore[no-untyped-def]
+    """Put a particle into the cell behind a face; ±1 if the box ended there, else 0."""
+    if face < 2:
+        next_event["a"], beyond = next_cell(next_event["a"], face, along)
+    elif face < 4:
+        next_event["b"], beyond = next_cell(next_event["b"], face, along)
+    else:
+        next_event["c"], beyond = next_cell(next_event["c"], face, along)
+    return beyond
+
+
+@inlined
+def cross_face(scene, particles, flights, i, face, beyond, now):  # type: ignore[no-untyped-def]
+    """Take particle i across a face of the box; through which face the look around is due."""
+    trajectory, next_event = flights.trajectory[i], flights.next_event[i]
+    if is_periodic(scene.escape):
+        shift = -2.0 * scene.half_width * beyond
+        if face < 2:
+            trajectory["x"] += shift
+        elif face < 4:
+            trajectory["y"] += shift
+        else:
+            trajectory["z"] += shift
+        return face
+    catch_up_position(scene, particles, flights, i, now)
+    opposite = -scene.half_width * beyond
+    if face < 2:
+        trajectory["x"] = opposite
+    elif face < 4:
+        trajectory["y"] = opposite
+    else:
+        trajectory["z"] = opposite
+    void_event(next_event)
+    return RANGE

@@ -1,0 +1,282 @@
+"""Quantities that are measured of a sample, and the frame that it is simulated in.
+
+In that of the centre of mass, if nothing asks for another: a drifting cloud crosses cells for
+nothing, and a drift a million times the other velocities takes six digits from them.
+"""
+
+import math
+
+import numpy as np
+
+from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating
+from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.simulation.boundary import (
+    Periodic,
+    Reentry,
+    cell_of,
+    sort_into_cells,
+    wrapped,
+    wrapped_cell,
+)
+from agglom_mpi.simulation.particles import (
+    BREAKUPS,
+    CAPPED,
+    COLLISIONS,
+    DISSIPATED,
+    EXCHANGED,
+    FLOORED,
+    MERGES,
+    PARTICLE_STEPS,
+    RADIATED,
+    REACTION,
+    STEPS,
+    SURFACE,
+    UNRESOLVED,
+    largest_radius,
+    value_or,
+)
+from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
+from agglom_mpi.simulation.time_driven.neighbours import squared_distance
+
+
+@dispatch
+def is_frame_dependent(model: Submodel | None) -> bool:
+    """Whether a submodel's results depend on the frame of reference.
+
+    Those of time steps do: they shift overlapping spheres along their velocities  [A 8].
+    """
+
+
+@is_frame_dependent.register(None, Periodic, PairSplit, PairEnergyFragmentation, EventDriven)
+def _galilean(model):  # type: ignore[no-untyped-def]
+    return False
+
+
+@is_frame_dependent.register(Reentry, OwnEnergy, OwnEnergyFragmentation, FixedSteps, AdaptiveSteps)
+def _at_rest(model):  # type: ignore[no-untyped-def]
+    return True
+
+
+@inlined
+def to_mass_frame(scene, particles):  # type: ignore[no-untyped-def]
+    """Go to the centre-of-mass frame where the scene allows it; its velocity in m/s."""
+    laws = scene.laws
+    if is_frame_dependent(scene.engine) or is_frame_dependent(scene.escape):
+        return 0.0, 0.0, 0.0
+    if is_frame_dependent(laws.heating) or is_frame_dependent(laws.fragmentation):
+        return 0.0, 0.0, 0.0
+    momentum, mass = total_momentum(particles)
+    drift = (momentum[0] / mass, momentum[1] / mass, momentum[2] / mass)
+    for axis in range(3):
+        for i in range(particles.size[0]):
+            particles.velocity[axis, i] -= drift[axis]
+    return drift
+
+
+@inlined
+def to_box_frame(scene, particles, drift, time):  # type: ignore[no-untyped-def]
+    """Return to the frame of the box after `time` in s.
+
+    Everybody moves by the same rounded way, so that neighbours stay apart after a million boxes.
+    """
+    for axis in range(3):
+        if drift[axis] != 0.0:
+            way = wrapped(scene.escape, drift[axis] * time, scene.half_width)
+            for i in range(particles.size[0]):
+                particles.velocity[axis, i] += drift[axis]
+                moved = particles.position[axis, i] + way
+                particles.position[axis, i] = wrapped(scene.escape, moved, scene.half_width)
+
+
+@inlined
+def total_momentum(particles):  # type: ignore[no-untyped-def]
+    """Momentum in kg m/s, three components, and mass in kg."""
+    m, v = particles.mass, particles.velocity
+    mass, x, y, z = 0.0, 0.0, 0.0, 0.0
+    for i in range(particles.size[0]):
+        mass += m[i]
+        x += m[i] * v[0, i]
+        y += m[i] * v[1, i]
+        z += m[i] * v[2, i]
+    return (x, y, z), mass
+
+
+@inlined
+def fluctuation_energy(particles):  # type: ignore[no-untyped-def]
+    """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
+    momentum, mass = total_momentum(particles)
+    energy, impetus = 0.0, 0.0
+    for i in range(particles.size[0]):
+        square = 0.0
+        for axis in range(3):
+            square += (particles.velocity[axis, i] - momentum[axis] / mass) ** 2
+        energy += 0.5 * particles.mass[i] * square
+        impetus += particles.mass[i] * math.sqrt(square)
+    return energy, impetus
+
+
+@inlined
+def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
+    """Thermal energy in J above the scene's temperature; none where nothing heats."""
+    energy = 0.0
+    if heating is not None:
+        capacity = scene.laws.heat_capacity
+        for i in range(particles.size[0]):
+            excess = particles.temperature[i] - scene.temperature
+            energy += particles.mass[i] * capacity * excess
+    return energy
+
+
+@inlined
+def cell_edge(particles):  # type: ignore[no-untyped-def]
+    """Edge in m of cells for most of the spheres: the largest diameter, or twice the mean one."""
+    total = 0.0
+    for i in range(particles.size[0]):
+        total += particles.radius[i]
+    return 2.0 * min(largest_radius(particles), 2.0 * total / particles.size[0])
+
+
+@inlined_allocating
+def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
+    """Pairs that overlap by more than rounding; who is too large for cells is met by everybody."""
+    half = scene.half_width
+    count = particles.size[0]
+    most = int((2.0 * count) ** (1.0 / 3.0)) + 1
+    edge = cell_edge(particles)
+    cells = max(1, min(most, int(min(1e6, 2.0 * half / edge))))
+    found = 0
+    for i in range(count):
+        if 2.0 * particles.radius[i] > edge:
+            for j in range(count):
+                if 2.0 * particles.radius[j] <= edge or j > i:
+                    found += overlap(scene, particles, i, j)
+    order, start = sort_into_cells(particles, cells, half)
+    for i in range(count):
+        if 2.0 * particles.radius[i] <= edge:
+            found += overlaps_around(scene, particles, cells, order, start, edge, i)
+    return found
+
+
+@inlined
+def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ignore[no-untyped-def]
+    """Pairs of sphere i and a later one that fits into cells too and that it overlaps."""
+    half, r = scene.half_width, particles.position
+    a, b, c = (
+        cell_of(r[0, i], cells, half),
+        cell_of(r[1, i], cells, half),
+        cell_of(r[2, i], cells, half),
+    )
+    low, high = (-1, 1) if cells > 2 else (0, cells - 1)
+    if cells <= 2:
+        a, b, c = 0, 0, 0
+    found = 0
+    for p in range(a + low, a + high + 1):
+        for q in range(b + low, b + high + 1):
+            layer = (wrapped_cell(p, cells) * cells + wrapped_cell(q, cells)) * cells
+            for s in range(c + low, c + high + 1):
+                cell = layer + wrapped_cell(s, cells)
+                for k in range(start[cell], start[cell + 1]):
+                    j = order[k]
+                    if j > i and 2.0 * particles.radius[j] <= edge:
+                        found += overlap(scene, particles, i, j)
+    return found
+
+
+@inlined
+def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
+    """1 if two spheres overlap by more than rounding, else 0."""
+    limit = (particles.radius[i] + particles.radius[j]) * (1.0 - 1e-12)
+    squared = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+    return 1 if squared < limit * limit else 0
+
+
+@inlined
+def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
+    """Mean of b/b⁰ and its central moments 2, 3, 4, dimensionless."""
+    count = particles.size[0]
+    mean = 0.0
+    for i in range(count):
+        mean += particles.radius[i] / reference
+    mean /= count
+    second, third, fourth = 0.0, 0.0, 0.0
+    for i in range(count):
+        deviation = particles.radius[i] / reference - mean
+        second += deviation**2
+        third += deviation**3
+        fourth += deviation**4
+    return mean, second / count, third / count, fourth / count
+
+
+@inlined
+def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-untyped-def]
+    """Mean temperature by mass in K, not beyond any; `otherwise` where there are none."""
+    if temperature is None:
+        return otherwise
+    total, mass = 0.0, 0.0
+    low, high = np.inf, 0.0
+    for i in range(particles.size[0]):
+        total += particles.mass[i] * temperature[i]
+        mass += particles.mass[i]
+        low, high = min(low, temperature[i]), max(high, temperature[i])
+    return min(high, max(low, total / mass))
+
+
+@inlined
+def measure(scene, particles, out):  # type: ignore[no-untyped-def]
+    """Write radii and temperature of the final state into the outcome record."""
+    mean, second, third, fourth = radius_moments(particles, scene.radius)
+    out["mean_radius_ratio"] = mean
+    out["radius_moment_2"] = second
+    out["radius_moment_3"] = third
+    out["radius_moment_4"] = fourth
+    out["mean_temperature"] = mean_temperature(particles.temperature, particles, scene.temperature)
+    out["particles"] = particles.size[0]
+    out["overlaps"] = count_overlaps(scene, particles)
+
+
+@inlined
+def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-untyped-def]
+    """Write counts and closure errors into the outcome record.
+
+    `start` holds momentum, mass, kinetic energy, sum of m|v| and heat of the start, kinetic energy
+    and sum in the centre-of-mass frame, heat above the scene's temperature. With heat the first law
+    is closed; without, only what impacts dissipate.
+    """
+    tally, energy = ledger.tally, ledger.energy
+    out["steps"] = tally[STEPS]
+    out["particle_steps"] = tally[PARTICLE_STEPS]
+    out["collisions"] = tally[COLLISIONS]
+    out["merges"] = tally[MERGES]
+    out["breakups"] = tally[BREAKUPS]
+    out["capped_iterations"] = tally[CAPPED]
+    out["floored_temperatures"] = tally[FLOORED]
+    out["largest_residual"] = ledger.residual[0]
+    momentum, _ = total_momentum(particles)
+    initial_momentum, _, initial_energy, impetus, heat = start
+    square = 0.0
+    for axis in range(3):
+        square += (momentum[axis] - initial_momentum[axis]) ** 2
+    change = math.sqrt(square)
+    out["momentum_error"] = change / impetus if impetus > 0.0 else change
+    kinetic, _ = fluctuation_energy(particles)
+    balance = kinetic - initial_energy
+    if scene.laws.heating is None:
+        balance += energy[DISSIPATED]
+    else:
+        balance += thermal_energy(scene.laws.heating, scene, particles) - heat
+        balance += energy[RADIATED] + energy[SURFACE] + energy[UNRESOLVED] - energy[REACTION]
+    flowed = initial_energy + energy[REACTION] + energy[EXCHANGED] + energy[SURFACE]
+    out["energy_error"] = balance / flowed if flowed > 0.0 else balance
+
+
+@inlined
+def is_finite(particles):  # type: ignore[no-untyped-def]
+    """Whether every coordinate, velocity, radius, mass and temperature is a number."""
+    total = 0.0
+    for i in range(particles.size[0]):
+        total += particles.radius[i] + particles.mass[i]
+        total += value_or(particles.temperature, i, 0.0)
+        for axis in range(3):
+            total += particles.position[axis, i] + particles.velocity[axis, i]
+    return math.isfinite(total)

@@ -1,0 +1,158 @@
+"""A run in stretches, from a given state: the kernels behind `agglom_mpi.coupling`.
+
+The engines are those of a sample. Looking is done on copies, so that it does not matter to what
+follows how often somebody looks, nor in how many stretches a time is run through.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+import agglom_mpi.simulation.event_driven.engine
+import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
+from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.simulation.initial_state import draw_velocities, place_randomly
+from agglom_mpi.simulation.measurement import (
+    count_overlaps,
+    fluctuation_energy,
+    is_finite,
+    mean_temperature,
+    radius_moments,
+    to_mass_frame,
+    total_momentum,
+)
+from agglom_mpi.simulation.particles import (
+    EXCHANGED,
+    EXHAUSTED,
+    RADIATED,
+    Ledger,
+    Particles,
+    new_cooling_times,
+    new_impact_times,
+)
+from agglom_mpi.simulation.scene import Scene, advance_to, copy_at, initialize
+from agglom_mpi.simulation.trajectory import FrameRecorder, cool_copies, note_drift, return_copies
+
+OBSERVATION: Final = np.dtype(
+    [(name, "f8") for name in ("mean_radius", "radius_variance", "mass", "x", "y", "z")]
+    + [(name, "f8") for name in ("fluctuation", "temperature", "pending", "reached")]
+    + [("particles", "i8"), ("finite", "u1")]
+)
+"""What is seen of the particles, SI: radii, mass, momentum, kinetic energy about the mean velocity,
+temperature by mass, the heat radiated that no ledger has yet, the time reached."""
+
+
+def empty_particles(scene: Scene, capacity: int) -> Particles:
+    """Return room for `capacity` particles, with temperatures, grains and labels in any scene."""
+    return Particles(
+        size=np.zeros(1, np.int64),
+        position=np.zeros((3, capacity)),
+        velocity=np.zeros((3, capacity)),
+        radius=np.zeros(capacity),
+        mass=np.zeros(capacity),
+        temperature=np.zeros(capacity),
+        cooled_to=new_cooling_times(scene.cooling, capacity),
+        last_impact=new_impact_times(scene.laws.restitution, capacity),
+        grains=np.zeros(capacity, np.int64),
+        label=np.zeros(capacity, np.int64),
+        labels_given=np.zeros(1, np.int64),
+    )
+
+
+def empty_ledger() -> Ledger:
+    """Return a ledger without entries."""
+    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+
+
+def new_observer(scene: Scene, capacity: int) -> Any:
+    """Return what particles with room for `capacity` are copied to when they are looked at."""
+    copy = empty_particles(scene, capacity)
+    return FrameRecorder(None, np.zeros(1, np.int64), np.zeros(3), copy, empty_ledger())  # type: ignore[arg-type]
+
+
+@kernel
+def scatter(escape, velocities, random, sizes, half_width, position, velocity):  # type: ignore[no-untyped-def]
+    """Place spheres as the grains of a sample are placed, and draw velocities as those have.
+
+    Parameters
+    ----------
+    escape, velocities, half_width
+        Those of the scene, without its laws: one machine code serves many scenes.
+    random : numpy.random.Generator
+    sizes : EqualSizes, Sizes or None, to place nobody
+    position, velocity : array, shape (3, N), m and m/s, filled; no velocity if it is None
+
+    Returns
+    -------
+    bool
+        False if a sphere found no place.
+    """
+    if sizes is not None:  # noqa: SIM102  (types decide this one when it is compiled)
+        if not place_randomly(random, escape, position, sizes, half_width):
+            return False
+    if velocity is not None:
+        draw_velocities(velocities, random, velocity)
+    return True
+
+
+@kernel
+def overlaps_of(scene, particles):  # type: ignore[no-untyped-def]
+    """Pairs of particles that overlap by more than rounding."""
+    return count_overlaps(scene, particles)
+
+
+@kernel
+def start_run(scene, particles, observer, seen):  # type: ignore[no-untyped-def]
+    """Begin a run at the time 0 with particles as they are, and look at them.
+
+    Parameters
+    ----------
+    scene : Scene
+    particles : Particles, the engine's own from now on
+    observer : Recorder; its copy shows the particles from now on
+    seen : array of `OBSERVATION`, shape (1,), filled
+
+    Returns
+    -------
+    NamedTuple
+        What the engine keeps, for `advance_run`.
+    """
+    note_drift(observer, to_mass_frame(scene, particles))
+    engine_state = initialize(scene.engine, scene, particles)
+    observe(scene, particles, engine_state, observer, 0.0, seen[0])
+    return engine_state
+
+
+@kernel
+def advance_run(scene, particles, engine_state, observer, ledger, until, abort, seen):  # type: ignore[no-untyped-def]
+    """Run particles on up to `until` in s, and look at them; see `start_run`.
+
+    The ledger is added to. The time reached, in `seen`, is earlier if a budget was used up.
+    """
+    reached = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
+    observe(scene, particles, engine_state, observer, reached, seen[0])
+
+
+@inlined
+def observe(scene, particles, engine_state, observer, time, seen):  # type: ignore[no-untyped-def]
+    """Copy the particles as they are at `time` in s, and measure the copies."""
+    observer.ledger.energy[RADIATED] = 0.0
+    copy_at(scene.engine, scene, particles, engine_state, observer, time)
+    cool_copies(observer, scene, time)
+    copy = observer.copy
+    energy, _ = fluctuation_energy(copy)
+    return_copies(observer, scene, time)
+    momentum, mass = total_momentum(copy)
+    mean, variance, _, _ = radius_moments(copy, 1.0)
+    seen["mean_radius"] = mean
+    seen["radius_variance"] = variance
+    seen["mass"] = mass
+    seen["x"] = momentum[0]
+    seen["y"] = momentum[1]
+    seen["z"] = momentum[2]
+    seen["fluctuation"] = energy
+    seen["temperature"] = mean_temperature(copy.temperature, copy, scene.temperature)
+    seen["pending"] = observer.ledger.energy[RADIATED]
+    seen["reached"] = time
+    seen["particles"] = copy.size[0]
+    seen["finite"] = np.uint8(is_finite(copy))

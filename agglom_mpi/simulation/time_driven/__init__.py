@@ -1,0 +1,1 @@
+"""The published steppers: fixed steps [A] and adaptive steps [B]."""

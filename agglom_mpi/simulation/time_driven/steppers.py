@@ -1,0 +1,246 @@
+"""The steppers of the papers: equal steps [A]; the smallest gap over approach speed [B].
+
+Equal steps take the nearest neighbour of each particle in turn and merge at once, the others
+merge after all pairs.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.simulation.boundary import separation
+from agglom_mpi.simulation.collision import BONDED, BOUNCED, merge, resolve_contact
+from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
+from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to, run_to_end
+from agglom_mpi.simulation.time_driven.neighbours import (
+    MOVED,
+    find_partners,
+    note_moved,
+    squared_distance,
+    update_neighbours,
+    update_partner,
+)
+from agglom_mpi.simulation.time_driven.stepping import (
+    LENGTH,
+    aborted,
+    cool,
+    count_step,
+    end_of_step,
+    finish_step,
+    is_contact,
+    is_over,
+    move,
+    new_steps,
+    note_new,
+    note_step,
+    record_step,
+    shift_apart,
+)
+
+
+@run_to_end.register(FixedSteps)
+def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+    steps = new_steps(particles)
+    step = scene.end_time / engine.steps
+    for index in range(engine.steps):
+        time = index * step
+        if aborted(abort):
+            return time
+        process_contacts_sequentially(scene, particles, ledger, steps, time)
+        record_step(recorder, scene, particles, time, step, (index + 1) * step)
+        move(scene, particles, step)
+        cool(scene.cooling, scene, particles, ledger, step)
+    return scene.end_time
+
+
+@advance_to.register(FixedSteps)
+def _more_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+    step = scene.end_time / engine.steps
+    while is_over(engine_state, engine_state.number[0] * step, step, until) and not aborted(abort):
+        finish_step(scene, particles, ledger, engine_state)
+        time = engine_state.number[0] * step
+        process_contacts_sequentially(scene, particles, ledger, engine_state, time)
+        note_step(engine_state, time, step)
+    return until
+
+
+@inlined
+def process_contacts_sequentially(scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+    """Resolve the contacts at the beginning of a step, at `time` in s."""
+    partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
+    merged = steps.merged[0]
+    count_step(particles, ledger)
+    if merged:  # breaking only makes it less
+        steps.reach[0] = largest_radius(particles)
+    reach = steps.reach[0]
+    update_neighbours(scene, particles, neighbours, time, merged, 2.0 * reach)
+    find_partners(scene, particles, neighbours, partner, squared, reach)
+    merged = resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time)
+    if merged:
+        compact(particles)
+    steps.merged[0] = merged
+
+
+@inlined
+def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
+    """Let each particle collide with its nearest neighbour if they touch; whether any merged."""
+    merged = False
+    mass, radius, moved = particles.mass, particles.radius, neighbours.tally
+    for i in range(particles.size[0]):
+        if moved[MOVED] > 0:
+            if mass[i] == 0.0:  # merged in this step, or it would have been compacted
+                continue
+            update_partner(scene, particles, neighbours, partner, squared, i)
+        j = partner[i]
+        if j < 0 or not is_contact(radius, i, j, squared[i]):
+            continue
+        current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+        if not is_contact(particles.radius, i, j, current):
+            continue
+        reach = particles.radius[i] + particles.radius[j]
+        size = particles.size[0]
+        kind = resolve_contact(scene, particles, ledger, i, j, time)
+        if kind == BONDED:
+            merge(scene, particles, ledger, i, j, time)
+            note_moved(neighbours, i)
+            merged = True
+        elif kind == BOUNCED:
+            note_new(particles, neighbours, size)
+            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
+    return merged
+
+
+MOST_STEPS: Final = 10_000_000
+"""Steps after which a sample fails: its floor is too small for its end time."""
+
+
+@run_to_end.register(AdaptiveSteps)
+def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+    steps = new_steps(particles)
+    time = 0.0
+    while time < scene.end_time and not aborted(abort):
+        if ledger.tally[STEPS] >= MOST_STEPS:
+            ledger.tally[EXHAUSTED] = 1
+            break
+        step = process_contacts_simultaneously(engine, scene, particles, ledger, steps, time)
+        step = min(step, scene.end_time - time)
+        record_step(recorder, scene, particles, time, step, time + step)
+        move(scene, particles, step)
+        cool(scene.cooling, scene, particles, ledger, step)
+        time = scene.end_time if time + step >= scene.end_time else time + step
+    return time
+
+
+@advance_to.register(AdaptiveSteps)
+def _more_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+    while is_over(
+        engine_state, end_of_step(engine_state), engine_state.clock[LENGTH], until
+    ) and not aborted(abort):
+        if ledger.tally[STEPS] >= MOST_STEPS:
+            ledger.tally[EXHAUSTED] = 1
+            return end_of_step(engine_state)
+        finish_step(scene, particles, ledger, engine_state)
+        time = end_of_step(engine_state)
+        step = process_contacts_simultaneously(engine, scene, particles, ledger, engine_state, time)
+        note_step(engine_state, time, step)
+    return until
+
+
+@inlined
+def process_contacts_simultaneously(engine, scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+    """Resolve the contacts at the beginning of a step, at `time` in s; how long it is, in s."""
+    partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
+    count_step(particles, ledger)
+    update_neighbours(scene, particles, neighbours, time, steps.merged[0], np.inf)
+    find_partners(scene, particles, neighbours, partner, squared, np.inf)
+    merged = resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time)
+    update_partners(scene, particles, neighbours, partner, squared)
+    step = max(engine.floor, smallest_flight(scene, particles, partner, engine.ceiling))
+    if merged:
+        compact(particles)
+    steps.merged[0] = merged
+    return step
+
+
+@inlined_allocating
+def resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
+    """Let nearest neighbours in contact collide, then merge all that bonded; whether any did."""
+    bonded_i = [0 for _ in range(0)]
+    bonded_j = [0 for _ in range(0)]
+    for i in range(particles.size[0]):
+        j = partner[i]
+        if (
+            j < 0
+            or (partner[j] == i and j < i)
+            or not is_contact(particles.radius, i, j, squared[i])
+        ):
+            continue
+        current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+        if not is_contact(particles.radius, i, j, current):
+            continue
+        reach = particles.radius[i] + particles.radius[j]
+        size = particles.size[0]
+        kind = resolve_contact(scene, particles, ledger, i, j, time)
+        if kind == BONDED:
+            bonded_i.append(i)
+            bonded_j.append(j)
+        elif kind == BOUNCED:
+            note_new(particles, neighbours, size)
+            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
+    merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time)
+    return len(bonded_i) > 0
+
+
+@inlined_allocating
+def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):  # type: ignore[no-untyped-def]
+    """Merge every chain of bonded pairs into its lowest particle."""
+    if len(bonded_i) == 0:
+        return
+    owner = np.arange(particles.size[0])
+    for k in range(len(bonded_i)):
+        i, j = bonded_i[k], bonded_j[k]
+        while owner[i] != i:
+            i = owner[i]
+        while owner[j] != j:
+            j = owner[j]
+        if i != j:
+            low, high = min(i, j), max(i, j)
+            merge(scene, particles, ledger, low, high, time)
+            owner[high] = low
+            note_moved(neighbours, low)
+
+
+@inlined
+def update_partners(scene, particles, neighbours, partner, squared):  # type: ignore[no-untyped-def]
+    """Bring everybody's nearest neighbour up to date after the contacts of this step."""
+    if neighbours.tally[MOVED] == 0:
+        return
+    for i in range(particles.size[0]):
+        if particles.mass[i] == 0.0:
+            partner[i] = -1
+        else:
+            update_partner(scene, particles, neighbours, partner, squared, i)
+
+
+@inlined
+def smallest_flight(scene, particles, partner, ceiling):  # type: ignore[no-untyped-def]
+    """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
+    smallest = ceiling
+    escape, half, radius = scene.escape, scene.half_width, particles.radius
+    x, y, z = particles.position[0], particles.position[1], particles.position[2]
+    u, v, w = particles.velocity[0], particles.velocity[1], particles.velocity[2]
+    for i in range(particles.size[0]):
+        j = partner[i]
+        if j < 0:
+            continue
+        dx = separation(escape, x[j] - x[i], half)
+        dy = separation(escape, y[j] - y[i], half)
+        dz = separation(escape, z[j] - z[i], half)
+        closing = (u[i] - u[j]) * dx + (v[i] - v[j]) * dy + (w[i] - w[j]) * dz
+        if closing > 0.0:
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            gap = max(0.0, distance - radius[i] - radius[j])
+            smallest = min(smallest, gap * distance / closing)
+    return smallest

@@ -1,0 +1,216 @@
+"""Running and pooled means and moments, their standard errors, and Student's t.
+
+The moments of all particles are functions of the samples' means of a few numbers: particles left,
+and the sums of the powers of their radii. So their standard errors follow from the covariance of
+these numbers between samples, which is kept up to date in constant time.
+
+`scipy.special` is imported when it is used: to load it takes a quarter of a second.
+"""
+
+import math
+from collections.abc import Mapping
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Central = tuple[float, float, float]
+"""Central moments 2, 3, 4."""
+
+
+class RunningMean:
+    """Mean and standard error of the values so far (Welford)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = math.nan
+        self._squares = 0.0
+
+    def add(self, value: float) -> None:
+        """Take one more value."""
+        self.count += 1
+        if self.count == 1:
+            self.mean = value
+            return
+        step = value - self.mean
+        self.mean += step / self.count
+        self._squares += step * (value - self.mean)
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean, nan below two values."""
+        if self.count < 2:
+            return math.nan
+        return math.sqrt(self._squares / (self.count - 1) / self.count)
+
+
+class PooledMoments:
+    """Central moments of all members of the groups so far, from the groups' own moments.
+
+    The sums of powers about the common mean are combined pairwise by the exact shift formulas
+    (Chan, Golub and LeVeque 1979; Pébay 2008), so no member is ever looked at again.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = 0.0
+        self._sums = (0.0, 0.0, 0.0)
+
+    def add(self, count: int, mean: float, central: Central) -> None:
+        """Take one more group: its size, mean and central moments 2, 3, 4."""
+        a, b = self.count, count
+        n = a + b
+        shift = mean - self.mean
+        a2, a3, a4 = self._sums
+        b2, b3, b4 = (moment * b for moment in central)
+        self._sums = (
+            a2 + b2 + shift**2 * a * b / n,
+            a3 + b3 + shift**3 * a * b * (a - b) / n**2 + 3 * shift * (a * b2 - b * a2) / n,
+            a4
+            + b4
+            + shift**4 * a * b * (a * a - a * b + b * b) / n**3
+            + 6 * shift**2 * (a * a * b2 + b * b * a2) / n**2
+            + 4 * shift * (a * b3 - b * a3) / n,
+        )
+        self.count = n
+        self.mean += shift * b / n
+
+    @property
+    def central(self) -> tuple[float, float, float]:
+        """Central moments 2, 3, 4 of all members [A 24]; needs a member."""
+        second, third, fourth = self._sums
+        return second / self.count, third / self.count, fourth / self.count
+
+
+class PooledMomentErrors:
+    """Means over samples, and covariance, of (mean b/b⁰, n, S1, S2, S3, S4).
+
+    S_r is the sum over the n particles of a sample of (b/b⁰ - c)^r; c is the mean of the first
+    sample, so that little cancels.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._origin = 0.0
+        self._means = np.zeros(6)
+        self._products = np.zeros((6, 6))
+
+    def add(self, particles: int, mean: float, central: Central) -> None:
+        """Take one more sample: its number of particles, their mean and central moments."""
+        if self.count == 0:
+            self._origin = mean
+        self.count += 1
+        numbers = self._numbers(particles, mean, central)
+        step = numbers - self._means
+        self._means += step / self.count
+        self._products += np.outer(step, numbers - self._means)
+
+    def standard_error(self, slopes: Mapping[str, float], central: Central) -> float:
+        """Return the standard error of a function of the moments; needs two samples.
+
+        Parameters
+        ----------
+        slopes
+            Its derivatives by `mean`, the mean over samples, and by the central moments `second`,
+            `third` and `fourth` of all particles.
+        central
+            These three moments.
+        """
+        along = self._gradient(slopes, central)
+        squares = max(0.0, float(along @ self._products @ along))
+        return math.sqrt(squares / (self.count - 1) / self.count)
+
+    def influence(
+        self,
+        sample: tuple[int, float, Central],
+        slopes: Mapping[str, float],
+        central: Central,
+    ) -> float:
+        """Return how far one sample, as for `add`, moves such a function, times their number."""
+        away = self._numbers(*sample) - self._means
+        return float(self._gradient(slopes, central) @ away)
+
+    def _numbers(self, particles: int, mean: float, central: Central) -> NDArray[np.float64]:
+        second, third, fourth = central
+        d = mean - self._origin
+        about_origin = (
+            d,
+            second + d**2,
+            third + 3.0 * d * second + d**3,
+            fourth + 4.0 * d * third + 6.0 * d**2 * second + d**4,
+        )
+        return np.array([mean, particles, *(particles * power for power in about_origin)])
+
+    def _gradient(self, slopes: Mapping[str, float], central: Central) -> NDArray[np.float64]:
+        """Return the derivatives by the six means, shape (6,).
+
+        With D the distance of the common mean from c, the sums about that mean are binomial sums of
+        S_r; that mean itself moves with S1 - D n, which changes moment r by -r M_{r-1}.
+        """
+        m2, m3, m4 = central
+        n, distance = self._means[1], self._means[2] / self._means[1]
+        a, b, c = (slopes.get(name, 0.0) / n for name in ("second", "third", "fourth"))
+        d, d2, d3 = distance, distance**2, distance**3
+        return np.array(
+            [
+                slopes.get("mean", 0.0),
+                a * (d2 - m2) + b * (3.0 * d * m2 - d3 - m3) + c * (d2 * d2 + 4.0 * d * m3 - m4),
+                -2.0 * a * d + 3.0 * b * (d2 - m2) - 4.0 * c * (d3 + m3),
+                a - 3.0 * b * d + 6.0 * c * d2,
+                b - 4.0 * c * d,
+                c,
+            ]
+        )
+
+
+class MeanEstimate(NamedTuple):
+    """A mean over so many independent samples, and its standard error, nan for one of them."""
+
+    value: float
+    error: float
+    samples: int
+
+    @property
+    def half_width(self) -> float:
+        """Half the 95 % t interval; inf where there is none."""
+        return t_95(self.samples - 1) * self.error if self.samples > 1 else math.inf
+
+
+def mean_of(values: ArrayLike) -> MeanEstimate:
+    """Mean and standard error of independent values, shape (n,); that of none is nan."""
+    numbers = np.asarray(values, float)
+    if numbers.size == 0:
+        return MeanEstimate(math.nan, math.nan, 0)
+    if numbers.size == 1:
+        return MeanEstimate(float(numbers[0]), math.nan, 1)
+    error = float(np.std(numbers, ddof=1)) / math.sqrt(numbers.size)
+    return MeanEstimate(float(np.mean(numbers)), error, numbers.size)
+
+
+def t_95(freedom: int) -> float:
+    """Return the two-sided 95 % quantile of Student's t; see `t_quantile`."""
+    return t_quantile(freedom, 0.95)
+
+
+@cache
+def t_quantile(freedom: int, coverage: float) -> float:
+    """Return the t with P(|T| < t) = coverage.
+
+    Parameters
+    ----------
+    freedom
+        Degrees of freedom, at least 1: one less than the number of samples.
+    coverage
+        The probability, above 0 and below 1.
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.5 + 0.5 * coverage))
+
+
+def t_tails(t: float, freedom: float) -> float:
+    """Return P(|T| > t), also for fractional degrees of freedom."""
+    from scipy.special import stdtr
+
+    return 2.0 * float(stdtr(freedom, -abs(t)))

@@ -1,0 +1,1 @@
+"""The campaign file in HDF5: its tables, written, read and verified."""

@@ -1,0 +1,188 @@
+"""Opening a campaign file: no locks, no sieve buffer, one clear error if it is not one."""
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import h5py
+import numpy as np
+from h5py import h5f, h5p
+
+from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
+from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, layouts
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+_LEAST_ROOM: Final = 1 << 16
+"""Bytes; a disc with less room left is full."""
+
+_SYMPTOMS: Final = (
+    *(ArithmeticError, AttributeError, LookupError, MemoryError),
+    *(OSError, RuntimeError, TypeError, ValueError),
+)
+
+
+class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
+    """The file is no campaign file that this program can read; one line says why."""
+
+    exit_code = BAD_INPUT
+
+
+class DamagedCampaign(NotACampaign):
+    """The file was a campaign file once; nothing here can open it any more."""
+
+    exit_code = FAILURE
+
+
+def open_file(
+    path: Path,
+    *,
+    write: bool = False,
+    thorough: bool = True,
+    world: "Intracomm | None" = None,
+) -> h5py.File:
+    """Open a campaign file and make sure that it is one.
+
+    Not `thorough`, it only believes what the file says of itself: the columns of all tables
+    take longer to check than a few rows to read. With a `world` all its ranks open the file
+    together, and close it together.
+
+    Raises
+    ------
+    NotACampaign
+        If it is something else, of a newer format version, or a compact copy to be written to;
+        truncated or damaged, a `DamagedCampaign`.
+    OSError
+        If it is missing or cannot be read; names the path.
+    """
+    flags = h5f.ACC_RDWR if write else h5f.ACC_RDONLY
+    # Opened for writing, an empty file would silently become an HDF5 file.
+    if path.is_file() and path.stat().st_size == 0:
+        raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")
+    try:
+        file = h5py.File(h5f.open(os.fsencode(path), flags, fapl=_access_list(world)))
+    except OSError as error:
+        if error.errno:
+            raise with_path(error, path) from error
+        raise _explain(path, str(error)) from error
+    try:
+        with damage_named(path):
+            _check_format(file, path)
+            if thorough:
+                _check_tables(file, path)
+        if write:
+            refuse_compact(file, path)
+    except BaseException:
+        if world is None:  # or it would wait for the others
+            file.close()
+        raise
+    return file
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Raise a DamagedCampaign for what h5py and NumPy raise where HDF5's own bytes are damaged.
+
+    A failed system call, an OSError with a number, says nothing of the file and is passed on.
+    """
+    try:
+        yield
+    except NotACampaign:
+        raise
+    except _SYMPTOMS as error:
+        if isinstance(error, OSError) and error.errno:
+            raise
+        text = " ".join(str(error).removeprefix(f"{path}: ").split())
+        raise DamagedCampaign(f"{path}: a damaged campaign file ({text})") from error
+
+
+def read_attributes(file: h5py.File, path: Path) -> dict[str, Any]:
+    """Read what a campaign file says of itself; raises DamagedCampaign."""
+    with damage_named(path):
+        return {
+            name: value.item() if isinstance(value, np.generic) else value
+            for name, value in file.attrs.items()
+        }
+
+
+def refuse_compact(file: h5py.File, path: Path) -> None:
+    """Raise NotACampaign if writing to the file could tear it: its rows lie in chunks."""
+    if file["samples"].chunks is not None:
+        raise NotACampaign(
+            f"{path}: a compact copy, which can be read but not continued; continue the file "
+            "that it was made of, or start another with --output"
+        )
+
+
+def with_path(error: OSError | RuntimeError, path: Path) -> OSError:
+    """Replace HDF5's long account of a failed system call by its reason and the path.
+
+    What fails in closing a file h5py reports as a RuntimeError, the number in its text.
+    """
+    found = re.search(r"errno = (\d+)", str(error))
+    number = getattr(error, "errno", None) or (int(found[1]) if found else None)
+    if number is None and _is_full(path):  # MPI-IO does not say why it failed
+        number = errno.ENOSPC
+    if number:
+        return OSError(number, os.strerror(number), str(path))
+    return OSError(f"{path}: {error}")
+
+
+def _is_full(path: Path) -> bool:
+    try:
+        room = os.statvfs(path)
+    except OSError:
+        return False
+    return room.f_bavail * room.f_frsize < _LEAST_ROOM
+
+
+def _access_list(world: "Intracomm | None" = None) -> h5p.PropFAID:
+    access = h5p.create(h5p.FILE_ACCESS)
+    if world is not None:
+        from mpi4py import MPI
+
+        access.set_fapl_mpio(world, MPI.Info())
+    # A sieve buffer would hold rows back and let their done bytes reach the file first.
+    access.set_sieve_buf_size(0)
+    access.set_file_locking(False, True)
+    # Newer formats mark a file that is open for writing and refuse it after a kill.
+    access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+    return access
+
+
+def _explain(path: Path, message: str) -> NotACampaign:
+    if "signature not found" in message:
+        return NotACampaign(f"{path}: not an HDF5 file")
+    if "truncated file" in message:
+        return DamagedCampaign(f"{path}: a truncated HDF5 file")
+    return DamagedCampaign(f"{path}: a damaged HDF5 file ({message})")
+
+
+def _check_tables(file: h5py.File, path: Path) -> None:
+    for layout in layouts(file.attrs):
+        names = (layout.name, layout.done) if layout.final else (layout.name,)
+        dtypes = [file[name].dtype for name in names]
+        if dtypes[0] != layout.dtype:
+            raise NotACampaign(
+                f"{path}: table /{layout.name} has other columns than this version of "
+                f"agglom_mpi expects (written by version {file.attrs['code_version']})"
+            )
+
+
+def _check_format(file: h5py.File, path: Path) -> None:
+    kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
+    if kind != FORMAT:
+        raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
+    if version < 1:
+        raise NotACampaign(f"{path}: an {FORMAT} without a format version")
+    if version > FORMAT_VERSION:
+        raise NotACampaign(
+            f"{path}: has format version {version}, and this program reads versions up to "
+            f"{FORMAT_VERSION}: update agglom_mpi"
+        )

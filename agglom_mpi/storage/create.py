@@ -1,0 +1,235 @@
+"""Making a campaign file, and a larger one: whole under its name, or not there at all."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from h5py import h5d, h5p, h5s, h5t
+
+from agglom_mpi.storage.access import open_file, refuse_compact, with_path
+from agglom_mpi.storage.columns import TableSchema
+from agglom_mpi.storage.files import new_file, sync
+from agglom_mpi.storage.schema import (
+    FAILURE_CAPACITY,
+    FORMAT,
+    FORMAT_VERSION,
+    INVERSION,
+    LEG_CAPACITY,
+    STATUS,
+    VARIABLE_TABLE,
+    layouts,
+)
+from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.variables import COUNT, VARIABLES
+
+_COPY_BYTES = 1 << 25
+
+
+def create_campaign_file(
+    path: str | os.PathLike[str],
+    *,
+    campaign_text: str,
+    campaign_sha256: str,
+    identity: Mapping[str, Any],
+    seed: int,
+    title: str,
+    code_version: str,
+    sources_sha256: str,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    strings: int,
+    max_samples: int,
+    generations: int,
+    population: int,
+    fresh: int = 0,
+    grains: int = 0,
+    final_particles: bool = False,
+    frames: int = 0,
+    purpose: str = INVERSION,
+) -> None:
+    """Create the file of a campaign; whoever calls holds its `CampaignLock`.
+
+    Parameters
+    ----------
+    path : path
+        The file; it must not exist.
+    identity : mapping
+        What makes the campaign what it is; stored as JSON.
+    lower, upper : (10,) float64
+        Search box in SI units; equal where a variable is fixed, nan where it is unused.
+    strings, max_samples, generations, population : int
+        Room for so many strings, samples of each, generations, strings in a population.
+    fresh : int
+        Room for so many further samples of each string, numbered from `max_samples`, that no
+        decision sees; the attribute `max_samples` is then the room for both.
+    grains : int
+        Grains of a sample, if particles are to be stored.
+    final_particles : bool
+        Whether there is room for those left at the end of each sample.
+    frames : int
+        Room for so many pictures.
+    purpose : str
+        What the strings are for, in words; only an inversion has best ones.
+
+    Raises
+    ------
+    FileExistsError
+        If there is a file already.
+    ValueError
+        If there would be no room for anything.
+    OSError
+        If it cannot be written; nothing is left behind.
+    """
+    path = Path(os.path.realpath(path))
+    if path.exists():
+        raise FileExistsError(f"{path}: exists already")
+    if min(strings, max_samples, generations, population) < 1:
+        raise ValueError("a campaign file needs room for at least one row in every table")
+    attributes: dict[str, Any] = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "title": title,
+        "purpose": purpose,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "code_version": code_version,
+        "sources_sha256": sources_sha256,
+        "campaign": campaign_text,
+        "campaign_sha256": campaign_sha256,
+        "identity": json.dumps(identity, sort_keys=True),
+        "seed": seed,
+        "strings": strings,
+        "max_samples": max_samples + fresh,
+        "fresh_from": max_samples,
+        "population": population,
+        "grains": grains,
+        "final_particles": int(final_particles),
+        "frames": frames,
+    }
+    with _new_file(path) as file:
+        _lay_out(file, attributes, generations)
+        Rows(file[VARIABLE_TABLE.name], path).write(0, _variable_rows(lower, upper))
+        status = np.zeros(1, STATUS.dtype)
+        status["state"], status["reason"] = b"stopped", b"not started yet"
+        status["updated"] = datetime.now(UTC).timestamp()
+        Rows(file[STATUS.name], path).write(0, status)
+
+
+def enlarge_campaign_file(
+    path: str | os.PathLike[str],
+    strings: int,
+    generations: int,
+    *,
+    grains: int = 0,
+    final_particles: bool = False,
+    frames: int = 0,
+) -> None:
+    """Replace a campaign file by one with more room and the same rows; no-op if it has enough.
+
+    Whoever calls holds its `CampaignLock` and has no writer open.
+
+    Raises
+    ------
+    NotACampaign, OSError
+        As from opening for writing, and from writing; the old file is then as it was.
+    """
+    path = Path(os.path.realpath(path))
+    with open_file(path) as old:
+        refuse_compact(old, path)
+        attributes = dict(old.attrs)
+        asked = {"strings": strings, "final_particles": int(final_particles), "frames": frames}
+        asked |= {"grains": grains}
+        wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
+        lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
+        if not lacks and generations <= len(old["generations"]):
+            return
+        kept = layouts(attributes)
+        with _new_file(path) as new:
+            _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
+            for layout in kept:
+                _copy(old, new, layout, path)
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[h5py.File]:
+    """Yield an HDF5 file that gets its name when it is whole and safe on the disc.
+
+    HDF5 1.10 would crash after a failed write, so the disc is watched here, as for a copy.
+    """
+    temporary = path.with_name(f".{path.name}.new")
+    try:
+        with new_file(temporary) as (file, _):
+            yield file
+        if path.exists():
+            shutil.copymode(path, temporary)
+        sync(temporary)
+        os.replace(temporary, path)
+        sync(path.parent)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise with_path(error, path) from error
+        raise
+
+
+def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:
+    file.attrs.update(attributes)
+    strings = int(attributes["strings"])
+    samples = strings * int(attributes["max_samples"])
+    capacities = {"strings": strings, "results": strings, "samples": samples}
+    capacities |= {"legs": LEG_CAPACITY, "failures": FAILURE_CAPACITY, "status": 1}
+    capacities |= {"variables": COUNT, "generations": generations}
+    capacities |= {"final_particles": samples, "frames": int(attributes.get("frames", 0))}
+    for layout in layouts(attributes):
+        capacity = capacities[layout.name]
+        rows = _dataset(file, layout.name, layout.dtype, capacity)
+        rows.attrs["meaning"] = layout.meaning
+        rows.attrs["row"] = layout.row
+        rows.attrs["field_units"] = [field.unit for field in layout.fields]
+        rows.attrs["field_meanings"] = [field.meaning for field in layout.fields]
+        if layout.final:
+            done = _dataset(file, layout.done, np.dtype("u1"), capacity)
+            done.attrs["meaning"] = f"1 where a row of /{layout.name} is final, 0 where absent"
+            done.attrs["row"] = layout.row
+            done.attrs["unit"] = ""
+
+
+def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py.Dataset:
+    """Create a dataset whose place in the file is settled now and whose space stays a hole."""
+    creation = h5p.create(h5p.DATASET_CREATE)
+    creation.set_layout(h5d.CONTIGUOUS)
+    creation.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+    creation.set_fill_time(h5d.FILL_TIME_NEVER)
+    # A modification time would be metadata, dirty after every write.
+    creation.set_obj_track_times(False)
+    stored, space = h5t.py_create(dtype, logical=True), h5s.create_simple((capacity,))
+    return h5py.Dataset(h5d.create(file.id, name.encode(), stored, space, creation))
+
+
+def _variable_rows(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    rows = np.zeros(COUNT, VARIABLE_TABLE.dtype)
+    rows["name"] = [variable.name.encode() for variable in VARIABLES]
+    rows["unit"] = [variable.unit.encode() for variable in VARIABLES]
+    rows["lower"], rows["upper"] = lower, upper
+    rows["searched"] = rows["lower"] < rows["upper"]
+    return rows
+
+
+def _copy(old: h5py.File, new: h5py.File, layout: TableSchema, path: Path) -> None:
+    """Copy the final rows of a table as they are, checksums included; holes stay holes."""
+    if not layout.final:
+        Rows(new[layout.name], path).write(0, Rows(old[layout.name], path).read_all())
+        return
+    source_table, target = Table(old, layout.name, path), Table(new, layout.name, path)
+    step = max(1, _COPY_BYTES // layout.dtype.itemsize)
+    for first, count in source_table.runs():
+        for at in range(first, first + count, step):
+            length = min(step, first + count - at)
+            target.rows.write(at, source_table.rows.read(at, length))
+            target.done.write(at, source_table.done.read(at, length))

@@ -1,0 +1,216 @@
+"""Files written whole or not at all, a full disc noticed, and the lock of the writer."""
+
+import errno
+import fcntl
+import io
+import os
+import socket
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+from h5py import h5f, h5fd, h5p
+
+from agglom_mpi.storage.access import with_path
+
+
+class CheckedFile(io.FileIO):
+    """A new file that remembers the first failed write and ignores what follows.
+
+    HDF5 cannot flush its cache of chunks once a write has failed: closing the file fails, and the
+    next file that the process opens may crash it. So it is told that all went well.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(os.fspath(path), "w+")
+        self._error = 0
+
+    def check(self) -> None:
+        """Raise an OSError if a write has failed."""
+        if self._error:
+            raise OSError(self._error, os.strerror(self._error), self.name)
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or pretend to."""
+        view = memoryview(data).cast("B")
+        written = 0
+        try:
+            while not self._error and written < len(view):
+                written += super().write(view[written:]) or 0
+        except OSError as error:
+            self._error = error.errno or errno.EIO
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut or lengthen the file, or pretend to."""
+        try:
+            if not self._error:
+                return super().truncate(size)
+        except OSError as error:
+            self._error = error.errno or errno.EIO
+        return size or 0
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[tuple[h5py.File, CheckedFile]]:
+    """Yield an empty HDF5 file in the oldest format and the disc that it is written to.
+
+    Raises
+    ------
+    OSError
+        At the end, if a write failed; `CheckedFile.check` says so before.
+    """
+    with CheckedFile(path) as disc:
+        with h5py.File(h5f.create(os.fsencode(path), fapl=_access_list(disc))) as file:
+            yield file, disc
+        disc.check()
+
+
+def _access_list(disc: CheckedFile) -> h5p.PropFAID:
+    # Not to be kept: it holds the disc, and HDF5 lets go of it after Python has ended.
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_fileobj_driver(h5fd.fileobj_driver, disc)
+    access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
+    return access
+
+
+def require_absent(path: Path) -> None:
+    """Raise FileExistsError if there is something under this name."""
+    if os.path.lexists(path):
+        raise FileExistsError(errno.EEXIST, "exists already and is not overwritten", str(path))
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield a name beside `path`; what has been written there at the end is renamed to `path`.
+
+    A kill leaves at most the hidden file of that name, which the next attempt replaces.
+
+    Raises
+    ------
+    FileExistsError
+        If there is a file already, before or after writing.
+    OSError
+        If it cannot be written, or another process is doing so; nothing is left behind.
+    """
+    require_absent(path)
+    temporary = path.with_name(f".{path.name}.new")
+    with _sole_writer(temporary, path):
+        try:
+            yield temporary
+            sync(temporary)
+            require_absent(path)
+            os.rename(temporary, path)
+            sync(path.parent)
+        except BaseException as error:
+            temporary.unlink(missing_ok=True)
+            known = isinstance(error, OSError) and error.filename not in (None, str(temporary))
+            if isinstance(error, (OSError, RuntimeError)) and not known:
+                raise with_path(error, path) from error
+            raise
+
+
+@contextmanager
+def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
+    """Hold a lock on the temporary file, which the kernel drops however the process ends."""
+    try:
+        descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise with_path(error, path) from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            message = "is being written by another process"
+            raise OSError(errno.EBUSY, message, str(path)) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(descriptor)
+
+
+_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
+
+
+class CampaignInUse(RuntimeError):  # noqa: N818 - the name says what it is in a caller's code
+    """Another process is writing to this campaign file."""
+
+
+class CampaignLock:
+    """The right to write to a campaign file, held from `acquire` to `release` or in a `with`.
+
+    The kernel drops it when the process ends, however it ends. The lock file stays.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(os.path.realpath(path))
+        self.lock_path = self.path.with_name(f".{self.path.stem}.lock")
+        self._descriptor: int | None = None
+
+    def acquire(self) -> None:
+        """Take the lock at once or not at all.
+
+        Raises
+        ------
+        CampaignInUse
+            If another process holds it.
+        OSError
+            If the lock file cannot be made.
+        """
+        descriptor = os.open(self.lock_path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(descriptor, 400).decode(errors="replace").strip()
+            os.close(descriptor)
+            raise CampaignInUse(
+                f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path})"
+            ) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                os.close(descriptor)
+                raise OSError(error.errno, error.strerror, str(self.lock_path)) from error
+            # Better a campaign that runs unprotected than none on such a file system.
+            warnings.warn(
+                f"{self.lock_path}: this file system has no locks ({error.strerror}); "
+                "nothing keeps a second run from writing to the same campaign file",
+                stacklevel=2,
+            )
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        # Or NFS would keep the name on this machine, and a start on another could not tell it.
+        with suppress(OSError):
+            os.fsync(descriptor)
+        self._descriptor = descriptor
+
+    def release(self) -> None:
+        """Give the lock back; does nothing if it is not held."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def __enter__(self) -> Self:
+        self.acquire()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.release()
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a directory, are on the disc."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

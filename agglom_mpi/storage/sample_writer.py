@@ -1,0 +1,248 @@
+"""Samples into a campaign file: buffered, in runs of rows, by any rank."""
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.storage.access import open_file, with_path
+from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.table import Table, checksum_ok, runs_of
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class Stopwatch:
+    """Sums up wall-clock time inside `with` blocks, which may be nested.
+
+    Attributes
+    ----------
+    seconds
+        Time so far, s.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._depth = 0
+        self._begun = 0.0
+
+    def __enter__(self) -> Self:
+        if not self._depth:
+            self._begun = time.perf_counter()
+        self._depth += 1
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.perf_counter() - self._begun
+
+
+FLUSH_ROWS: Final = 1024
+"""Rows that wait at most."""
+FLUSH_BYTES: Final = 1 << 22
+"""Bytes that wait at most."""
+FLUSH_AGE: Final = 0.5
+"""Seconds that a row waits at most."""
+
+
+class RowBuffer:
+    """Rows of samples, or of strings, that wait to be written; knows their places, not the file.
+
+    Parameters
+    ----------
+    room
+        Numbers that there is room for, by the columns that say where a row belongs: `string`, and
+        `sample` for rows of samples.
+    dtype
+        Of a row.
+    """
+
+    def __init__(self, room: Mapping[str, int], dtype: np.dtype = sample_dtype) -> None:
+        self._room = room
+        self._dtype = dtype
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all rows: they are written."""
+        self._waiting: list[bytes] = []
+        self._count = 0
+        self._since = 0.0
+
+    @property
+    def count(self) -> int:
+        """Rows that wait."""
+        return self._count
+
+    @property
+    def full(self) -> bool:
+        """Whether enough rows wait to be worth writing."""
+        return self._count >= min(FLUSH_ROWS, max(1, FLUSH_BYTES // self._dtype.itemsize))
+
+    def due(self, now: float) -> bool:
+        """Whether the oldest row has waited for too long at monotonic time `now`."""
+        return self._count > 0 and now - self._since >= FLUSH_AGE
+
+    def add(self, records: np.ndarray, now: float) -> None:
+        """Keep a copy of rows, (n,); raises IndexError if they have no place."""
+        for name, room in self._room.items():
+            for number in records[name].tolist():
+                if not 0 <= number < room:
+                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
+        if not len(records):
+            return
+        if not self._count:
+            self._since = now
+        self._waiting.append(records.astype(self._dtype, copy=False).tobytes())
+        self._count += len(records)
+
+    def runs(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Row numbers and rows of each consecutive run; of rows for one place the first added."""
+        if not self._count:
+            return
+        rows = np.frombuffer(b"".join(self._waiting), self._dtype)
+        numbers = [rows[name] for name in self._room]
+        places = np.ravel_multi_index(numbers, tuple(self._room.values()))
+        places, first = np.unique(places, return_index=True)
+        # As plain bytes, for NumPy moves structured rows column by column.
+        ordered = rows.view(np.uint8).reshape(len(rows), -1)[first].view(self._dtype)[:, 0]
+        ends = [*(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
+        for begin, end in pairwise([0, *ends]):
+            yield int(places[begin]), ordered[begin:end]
+
+
+class SampleWriter:
+    """Writes samples in runs of consecutive rows; they are visible to readers after `flush`.
+
+    Parameters
+    ----------
+    file
+        The campaign file, open for writing.
+    path
+        Its name.
+    clock
+        Runs while rows are written.
+
+    Attributes
+    ----------
+    written
+        Rows written so far.
+    """
+
+    def __init__(self, file: h5py.File, path: Path, clock: Stopwatch) -> None:
+        self.written = 0
+        self._clock = clock
+        room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
+        self._table = Table(file, "samples", path)
+        self._buffer = RowBuffer(room)
+        self._finals: Table | None = None
+        if "final_particles" in file:
+            self._finals = Table(file, "final_particles", path)
+            self._waiting_finals = RowBuffer(room, self._finals.dtype)
+
+    def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
+        """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
+
+        With them come their rows of `/final_particles`, if the file has that table. Of rows for
+        the same sample that wait together, the first is kept. Flushes by itself when many wait.
+        """
+        with self._clock:
+            self._buffer.add(records, time.monotonic())
+            full = self._buffer.full
+            if self._finals is not None and finals is not None:
+                self._waiting_finals.add(finals, time.monotonic())
+                full |= self._waiting_finals.full
+        if full:
+            self.flush()
+
+    def due(self, now: float) -> bool:
+        """Whether a sample has waited for long at `time.monotonic()` = now."""
+        return self._buffer.due(now)
+
+    def flush_due(self) -> None:
+        """Flush if a sample has waited for long."""
+        if self.due(time.monotonic()):
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the samples that wait; consecutive ones in one go, their particles before them."""
+        with self._clock:
+            if self._finals is not None:
+                for first, rows in self._waiting_finals.runs():
+                    # Where a run was killed between a sample's particles and the sample.
+                    if self._finals.done.read(first, len(rows)).any():
+                        self._finals.forget(first, len(rows))
+                    self._finals.write(first, rows)
+                self._waiting_finals.clear()
+            for first, rows in self._buffer.runs():
+                for begin, count in runs_of(~self._stored(first, len(rows))):
+                    self._table.write(first + begin, rows[begin : begin + count])
+        self.written += self._buffer.count
+        self._buffer.clear()
+
+    def _stored(self, first: int, count: int) -> NDArray[np.bool_]:
+        """Which of these rows are in the file; two ranks may have been given the same sample."""
+        stored = self._table.done.read(first, count) != 0
+        if stored.any():
+            stored &= checksum_ok(self._table.rows.read(first, count))
+        return stored
+
+    def forget(self) -> None:
+        """Drop the samples that wait: writing has failed."""
+        self._buffer.clear()
+        if self._finals is not None:
+            self._waiting_finals.clear()
+
+
+class RankWriter:
+    """A campaign file as a rank other than 0 has it: open with all ranks, for samples.
+
+    Opening and closing are collective. Between the two there is no call that waits for another
+    rank: rows are raw data, and a plain descriptor puts them on the disc.
+
+    Parameters
+    ----------
+    path
+        The file, laid out already.
+    world
+        All ranks.
+    syncs
+        Whether `sync` is this rank's to do: one of a node does it for all.
+    """
+
+    def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
+        self.clock = Stopwatch()
+        self._path = path
+        self._file = open_file(path, write=True, thorough=False, world=world)
+        self._descriptor = os.open(path, os.O_RDONLY) if syncs else None
+        self.samples = SampleWriter(self._file, path, self.clock)
+
+    def sync(self) -> None:
+        """Wait until everything that ranks of this node have flushed is on the disc."""
+        if self._descriptor is not None:
+            with self.clock:
+                sync_descriptor(self._descriptor, self._path)
+
+    def close(self) -> None:
+        """Flush and close, together with all ranks."""
+        self.samples.flush()
+        self._file.close()
+        if self._descriptor is not None:
+            with suppress(OSError):
+                os.close(self._descriptor)
+
+
+def sync_descriptor(descriptor: int, path: Path) -> None:
+    """Wait until a file is on the disc; raises OSError with its path."""
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        raise with_path(error, path) from error

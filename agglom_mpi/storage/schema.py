@@ -1,0 +1,225 @@
+"""The tables of a campaign file: one place for every column, its unit and its meaning."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.columns import CRC, Column, TableSchema
+from agglom_mpi.storage.particle_tables import final_particles_layout, frames_layout
+from agglom_mpi.variables import VARIABLES
+
+FORMAT: Final = "agglom_mpi campaign"
+FORMAT_VERSION: Final = 2
+"""What is written; files of any version from 1 up to this one are read."""
+
+INVERSION: Final = "inversion"
+"""What strings of a file are for, if a campaign searched with them."""
+STUDY: Final = "accuracy study"
+"""What they are for, if they are set-ups to be compared."""
+
+ORIGINS: Final = ("random", "offspring", "model", "given", "again")
+"""Where a string comes from, by its `origin`."""
+STATES: Final = ("", "completed", "failed")
+"""How a sample ended, by its `state`."""
+CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
+
+TOOK_TOO_LONG: Final = "took longer than max_seconds,"
+"""How the text of a failure begins that is no exception; its sample has no row in `/samples`."""
+
+FAILURE_CAPACITY: Final = 1000
+LEG_CAPACITY: Final = 1000
+
+VARIABLE_TABLE: Final = TableSchema(
+    "variables",
+    "the search variables and their box",
+    "row = position in a parameter string",
+    (
+        Column("name", "S32", "", "name of the variable"),
+        Column("unit", "S16", "", "its SI unit"),
+        Column("lower", "f8", "the variable's", "lower bound; nan if the campaign does not use it"),
+        Column("upper", "f8", "the variable's", "upper bound; equal to lower if it is fixed"),
+        Column("searched", "u1", "", "1 searched, 0 fixed or unused"),
+    ),
+)
+
+STRINGS: Final = TableSchema(
+    "strings",
+    "the parameter strings, stored before their samples are simulated",
+    "row = string",
+    (
+        Column("string", "i8", "", "number of the string, its row"),
+        Column("generation", "i4", "", "generation that it was proposed for, from 0"),
+        Column("slot", "i4", "", "its place among the strings of that generation"),
+        Column(
+            "origin",
+            "u1",
+            "",
+            "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
+        ),
+        Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
+        *(Column(v.name, "f8", v.unit, v.meaning) for v in VARIABLES),
+        CRC,
+    ),
+)
+
+RESULTS: Final = TableSchema(
+    "results",
+    "the judgement of each string over its ensemble of samples",
+    "row = string",
+    (
+        Column("string", "i8", "", "number of the string, its row"),
+        Column("objective", "f8", "1", "objective of the ensemble, smaller is better"),
+        Column("standard_error", "f8", "1", "standard error of the objective"),
+        Column("mean_radius_ratio", "f8", "1", "ensemble mean of b/b0"),
+        Column("mean_grains", "f8", "1", "grains per particle left, ensemble mean"),
+        Column("growth_number", "f8", "1", "n^f, the cube of the ensemble mean of b/b0"),
+        Column("samples_used", "i8", "1", "samples judged, failed ones included"),
+        Column("failed", "i8", "1", "samples that failed among those judged"),
+        Column(
+            "hit_maximum", "u1", "", "1 if max_samples ended the ensemble, not its stopping rule"
+        ),
+        CRC,
+    ),
+)
+
+SAMPLES: Final = TableSchema(
+    "samples",
+    "one simulated configuration of one string; those with sample < samples_used are used",
+    "row = string * max_samples + sample",
+    (
+        Column("string", "i8", "", "number of the string"),
+        Column("sample", "i8", "", "number of the sample in its string, from 0"),
+        *(Column(c.name, c.dtype, c.unit, c.meaning, since=c.since) for c in COLUMNS),
+        Column("objective", "f8", "1", "objective of this sample alone"),
+        Column("seconds", "f8", "s", "time that the simulation took"),
+        Column("finished", "f8", "s", "Unix time of its end"),
+        Column("rank", "i4", "", "MPI rank that simulated it"),
+        CRC,
+    ),
+)
+sample_dtype: Final = SAMPLES.dtype
+"""One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
+
+FAILURES: Final = TableSchema(
+    "failures",
+    "exceptions of failed samples; when the table is full the last row is overwritten, unless that "
+    "sample took too long",
+    "row = order of arrival",
+    (
+        Column("string", "i8", "", "number of the string"),
+        Column("sample", "i8", "", "number of the sample in its string, from 0"),
+        Column("rank", "i4", "", "MPI rank that simulated it"),
+        Column("host", "S64", "", "machine of that rank"),
+        Column("text", "S1000", "", "the exception; of a long text the end"),
+        CRC,
+    ),
+)
+
+LEGS: Final = TableSchema(
+    "legs",
+    "starts of the program; when the table is full the last row is overwritten",
+    "row = leg",
+    (
+        Column("started", "f8", "s", "Unix time of the start"),
+        Column("stopped", "f8", "s", "Unix time of the end, nan while running or when killed"),
+        Column("ranks", "i4", "1", "MPI ranks"),
+        Column("nodes", "i4", "1", "machines that they were on"),
+        Column("database", "S16", "", "who wrote samples: gathered, rank 0; parallel, every rank"),
+        Column("exit_code", "i4", "", "exit code, -1 while running or when killed"),
+        Column("host", "S64", "", "machine of rank 0"),
+        Column("processor", "S64", "", "its kind of processor"),
+        Column("code_version", "S32", "", "version of agglom_mpi"),
+        Column("python", "S64", "", "version of Python"),
+        Column("numpy", "S64", "", "version of NumPy"),
+        Column("numba", "S64", "", "version of Numba"),
+        Column("h5py", "S64", "", "version of h5py"),
+        Column("hdf5", "S64", "", "version of HDF5"),
+        Column("mpi", "S64", "", "MPI library"),
+        Column("scipy", "S64", "", "version of SciPy", since=2),
+        Column("sources_sha256", "S64", "", "SHA-256 of the sources that decide results"),
+        Column("git_revision", "S64", "", "commit of the sources, empty if they are no checkout"),
+        Column("samples", "i8", "1", "samples simulated in this leg"),
+        Column("busy_seconds", "f8", "s", "sum of the time that they took"),
+        Column("database_seconds", "f8", "s", "time spent on writing this file, sum over ranks"),
+        CRC,
+    ),
+)
+VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")
+"""The columns of `/legs` that record library versions."""
+
+STATUS: Final = TableSchema(
+    "status",
+    "what the campaign is doing; rewritten in place",
+    "one row",
+    (
+        Column("state", "S16", "", ", ".join(CAMPAIGN_STATES)),
+        Column("updated", "f8", "s", "Unix time of the last change"),
+        Column("reason", "S128", "", "why it is in this state"),
+    ),
+)
+
+
+DIGEST_MEANING: Final = (
+    "BLAKE2b (digest_size 8, read as little-endian) of what the generation rests on: of strings "
+    "proposed for it, by number, the ten parameters; then of their /results all columns but crc; "
+    "then of their used /samples, by string and sample, all columns but seconds, finished, rank "
+    "and crc; row after row, the columns in their order here, little-endian and without padding"
+)
+
+
+def fresh_from(attributes: Mapping[str, Any]) -> int:
+    """Return the number of the first fresh sample of each string; older files have no room for any.
+
+    The rows of `/samples` of one string are `max_samples` wide; no decision sees the last of them.
+    """
+    return int(attributes.get("fresh_from", attributes["max_samples"]))
+
+
+def generations_layout(population: int) -> TableSchema:
+    """Layout of `/generations` for a population of so many strings."""
+    return TableSchema(
+        "generations",
+        "the search after each generation",
+        "row = generation",
+        (
+            Column("generation", "i8", "", "number of the generation, its row"),
+            Column("best_string", "i8", "", "string with the lowest objective so far"),
+            Column("best_objective", "f8", "1", "its objective"),
+            Column("best_standard_error", "f8", "1", "standard error of that"),
+            Column("mean_of_top", "f8", "1", "mean objective of the best `top` strings"),
+            Column("top", "i4", "1", "strings in that mean"),
+            Column("evaluations", "i8", "1", "strings judged so far"),
+            Column("samples_used", "i8", "1", "samples that they used, so far"),
+            Column("samples_simulated", "i8", "1", "samples simulated so far, used or not"),
+            Column("seconds", "f8", "s", "wall-clock time so far, summed over legs"),
+            Column("population", "i8", "", "strings in rank order, the best first", (population,)),
+            Column("digest", "u8", "", DIGEST_MEANING),
+            CRC,
+        ),
+    )
+
+
+def layouts(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
+    """All tables of a campaign file with such attributes; those not asked for are left out.
+
+    Their columns are those of its format version.
+    """
+    version = int(attributes.get("format_version", FORMAT_VERSION))
+    grains = int(attributes.get("grains", 0))
+    bulk = []
+    if attributes.get("final_particles", 0):
+        bulk.append(final_particles_layout(grains))
+    if attributes.get("frames", 0):
+        bulk.append(frames_layout(grains))
+    tables = (
+        VARIABLE_TABLE,
+        STATUS,
+        LEGS,
+        STRINGS,
+        RESULTS,
+        generations_layout(int(attributes["population"])),
+        FAILURES,
+        SAMPLES,
+        *bulk,
+    )
+    return tuple(table.at(version) for table in tables)

@@ -1,0 +1,399 @@
+"""Writing a campaign file: raw data in rows laid out beforehand, no metadata."""
+
+import errno
+import os
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglom_mpi.storage.access import NotACampaign, open_file
+from agglom_mpi.storage.columns import fitted
+from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
+from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class CampaignWriter:
+    """The writer of a campaign file; whoever opens it holds the `CampaignLock`.
+
+    It is the only one, until `share` lets other ranks write samples of their own.
+
+    Everything but samples and results is in the file, visible to readers and safe from a kill of
+    the process, when its `put_` returns; those are after `flush`. Only `sync` guards against a
+    crash of the machine. Failed writes raise OSError with the path, and can be repeated;
+    numbers beyond the room in the file raise IndexError.
+
+    Attributes
+    ----------
+    clock
+        Time spent here.
+    samples
+        Writes samples.
+    shared
+        Whether other ranks have the file open, too.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(os.path.realpath(path))
+        self.clock = Stopwatch()
+        self.shared = False
+        self._running = False
+        self._descriptor = os.open(self.path, os.O_RDONLY)
+        self._open(open_file(self.path, write=True))
+
+    def _open(self, file: h5py.File) -> None:
+        self._file = file
+        self.samples = SampleWriter(file, self.path, self.clock)
+        self._tables = {
+            name: Table(file, name, self.path)
+            for name in ("strings", "results", "failures", "generations", "legs")
+        }
+        results = self._tables["results"]
+        self._results = RowBuffer({"string": results.capacity}, results.dtype)
+        self._status = Rows(file["status"], self.path)
+
+    def share(self, world: "Intracomm") -> None:
+        """Close the file and open it again together with all other ranks, each a `RankWriter`.
+
+        From now on closing is collective.
+
+        Raises
+        ------
+        OSError
+            If some rank cannot open it.
+        """
+        self.flush()
+        self._file.close()
+        self.shared = True
+        try:
+            self._open(open_file(self.path, write=True, thorough=False, world=world))
+        except (OSError, NotACampaign) as error:  # it was open a moment ago
+            reason = str(error.__cause__ or error)
+            raise OSError(
+                f"{self.path}: cannot be opened by all ranks together ({reason}); "
+                "--database gathered lets rank 0 write for all"
+            ) from error
+
+    def put_strings(
+        self,
+        first_id: int,
+        generation: ArrayLike,
+        slots: ArrayLike,
+        origins: ArrayLike,
+        parents: ArrayLike,
+        parameters: ArrayLike,
+    ) -> None:
+        """Store n consecutive strings from `first_id` on, before their samples are dispatched.
+
+        Parameters
+        ----------
+        generation : int or (n,)
+            Generation that they are proposed for.
+        slots, origins : (n,) int
+            Place in the generation; 0 random, 1 offspring.
+        parents : (n, 2) int
+            Numbers of the parents, -1 for none.
+        parameters : (n, 10) float64
+            The strings, SI units, in the order of `variables.VARIABLES`.
+        """
+        values = np.asarray(parameters, dtype=float)
+        rows = np.zeros(len(values), self._tables["strings"].dtype)
+        rows["string"] = first_id + np.arange(len(values))
+        rows["generation"], rows["slot"] = generation, slots
+        rows["origin"], rows["parents"] = origins, parents
+        for column, name in enumerate(NAMES):
+            rows[name] = values[:, column]
+        with self.clock:
+            self._tables["strings"].write(first_id, rows)
+
+    def flush_due(self, now: float | None = None) -> bool:
+        """Flush if something has waited for long at `time.monotonic()` = now; say if so."""
+        now = time.monotonic() if now is None else now
+        due = self.samples.due(now) or self._results.due(now)
+        if due:
+            self.flush()
+            self._check_place()
+        return due
+
+    def flush(self) -> None:
+        """Write the samples that wait, and then the results."""
+        self.samples.flush()
+        with self.clock:
+            for first, rows in self._results.runs():
+                self._tables["results"].write(first, rows)
+        self._results.clear()
+
+    def put_samples(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
+        """Take samples, which wait for `flush`, as `SampleWriter.put`."""
+        self.samples.put(records, finals)
+
+    def put_frames(self, first: int, rows: np.ndarray) -> None:
+        """Store pictures, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        with self.clock:
+            table = Table(self._file, "frames", self.path)
+            table.forget(first, len(rows))
+            table.write(first, rows)
+
+    def frame_keys(self) -> dict[int, tuple[int, int, int]]:
+        """Read (string, sample, frame) of the pictures there are, by row."""
+        if "frames" not in self._file:
+            return {}
+        table, keys = Table(self._file, "frames", self.path), {}
+        for place in np.flatnonzero(table.done.read_all()).tolist():
+            for row in table.read(place, 1).rows:
+                keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
+        return keys
+
+    def forget_frames(self) -> None:
+        """Drop all pictures: others are to be taken."""
+        with self.clock:
+            table = Table(self._file, "frames", self.path)
+            table.forget(0, table.capacity)
+
+    def put_result(
+        self,
+        string: int,
+        *,
+        objective: float,
+        standard_error: float,
+        mean_radius_ratio: float,
+        mean_grains: float,
+        growth_number: float,
+        samples_used: int,
+        failed: int,
+        hit_maximum: bool,
+    ) -> None:
+        """Take the judgement of a string, which waits for `flush` as its samples do."""
+        fields = {
+            "string": string,
+            "objective": objective,
+            "standard_error": standard_error,
+            "mean_radius_ratio": mean_radius_ratio,
+            "mean_grains": mean_grains,
+            "growth_number": growth_number,
+            "samples_used": samples_used,
+            "failed": failed,
+            "hit_maximum": hit_maximum,
+        }
+        results = self._tables["results"]
+        results.rows.check(string, 1)
+        self._results.add(_row(results.dtype, fields), time.monotonic())
+
+    @property
+    def has_room_for_failures(self) -> bool:
+        """Whether no failure needs to be overwritten by the next one."""
+        table = self._tables["failures"]
+        return table.end() < table.capacity
+
+    def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> bool:
+        """Store the exception of a failed sample; of a long text the end, which names the error.
+
+        Without room the last one is overwritten. But where that is all there is of a sample that
+        took too long, it stays; say whether this one was stored.
+        """
+        table = self._tables["failures"]
+        place = table.following()
+        if any(row["text"].startswith(TOOK_TOO_LONG.encode()) for row in table.read(place, 1).rows):
+            return False
+        end = text.encode()[-table.dtype["text"].itemsize :].decode(errors="ignore")
+        self._put("failures", place, string=string, sample=sample, rank=rank, host=host, text=end)
+        return True
+
+    def put_generation(
+        self,
+        generation: int,
+        *,
+        best_string: int,
+        best_objective: float,
+        best_standard_error: float,
+        mean_of_top: float,
+        top: int,
+        evaluations: int,
+        samples_used: int,
+        samples_simulated: int,
+        seconds: float,
+        population: ArrayLike,
+        digest: int,
+    ) -> None:
+        """Store the state of the search after a generation, after what waits.
+
+        `population` is (S,) string numbers, the best first; `seconds` are summed over legs;
+        `digest` is that of `database.digest`.
+        """
+        self.flush()
+        self._put(
+            "generations",
+            generation,
+            generation=generation,
+            best_string=best_string,
+            best_objective=best_objective,
+            best_standard_error=best_standard_error,
+            mean_of_top=mean_of_top,
+            top=top,
+            evaluations=evaluations,
+            samples_used=samples_used,
+            samples_simulated=samples_simulated,
+            seconds=seconds,
+            population=population,
+            digest=digest,
+        )
+
+    def begin_leg(
+        self,
+        *,
+        started: float,
+        ranks: int,
+        nodes: int,
+        database: str,
+        host: str,
+        processor: str,
+        code_version: str,
+        sources_sha256: str,
+        git_revision: str,
+        versions: Mapping[str, str],
+    ) -> int:
+        """Record a start of the program; return the number of this leg.
+
+        Parameters
+        ----------
+        started : float
+            Unix time, s.
+        ranks, nodes : int
+            MPI ranks, and the machines that they are on.
+        database : str
+            Who writes samples: `gathered` or `parallel`.
+        host, processor : str
+            Machine of rank 0, and its kind of processor.
+        versions : mapping
+            Library versions by the names of `schema.VERSIONS`; those left out stay empty.
+        """
+        index = self._tables["legs"].following()
+        self._put(
+            "legs",
+            index,
+            started=started,
+            stopped=np.nan,
+            ranks=ranks,
+            nodes=nodes,
+            database=database,
+            exit_code=-1,
+            host=host,
+            processor=processor,
+            code_version=code_version,
+            sources_sha256=sources_sha256,
+            git_revision=git_revision,
+            **{name: versions.get(name, "") for name in VERSIONS},
+        )
+        return index
+
+    def end_leg(
+        self,
+        index: int,
+        *,
+        stopped: float,
+        exit_code: int,
+        samples: int,
+        busy_seconds: float,
+        database_seconds: float,
+    ) -> None:
+        """Record the end of a leg.
+
+        `stopped` is in Unix time; `busy_seconds` are summed over samples, `database_seconds` over
+        ranks.
+        """
+        legs = self._tables["legs"]
+        row = fitted(legs.rows.read(index, 1), legs.dtype)
+        row["stopped"], row["exit_code"] = stopped, exit_code
+        row["samples"], row["busy_seconds"] = samples, busy_seconds
+        row["database_seconds"] = database_seconds
+        with self.clock:
+            legs.write(index, row)
+
+    def set_status(self, state: str, reason: str = "") -> None:
+        """Say what the campaign is doing: running, stopped, finished or failed."""
+        if state not in CAMPAIGN_STATES:
+            raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
+        fields = {"state": state, "updated": time.time(), "reason": reason}
+        with self.clock:
+            self._status.write(0, _row(self._status.dtype, fields))
+        self._running = state == "running"
+
+    def mark_running(self) -> None:
+        """Say that the campaign is running, unless that was said last."""
+        if not self._running:
+            self.set_status("running")
+
+    def sync(self) -> None:
+        """Flush, and wait until everything is on the disc."""
+        self.flush()
+        self._check_place()
+        with self.clock:
+            sync_descriptor(self._descriptor, self.path)
+
+    def _check_place(self) -> None:
+        """Raise an OSError if the file is no longer found under its name."""
+        with self.clock:
+            try:
+                found = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
+            except FileNotFoundError:
+                found = False
+        if not found:
+            message = "was removed or replaced while it was being written"
+            raise OSError(errno.ENOENT, message, str(self.path))
+
+    def give_up(self, reason: str) -> None:
+        """After a failed write: forget what waits, and say why if the file takes it."""
+        self.samples.forget()
+        self._results.clear()
+        with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
+            self.set_status("failed", reason)
+
+    def close(self) -> None:
+        """Flush and close; closing twice does nothing."""
+        if not self._file:
+            return
+        try:
+            self.flush()
+        finally:
+            self._file.close()
+            os.close(self._descriptor)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # In an emergency the others would not join in: whoever catches this aborts the job.
+        if error is None or not self.shared:
+            self.close()
+
+    def _put(self, table: str, number: int, **fields: Any) -> None:
+        rows = self._tables[table]
+        with self.clock:
+            rows.write(number, _row(rows.dtype, fields))
+
+
+def _row(dtype: np.dtype, fields: Mapping[str, Any]) -> np.ndarray:
+    """One row, (1,); texts cut to fit between characters, fields left out zero."""
+    row = np.zeros(1, dtype)
+    for name, value in fields.items():
+        if isinstance(value, str):
+            fitting = value.encode()[: dtype[name].itemsize]
+            value = fitting.decode(errors="ignore").encode()
+        row[name] = value
+    return row

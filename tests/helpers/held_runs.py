@@ -1,0 +1,62 @@
+"""Runs that simulate so many samples and then wait, on any machine, however busy.
+
+Of how many stands in a file `allowed` in the folder of the run; without it, of all.
+"""
+
+import os
+import time
+from pathlib import Path
+
+from agglom_mpi.runtime.sample_runner import Task
+
+_CODE = """
+import sys
+sys.path.append({path!r})
+import held_runs
+held_runs.hold({pace})
+{text}
+"""
+
+
+def allow(folder, samples):
+    """Let each rank of a run in a folder simulate so many samples since its start, and no more."""
+    new = Path(folder, "allowed.new")
+    new.write_text(str(samples))
+    os.replace(new, Path(folder, "allowed"))
+
+
+def allow_all(folder):
+    """Let runs in a folder go on to their end."""
+    Path(folder, "allowed").unlink()
+
+
+def hold(pace):
+    """Hold the runs of this process; every sample takes so many seconds more.
+
+    A run that waits has handed over what it has done, and can be stopped.
+    """
+    go_on, done = Task.go_on, 0
+
+    def go_on_if_allowed(job):
+        nonlocal done
+        try:
+            allowed = int(Path("allowed").read_text())
+        except FileNotFoundError:
+            allowed = done + 1
+        if done >= allowed:
+            time.sleep(0.002)
+            return not job._watch.stopped
+        time.sleep(pace)
+        done += 1
+        return go_on(job)
+
+    Task.go_on = go_on_if_allowed
+
+
+def held(folder, pace=0.0, text=""):
+    """Return a folder to inject into runs in a folder: they are held, and execute a text."""
+    path = folder / "held"
+    path.mkdir(exist_ok=True)
+    code = _CODE.format(path=str(Path(__file__).parent), pace=pace, text=text)
+    (path / "sitecustomize.py").write_text(code)
+    return path

@@ -1,0 +1,31 @@
+"""The cases marked `plain`, whose kernels the quick tier does not compile, in plain Python."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from processes import output_of, program
+
+TESTS = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize(
+    ("files", "least"),
+    [
+        ("simulation/test_frames_*.py", 30),
+        ("simulation/test_simulation_*.py", 50),
+        ("simulation/test_[be]*.py", 50),
+        ("extremes/test_*.py", 15),
+        ("accuracy/test_accuracy_few_body.py", 1),
+    ],
+)
+def test_cases_that_are_not_compiled_hold_in_plain_python(files, least):
+    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "plain and not slow"]
+    # As a part of this run it leaves it to the whole to look for what is left behind.
+    variables = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTEST_XDIST_WORKER": "plain"}
+    with program([*words, *TESTS.glob(files)], cwd=TESTS.parent, env=variables) as process:
+        said, _ = output_of(process)
+    assert process.returncode == 0, said
+    assert int(re.search(r"(\d+) passed", said)[1]) >= least
