@@ -43,7 +43,7 @@ def shared_campaign(tmp_path_factory):
 
     See `SHARED` for the names. A folder has NAME.yaml and NAME.h5, made once in a test run.
     """
-    from farm_runs import SHARED, finish, write_campaign
+    from campaign_runs import SHARED, finish, write_campaign
 
     def folder_of(name):
         def make(folder):

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from farm_runs import QUICKSTART, environment, finish, need_mpirun
+from campaign_runs import QUICKSTART, environment, finish, need_mpirun
 from processes import HANG
 
 from agglom_mpi.analysis.replay import check_file

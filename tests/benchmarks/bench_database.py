@@ -12,7 +12,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from farm_runs import environment, finish, start
+from campaign_runs import environment, finish, start
 
 from agglom_mpi.campaign_file import open_campaign
 

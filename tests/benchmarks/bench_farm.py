@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from farm_runs import _BIN, environment, finish, start
+from campaign_runs import _BIN, environment, finish, start
 
 from agglom_mpi.campaign_file import open_campaign
 

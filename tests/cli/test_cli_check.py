@@ -1,5 +1,5 @@
 import pytest
-from farm_runs import QUICKSTART, write_campaign
+from campaign_runs import QUICKSTART, write_campaign
 
 JOBS = sorted(QUICKSTART.parent.glob("*.yaml"))
 

@@ -5,7 +5,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from farm_runs import assert_same, decisions, finish, invert
+from campaign_runs import assert_same, decisions, finish, invert
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign

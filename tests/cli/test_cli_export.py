@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from farm_runs import decisions, environment, invert
+from campaign_runs import decisions, environment, invert
 from processes import HANG
 
 from agglom_mpi import open_campaign

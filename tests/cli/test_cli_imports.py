@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from farm_runs import QUICKSTART, environment
+from campaign_runs import QUICKSTART, environment
 from processes import HANG
 
 HEAVY = {"numba", "h5py", "mpi4py", "pandas", "matplotlib"}

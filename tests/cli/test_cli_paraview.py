@@ -5,8 +5,8 @@ import subprocess
 
 import numpy as np
 import pytest
-from bulk_runs import COUNT, STRINGS, write_bulk_campaign
-from farm_runs import TINY, environment, finish
+from campaign_runs import TINY, environment, finish
+from particle_runs import COUNT, STRINGS, write_bulk_campaign
 from processes import HANG
 from vtk_files import assert_shows, read_vtkhdf
 

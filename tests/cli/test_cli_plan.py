@@ -1,7 +1,7 @@
 import json
 
 import pytest
-from farm_runs import QUICKSTART, TINY, write_campaign
+from campaign_runs import QUICKSTART, TINY, write_campaign
 
 from agglom_mpi.campaign_file import open_campaign
 

@@ -1,6 +1,6 @@
 import json
 
-from farm_runs import TINY
+from campaign_runs import TINY
 
 from agglom_mpi import open_campaign
 

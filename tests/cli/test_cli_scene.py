@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from farm_runs import QUICKSTART, invert
+from campaign_runs import QUICKSTART, invert
 
 from agglom_mpi import load_campaign
 

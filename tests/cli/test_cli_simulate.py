@@ -4,7 +4,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from farm_runs import QUICKSTART, SMALL, write_campaign
+from campaign_runs import QUICKSTART, SMALL, write_campaign
 
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.report import forward as module

@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from farm_runs import environment, need_mpirun
+from campaign_runs import environment, need_mpirun
 from processes import HANG, program
 
 STORY = Path(__file__).parents[2] / "jobs" / "story"

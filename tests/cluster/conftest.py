@@ -1,5 +1,5 @@
 import pytest
-from farm_runs import need_mpirun
+from campaign_runs import need_mpirun
 from slurm_daemons import Slurm, need_slurm
 
 

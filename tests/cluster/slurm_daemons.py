@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from farm_runs import environment
+from campaign_runs import environment
 from processes import HANG
 
 CONFIGURATION = """

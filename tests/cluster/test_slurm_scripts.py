@@ -1,7 +1,7 @@
 """The scripts in slurm/, each submitted to a real Slurm."""
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     TINY,
     assert_same,

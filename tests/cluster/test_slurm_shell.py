@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from farm_runs import environment
+from campaign_runs import environment
 from processes import HANG, output_of, program, wait_for
 from slurm_daemons import script
 

@@ -2,8 +2,15 @@
 
 import h5py
 import pytest
-from farm_runs import TINY, assert_same, assert_sound, decisions, mpirun_is_hydra, write_campaign
-from farm_runs import finish as finish_alone
+from campaign_runs import (
+    TINY,
+    assert_same,
+    assert_sound,
+    decisions,
+    mpirun_is_hydra,
+    write_campaign,
+)
+from campaign_runs import finish as finish_alone
 
 from agglom_mpi.campaign_file import open_campaign
 

@@ -1,7 +1,7 @@
 import shutil
 
 import pytest
-from farm_runs import decisions
+from campaign_runs import decisions
 
 
 @pytest.fixture(scope="session")

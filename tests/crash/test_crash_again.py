@@ -6,7 +6,7 @@ import signal
 
 import h5py
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     Gate,
     assert_same,

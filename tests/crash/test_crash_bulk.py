@@ -5,14 +5,7 @@ import random
 import signal
 
 import pytest
-from bulk_runs import (
-    assert_particles_are_those_of_the_samples,
-    pairs_of,
-    pictures_wanted,
-    write_bulk_campaign,
-)
-from crash_processes import ranks_below, wait_until_gone
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     assert_same,
     decisions,
@@ -22,7 +15,14 @@ from farm_runs import (
     running,
     wait_until,
 )
+from crash_processes import ranks_below, wait_until_gone
 from held_runs import allow, allow_all, held
+from particle_runs import (
+    assert_particles_are_those_of_the_samples,
+    pairs_of,
+    pictures_wanted,
+    write_bulk_campaign,
+)
 from processes import output_of
 
 from agglom_mpi.analysis.replay import check_file

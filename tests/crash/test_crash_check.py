@@ -5,7 +5,7 @@ import signal
 
 import h5py
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     assert_same,
     finish,

@@ -4,8 +4,7 @@ import os
 import subprocess
 
 import pytest
-from crash_rows import final_rows
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     assert_same,
     assert_sound,
@@ -19,6 +18,7 @@ from farm_runs import (
     wait_until,
     write_campaign,
 )
+from crash_rows import final_rows
 from held_runs import allow, held
 from processes import HANG, output_of
 

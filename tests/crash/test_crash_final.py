@@ -5,9 +5,7 @@ import random
 import signal
 
 import pytest
-from crash_processes import ranks_below, wait_until_gone
-from crash_rows import final_rows
-from farm_runs import (
+from campaign_runs import (
     TINY,
     assert_same,
     assert_sound,
@@ -20,9 +18,11 @@ from farm_runs import (
     wait_until,
     write_campaign,
 )
-from final_runs import fresh_bytes, fresh_rows
+from crash_processes import ranks_below, wait_until_gone
+from crash_rows import final_rows
 from held_runs import allow, allow_all, held
 from processes import output_of
+from reestimation_runs import fresh_bytes, fresh_rows
 
 STRINGS, SAMPLES = 4, 60
 FINAL = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"

@@ -7,8 +7,7 @@ import signal
 import h5py
 import numpy as np
 import pytest
-from crash_processes import ranks_below
-from farm_runs import (
+from campaign_runs import (
     assert_same,
     decisions,
     finish,
@@ -18,6 +17,7 @@ from farm_runs import (
     state,
     wait_until,
 )
+from crash_processes import ranks_below
 from held_runs import allow, allow_all, held
 from processes import output_of
 

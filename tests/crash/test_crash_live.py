@@ -4,8 +4,8 @@ import itertools
 import signal
 
 import pytest
+from campaign_runs import assert_same, need_mpirun, running, samples_in, state, wait_until
 from click.testing import CliRunner
-from farm_runs import assert_same, need_mpirun, running, samples_in, state, wait_until
 from held_runs import allow, allow_all, held
 from processes import output_of
 

@@ -10,9 +10,9 @@ import time
 
 import h5py
 import pytest
+from campaign_runs import assert_same, finish, need_mpirun, running, state
 from crash_processes import ranks_below, wait_until_gone
 from crash_rows import final_rows
-from farm_runs import assert_same, finish, need_mpirun, running, state
 from held_runs import held
 from processes import output_of, wait_for
 

@@ -3,7 +3,7 @@
 import signal
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     Gate,
     assert_same,
     finish,

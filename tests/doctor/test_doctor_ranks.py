@@ -5,7 +5,7 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-from farm_runs import environment, need_mpirun
+from campaign_runs import environment, need_mpirun
 from processes import HANG
 
 from agglom_mpi import doctor as ranks

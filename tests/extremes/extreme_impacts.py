@@ -8,9 +8,9 @@ import os
 
 import numba
 import numpy as np
+from contact_pairs import R, encounter, laws_2003, laws_2004, plain_log_ratio
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from impacts import R, encounter, laws_2003, laws_2004, plain_log_ratio
 from scipy.optimize import minimize_scalar
 
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from contact_pairs import R, encounter, isothermal_laws, pressure_scale
 from extreme_impacts import (
     CLOSED,
     EPSILON,
@@ -25,7 +26,6 @@ from extreme_impacts import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from impacts import R, encounter, isothermal_laws, pressure_scale
 
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.impact import solve_impact

@@ -1,14 +1,21 @@
 """Particles of samples are in the file whoever simulates and whoever writes."""
 
 import pytest
-from bulk_runs import (
+from campaign_runs import (
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    need_mpirun,
+    need_parallel_hdf5,
+)
+from mpi_injections import slow
+from particle_runs import (
     assert_particles_are_those_of_the_samples,
     pairs_of,
     pictures_wanted,
     write_bulk_campaign,
 )
-from farm_runs import assert_same, assert_sound, decisions, finish, need_mpirun, need_parallel_hdf5
-from mpi_injections import slow
 
 from agglom_mpi.campaign_file import open_campaign
 

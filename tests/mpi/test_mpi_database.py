@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SLOWLY,
     SMALL,
     TINY,

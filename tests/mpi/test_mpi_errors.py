@@ -1,7 +1,7 @@
 """What goes wrong on a rank reaches the user once, and the job ends as it should."""
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SLOWLY,
     SMALL,
     Gate,

@@ -1,7 +1,7 @@
 """Fresh samples of the best strings are the same whoever simulates and whoever writes."""
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     assert_same,
     assert_sound,
     decisions,
@@ -10,7 +10,7 @@ from farm_runs import (
     need_parallel_hdf5,
     write_campaign,
 )
-from final_runs import assert_fresh_are_those_of_the_best, fresh_bytes, fresh_rows
+from reestimation_runs import assert_fresh_are_those_of_the_best, fresh_bytes, fresh_rows
 
 SIZE = {"generations": 2, "max_samples": 12, "final": "{strings: 3, samples: 40}"}
 PARALLEL = pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)

@@ -1,7 +1,7 @@
 """The same decisions, bit for bit, however many ranks there are."""
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     TINY,
     assert_same,

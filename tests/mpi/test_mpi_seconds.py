@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     HANGS,
     HANGS_REPLACES,
     SMALL,

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SMALL,
     Gate,
     assert_same,

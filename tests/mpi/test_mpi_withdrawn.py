@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from farm_runs import (
+from campaign_runs import (
     SLOWLY,
     SMALL,
     assert_same,

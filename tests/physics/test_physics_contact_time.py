@@ -3,9 +3,9 @@
 import math
 
 import pytest
+from contact_pairs import constant_laws, encounter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from impacts import constant_laws, encounter
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit

@@ -3,9 +3,9 @@
 import math
 
 import pytest
+from contact_pairs import R, constant_laws, encounter, laws_2003, laws_2004
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from impacts import R, constant_laws, encounter, laws_2003, laws_2004
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit

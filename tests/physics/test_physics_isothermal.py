@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from impacts import encounter, isothermal_laws, pressure_scale
+from contact_pairs import encounter, isothermal_laws, pressure_scale
 
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.impact import solve_impact

@@ -6,9 +6,7 @@ import math
 import numba
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
-from impacts import (
+from contact_pairs import (
     R,
     constant_laws,
     encounter,
@@ -18,6 +16,8 @@ from impacts import (
     pressure_scale,
     scanned_root,
 )
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy

@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from farm_runs import SMALL, write_campaign
+from campaign_runs import SMALL, write_campaign
 from rich.console import Console
 
 from agglom_mpi.analysis.file_comparison import as_text, best_objectives, compare, in_words

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from farm_runs import environment, inject, invert, need_mpirun, wait_until, write_campaign
+from campaign_runs import environment, inject, invert, need_mpirun, wait_until, write_campaign
 from held_runs import allow, held
 from screens import screen, started_on, watched
 from test_report_progress import FULL

@@ -12,8 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from farm_runs import (
+from campaign_runs import (
     environment,
     finish,
     need_mpirun,
@@ -21,6 +20,7 @@ from farm_runs import (
     wait_until,
     write_campaign,
 )
+from click.testing import CliRunner
 from held_runs import allow, allow_all, held
 from processes import output_of, wait_for
 from screens import screen, started_on

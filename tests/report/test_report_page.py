@@ -4,8 +4,8 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
-from farm_runs import SMALL, finish, write_campaign
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main

@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from campaign_runs import finish, write_campaign
 from click.testing import CliRunner
-from farm_runs import finish, write_campaign
-from final_runs import assert_fresh_are_those_of_the_best, fresh_rows
+from reestimation_runs import assert_fresh_are_those_of_the_best, fresh_rows
 from scipy import stats
 
 from agglom_mpi.analysis.comparison import PairedSamples, SampleValues, numbered, paired_p_value

@@ -16,7 +16,7 @@ from agglom_mpi.simulation.frames import new_frames
 
 @pytest.fixture(scope="module")
 def campaign():
-    from farm_runs import QUICKSTART
+    from campaign_runs import QUICKSTART
 
     return load_campaign(QUICKSTART)
 

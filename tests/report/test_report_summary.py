@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from farm_runs import SMALL, write_campaign
+from campaign_runs import SMALL, write_campaign
 
 from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
 from agglom_mpi.campaign_file import open_campaign

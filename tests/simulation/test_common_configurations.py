@@ -1,7 +1,7 @@
 """Sample k of all strings from the same random numbers, where a campaign asks for it."""
 
 import numpy as np
-from farm_runs import QUICKSTART
+from campaign_runs import QUICKSTART
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import sample_stream

@@ -18,7 +18,7 @@ print(json.dumps([hits, misses, result]))
 IMPACT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
-from impacts import constant_laws, encounter
+from contact_pairs import constant_laws, encounter
 from agglom_mpi.physics.impact import solve_impact as used
 impact = used(constant_laws(0.5, None, None), encounter(3.0))
 result = [float(number).hex() for number in impact]

@@ -1,0 +1,50 @@
+"""Ranks of one machine ring for each other; nothing but the time depends on it."""
+
+import pytest
+from campaign_runs import assert_same, assert_sound, decisions, finish, inject, need_mpirun
+from mpi_injections import RANK, slow
+
+HARDLY_LOOKS = """
+import agglom_mpi.runtime.wakeup as waiting
+
+waiting.QUIET = 60.0
+"""
+
+OUT_OF_REACH = """
+from agglom_mpi.runtime.wakeup import Wakeup
+
+Wakeup.ring_at = lambda bell, name: False
+"""
+
+LEFT_UNHEARD = f"""{RANK}
+import random
+from agglom_mpi.runtime.wakeup import Wakeup
+
+chance, ring, ring_at = random.Random(rank), Wakeup.ring, Wakeup.ring_at
+Wakeup.ring = lambda bell: ring(bell) if chance.random() < 0.5 else None
+Wakeup.ring_at = lambda bell, name: ring_at(bell, name) if chance.random() < 0.5 else True
+"""
+
+
+@pytest.fixture(autouse=True)
+def mpirun():
+    need_mpirun()
+
+
+@pytest.mark.parametrize("ranks", [slow(1), 2, slow(3)])
+def test_whoever_waits_is_woken(small, tmp_path, ranks):
+    """A message that nobody rings for is read a minute later here: a few are too many."""
+    folder = inject(tmp_path / "inject", HARDLY_LOOKS)
+    finish(small, "small.yaml", "-o", tmp_path / "woken.h5", ranks=ranks, inject=folder)
+    assert_same(tmp_path / "woken.h5", decisions(small / "small.h5"))
+
+
+@pytest.mark.parametrize(
+    ("bells", "ranks"),
+    [(OUT_OF_REACH, 2), slow(OUT_OF_REACH, 3), slow(LEFT_UNHEARD, 3)],
+)
+def test_without_bells_mail_is_found_all_the_same(small, tmp_path, bells, ranks):
+    folder = inject(tmp_path / "inject", bells)
+    finish(small, "small.yaml", "-o", tmp_path / "quiet.h5", ranks=ranks, inject=folder)
+    assert_same(tmp_path / "quiet.h5", decisions(small / "small.h5"))
+    assert_sound(tmp_path / "quiet.h5")

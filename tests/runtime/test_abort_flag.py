@@ -1,0 +1,272 @@
+"""Samples that take too long, looks that come too late, and a stop in between."""
+
+import numpy as np
+import pytest
+from campaign_runs import HARD, SMALL, write_campaign, write_endless
+from processes import wait_for
+
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT
+from agglom_mpi.runtime import sample_runner as module
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.messages import NOT_NEEDED, storable
+from agglom_mpi.runtime.sample_runner import AbortFlag, Batch, SampleRunner
+from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.wakeup import Wakeup
+from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.storage.schema import TOOK_TOO_LONG
+
+LONG = 50.0
+"""Most seconds of a sample."""
+
+
+class Clock:
+    """A clock that stands still unless a test sets it."""
+
+    now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    time = perf_counter = monotonic
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(module, "time", clock)
+    return clock
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    path = write_campaign(tmp_path_factory.mktemp("campaign") / "small.yaml", **SMALL)
+    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: {LONG} s\n")
+    return load_campaign(path)
+
+
+@pytest.fixture
+def simulator(campaign, clock):
+    return SampleRunner(InversionExperiment(campaign), 2)
+
+
+class Scenes:
+    """Samples that compute nothing and see to it that something happens on the way."""
+
+    def __init__(self, monkeypatch, *acts):
+        self.acts, self.seen = list(acts), 0
+        monkeypatch.setattr(module, "simulate_scene", self)
+
+    def __call__(self, scene, random, abort, frames=None):
+        act = self.acts.pop(0) if self.acts else None
+        self.seen += 1
+        if act is not None:
+            act()
+        record = np.zeros((), OUTCOME)
+        record["mean_radius_ratio"], record["particles"] = random.random(), 50
+        record["state"] = FAILED if abort[0] else COMPLETED
+        if frames is not None:
+            frames.particles[:] = 0 if abort[0] else 50
+        return record, None
+
+
+def task(campaign, count, frames=0):
+    batch = np.zeros(1, TASK)
+    batch["string"], batch["first"], batch["count"] = 3, 5, count
+    batch["frames"], batch["parameters"] = frames, campaign.parameters()
+    return batch
+
+
+def done(simulator, batch):
+    job, taken = simulator.begin(batch[0]), Batch([], [], [], [])
+    while job.go_on():
+        pass
+    job.take(taken)
+    return taken
+
+
+def too_long(clock, watch):
+    """Take too long, under the eyes of the other thread."""
+
+    def act():
+        clock.now += LONG
+        watch.look()
+        assert not watch.abort[0]
+        clock.now += 0.01 * LONG
+        watch.look()
+        assert watch.abort[0]
+
+    return act
+
+
+def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, None, too_long(clock, simulator.watch))
+    batch = done(simulator, task(campaign, 3))
+    [rows], [failure] = batch.results, batch.failures
+    assert rows["sample"].tolist() == [5, 6, 7]
+    assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
+    assert rows["reason"].tolist() == [0, TIMED_OUT, 0]
+    assert rows["particles"].tolist() == [50, 0, 50]
+    assert rows["seconds"].tolist() == [0.0, pytest.approx(1.01 * LONG), 0.0]
+    assert (failure["string"], failure["sample"], failure["rank"]) == (3, 6, 2)
+    assert failure["text"].item().decode() == f"{TOOK_TOO_LONG} {LONG:g} s"
+    assert not simulator.watch.abort[0]
+    assert storable(rows)["sample"].tolist() == [5, 7], "it may be tried again"
+
+
+def later(clock):
+    clock.now += 2 * LONG
+
+
+def test_a_sample_that_takes_too_long_fails_though_nobody_looked(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, lambda: later(clock))
+    [rows] = done(simulator, task(campaign, 2)).results
+    assert rows["reason"].tolist() == [TIMED_OUT, 0]
+
+
+def test_a_look_that_was_meant_for_the_sample_before_repeats_the_sample(
+    campaign, simulator, monkeypatch
+):
+    [wanted] = done(simulator, task(campaign, 2)).results
+    undisturbed = Scenes(monkeypatch)
+    [wanted] = done(simulator, task(campaign, 2)).results
+    late = Scenes(monkeypatch, lambda: simulator.watch.abort.fill(1))
+    batch = done(simulator, task(campaign, 2))
+    [rows] = batch.results
+    assert (undisturbed.seen, late.seen) == (2, 3)
+    for name in OUTCOME.names:
+        assert rows[name].tobytes() == wanted[name].tobytes()
+    assert batch.failures == []
+
+
+def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simulator, monkeypatch):
+    def fail_late():
+        simulator.watch.abort[0] = 1
+        fail()
+
+    def fail():
+        raise ArithmeticError("grains on strike")
+
+    Scenes(monkeypatch, fail_late, fail)
+    batch = done(simulator, task(campaign, 2))
+    [rows], [failure] = batch.results, batch.failures
+    assert rows["reason"].tolist() == [EXCEPTION, 0]
+    assert failure["sample"] == 5
+
+
+def test_time_between_samples_does_not_count(campaign, clock, simulator, monkeypatch):
+    scenes = Scenes(monkeypatch)
+    job = simulator.begin(task(campaign, 2)[0])
+    assert job.go_on()
+    later(clock)
+    simulator.watch.look()
+    assert not simulator.watch.abort[0]
+    assert not job.go_on()
+    assert scenes.seen == 2
+
+
+def test_a_stop_wins_over_a_look(campaign, clock, simulator, monkeypatch):
+    watch = simulator.watch
+
+    def both():
+        too_long(clock, watch)()
+        watch.stop()
+
+    scenes = Scenes(monkeypatch, None, both)
+    batch = done(simulator, task(campaign, 3))
+    [rows] = batch.results
+    assert rows["sample"].tolist() == [5], "what is stopped never was"
+    assert batch.failures == []
+    assert watch.abort[0]
+    assert scenes.seen == 2
+
+
+def test_a_stop_between_samples_is_not_forgotten():
+    watch = AbortFlag(1.0)
+    watch.begin()
+    watch.stop()
+    assert watch.end() == (False, True)
+    assert watch.abort[0]
+    watch.begin()
+    assert watch.end() == (False, True)
+
+
+def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path):
+    path = write_campaign(tmp_path / "kept.yaml", **SMALL)
+    path.write_text(f"{path.read_text()}\noutput: {{final_particles: true}}\n")
+    campaign = load_campaign(path)
+    simulator = SampleRunner(InversionExperiment(campaign), 2)
+    job, batch = simulator.begin(task(campaign, 3)[0]), Batch([], [], [], [])
+    assert job.go_on()
+    job.give_up()
+    job.take(batch)
+    [rows], [final] = batch.results, batch.finals
+    assert rows["sample"].tolist() == [5, 6, 7]
+    assert rows["reason"].tolist() == [0, NOT_NEEDED, NOT_NEEDED]
+    assert rows["objective"][1:].tolist() == [0.0, 0.0]
+    assert final["sample"].tolist() == [5]
+    assert storable(rows)["sample"].tolist() == [5]
+    assert batch.failures == []
+
+
+def test_a_hurried_sample_is_done_again(campaign, simulator, monkeypatch):
+    scenes = Scenes(monkeypatch, simulator.watch.interrupt)
+    [rows] = done(simulator, task(campaign, 2)).results
+    assert rows["reason"].tolist() == [0, 0]
+    assert scenes.seen == 3
+
+
+def test_without_a_limit_nothing_takes_too_long():
+    watch = AbortFlag(None)
+    watch.begin()
+    watch.look()
+    assert watch.end() == (False, False)
+
+
+def test_pictures_are_whole_however_long_ago_the_last_sample_was(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch)
+    done(simulator, task(campaign, 1))
+    later(clock)
+    simulator.watch.look()
+    for act in (None, lambda: simulator.watch.abort.fill(1)):
+        scenes = Scenes(monkeypatch, act)
+        [rows] = done(simulator, task(campaign, 1, frames=3)).frames
+        assert rows["particles"].tolist() == [50] * 3
+        assert scenes.seen == (1 if act is None else 2)
+
+
+def test_pictures_of_a_sample_that_takes_too_long_are_given_up(
+    campaign, clock, simulator, monkeypatch
+):
+    Scenes(monkeypatch, too_long(clock, simulator.watch))
+    batch = done(simulator, task(campaign, 2, frames=3))
+    [rows], [failure] = batch.frames, batch.failures
+    assert rows["sample"].tolist() == [6] * 3
+    assert failure["sample"] == 5
+    assert failure["text"].item().decode().startswith(TOOK_TOO_LONG)
+
+
+def test_the_thread_looks_while_it_is_asked_for_results(tmp_path):
+    path = write_endless(tmp_path / "endless.yaml")
+    path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 0.2 s\n")
+    campaign = load_campaign(path)
+    simulator = SampleRunner(InversionExperiment(campaign), 0)
+    simulator.warm_up()
+    batch = task(campaign, 2)
+    batch["parameters"] = campaign.parameters(HARD)
+    thread = SimulationThread(simulator, Wakeup())
+    thread.put(batch)
+    rows = []
+    while len(rows) < 2:
+        rows += wait_for(thread.take, "a result").results
+    thread.stop()
+    rows = np.concatenate(rows)
+    assert rows["sample"].tolist() == [5, 6]
+    assert rows["reason"].tolist() == [TIMED_OUT] * 2
+    assert np.all(rows["seconds"] > 0.2)

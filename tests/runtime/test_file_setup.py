@@ -1,0 +1,90 @@
+import os
+
+import pytest
+from campaign_runs import SMALL, write_campaign
+
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import (
+    OutputError,
+    check_same_campaign,
+    leg_fields,
+    output_path,
+    prepare,
+    versions,
+)
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return load_campaign(write_campaign(tmp_path / "small.yaml", **SMALL))
+
+
+def test_the_file_is_named_after_the_campaign_unless_told_otherwise(campaign):
+    assert str(output_path(campaign, None)) == "small.h5"
+    assert str(output_path(campaign, "other.h5")) == "other.h5"
+
+
+def test_a_directory_is_no_output_file(campaign, tmp_path):
+    with pytest.raises(OutputError, match="is a directory"):
+        output_path(campaign, str(tmp_path))
+
+
+def test_a_missing_directory_is_named(campaign):
+    with pytest.raises(OutputError, match=r"the directory no/where does not exist"):
+        output_path(campaign, "no/where/x.h5")
+
+
+def test_a_directory_that_cannot_be_written_is_refused(campaign, tmp_path, monkeypatch):
+    # The tests may run as root, whom the permission bits do not stop.
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(OutputError, match="cannot be written"):
+        output_path(campaign, "x.h5")
+
+
+def test_a_read_only_file_is_refused(campaign, tmp_path, monkeypatch):
+    file = tmp_path / "x.h5"
+    file.touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != "x.h5")
+    with pytest.raises(OutputError, match="is read-only"):
+        output_path(campaign, "x.h5")
+
+
+def test_the_same_campaign_is_let_through(campaign, tmp_path):
+    check_same_campaign(tmp_path, campaign.identity(), campaign.identity())
+
+
+def test_every_difference_between_two_campaigns_is_shown(campaign, tmp_path):
+    stored = campaign.identity() | {"scene.particles": 200, "gone": 1}
+    del stored["search.population"]
+    with pytest.raises(OutputError) as caught:
+        check_same_campaign(tmp_path, stored, campaign.identity())
+    lines = [line.strip() for line in str(caught.value).splitlines()[1:]]
+    assert lines == [
+        "gone: 1 in the file, absent now",
+        "scene.particles: 200 in the file, 100 now",
+        "search.population: absent in the file, 12 now",
+    ]
+
+
+def test_a_stored_campaign_is_found_again_with_all_its_identity(campaign, tmp_path):
+    made = prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
+    again = prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
+    assert made.identity == again.identity == campaign.identity()
+    assert again.campaign_text == campaign.text
+
+
+def test_more_generations_make_room_for_more_strings(campaign, tmp_path):
+    prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
+    longer = campaign.with_generations(9)
+    prepare(tmp_path / "x.h5", InversionExperiment(longer), accept_code_change=False)
+    again = prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
+    assert again.attributes["strings"] == longer.most_strings
+
+
+def test_a_leg_records_what_it_ran_with():
+    fields = leg_fields(3, "MPICH 4.3")
+    assert fields["ranks"] == 3
+    assert fields["versions"]["mpi"] == "MPICH 4.3"
+    assert all(versions()[name] for name in ("python", "numpy", "numba", "h5py", "hdf5"))

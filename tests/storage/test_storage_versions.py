@@ -1,0 +1,132 @@
+"""Files of older format versions are read, checked and continued."""
+
+import gzip
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from campaign_runs import assert_sound, finish
+
+import agglom_mpi
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.columns import Column, TableSchema, fitted
+from agglom_mpi.storage.schema import FORMAT_VERSION, LEGS
+
+FILES = Path(__file__).parent / "files"
+
+
+@pytest.fixture
+def old(tmp_path):
+    """Folder of a campaign of three generations, and its file of version 1 after two of them.
+
+    Written by commit 357adf2: `agglom-invert version_1.yaml --generations 2`.
+    """
+    shutil.copy(FILES / "version_1.yaml", tmp_path)
+    with gzip.open(FILES / "version_1.h5.gz") as packed:
+        (tmp_path / "version_1.h5").write_bytes(packed.read())
+    return tmp_path
+
+
+def final_bytes(path):
+    """Bytes of the final rows of each table, by table and place, as they are stored."""
+    found = {}
+    with h5py.File(path) as file:
+        for name in ("strings", "results", "generations", "samples", "final_particles"):
+            done = np.flatnonzero(file[f"{name}_done"][:])
+            rows = file[name][:]
+            found |= {(name, int(place)): rows[place].tobytes() for place in done}
+    return found
+
+
+def test_an_older_file_is_read(old):
+    file = agglom_mpi.open_campaign(old / "version_1.h5")
+    assert file.attributes["format_version"] == 1 < FORMAT_VERSION
+    assert len(file.strings) == 6
+    assert file.samples["used"].sum() == 36
+    assert file.samples["fresh"].sum() == 6
+    assert file.best()["string"].tolist() == [0]
+    assert file.estimates["objective"][0] == pytest.approx(0.0520, abs=5e-5)
+    assert file.final_particles(0, 0).radii.size > 0
+    assert file.legs().dtype.names == tuple(field.name for field in LEGS.fields)
+    assert file.legs()["scipy"].tolist() == [b""]
+
+
+def test_an_older_file_is_sound(old):
+    assert "2 of 2 populations" in assert_sound(old / "version_1.h5")
+
+
+def test_an_older_file_is_continued_and_keeps_its_rows(old):
+    path = old / "version_1.h5"
+    before = final_bytes(path)
+    finish(old, "version_1.yaml", "--accept-code-change")
+    after = final_bytes(path)
+    assert {place: after[place] for place in before} == before
+    file = open_campaign(path)
+    assert file.attributes["format_version"] == 1
+    assert len(file.generation_rows()) == 3
+    assert len(file.legs()) == 2
+    assert_sound(path)
+
+
+def test_a_file_that_needs_more_room_keeps_its_version(old):
+    finish(old, "version_1.yaml", "--generations", "7", "--accept-code-change")
+    with h5py.File(old / "version_1.h5") as file:
+        assert file.attrs["format_version"] == 1
+        assert "scipy" not in file["legs"].dtype.names
+    assert_sound(old / "version_1.h5")
+
+
+def test_a_table_of_an_older_version_lacks_later_columns():
+    table = TableSchema(
+        "t", "", "", (Column("a", "f8", "", ""), Column("b", "i8", "", "", since=3))
+    )
+    assert table.at(2).dtype.names == ("a",)
+    assert table.at(3).dtype.names == ("a", "b")
+
+
+def test_rows_without_a_column_get_what_says_that_it_is_unknown():
+    rows = np.array([(1.5, 7)], [("a", "f8"), ("dropped", "i8")])
+    wanted = np.dtype([("a", "f8"), ("b", "i8"), ("c", "f8"), ("d", "S4")])
+    [found] = fitted(rows, wanted).tolist()
+    assert found[:2] == (1.5, 0)
+    assert np.isnan(found[2])
+    assert found[3] == b""
+
+
+LATER_COLUMN = """    OutcomeColumn("extra", "f8", "1", "something measured later", since=FORMAT),
+)
+\"\"\"The columns of a sample that physics"""
+
+
+@pytest.mark.slow
+def test_a_column_that_is_added_later_locks_out_no_older_file(old, tmp_path):
+    package = tmp_path / "later" / "agglom_mpi"
+    shutil.copytree(Path(agglom_mpi.__file__).parent, package)
+    replace(package / "outcome.py", BEFORE, LATER_COLUMN.replace("FORMAT", "9"))
+    replace(
+        package / "storage" / "schema.py",
+        f"FORMAT_VERSION: Final = {FORMAT_VERSION}",
+        "FORMAT_VERSION: Final = 9",
+    )
+    path, before = old / "version_1.h5", final_bytes(old / "version_1.h5")
+    run = [old, "version_1.yaml"]
+    finish(*run, "--accept-code-change", alone=True, PYTHONPATH=package.parent)
+    after = final_bytes(path)
+    assert {place: after[place] for place in before} == before
+    assert_sound(path)  # as whoever wrote the first version sees it, the digests too
+    finish(*run, "-o", "new.h5", alone=True, PYTHONPATH=package.parent)
+    with h5py.File(old / "new.h5") as file:
+        assert file.attrs["format_version"] == 9
+        assert "extra" in file["samples"].dtype.names
+
+
+BEFORE = """)
+\"\"\"The columns of a sample that physics"""
+
+
+def replace(path, old, new):
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
