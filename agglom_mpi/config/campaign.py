@@ -17,7 +17,14 @@ from agglom_mpi.config.objective import Function, Objective
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
 from agglom_mpi.config.user_function import UserFunction, load_function, read_code
-from agglom_mpi.config.yaml_source import CampaignError, Problem, parse, read_text
+from agglom_mpi.config.yaml_source import (
+    CampaignError,
+    MissingSearchLibraryError,
+    Problem,
+    parse,
+    read_text,
+)
+from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
 from agglom_mpi.variables import COUNT, NAMES
 
@@ -190,6 +197,19 @@ class Campaign:
         """Raise a CampaignError unless there is a plan, and a variable to search."""
         if self.plan is None or not self.variables.searched:
             raise self._nothing_to_search()
+
+    def check_libraries(self) -> None:
+        """Raise a MissingSearchLibraryError unless the search's library is installed."""
+        search = self.search
+        if search.library is None:
+            return
+        try:
+            require_library(search.library, "search", f"{search.method} searches")
+        except MissingLibraryError as error:
+            line = parse(self.text, self.name).line(("search", "method"))
+            message = f"is {search.method!r}; {error}"
+            problem = Problem(self.name, line, "search.method", message)
+            raise MissingSearchLibraryError(problem) from None
 
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
         """Raise a CampaignError if a parameter string gives a scene beyond what can be calculated.

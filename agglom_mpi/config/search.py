@@ -95,6 +95,7 @@ class SearchSection(Section):
     """
 
     lag: ClassVar[int] = 1
+    library: ClassVar[str | None] = None
     start: Annotated[GivenStrings | None, LATER] = None
 
     @property
@@ -202,6 +203,7 @@ class Surrogate(SearchSection):
     """A Gaussian process through all samples so far, batches by Thompson sampling."""
 
     lag: ClassVar[int] = 2
+    library: ClassVar[str | None] = "threadpoolctl"
     method: Literal["surrogate"]
     initial: Annotated[WholeNumber, Field(ge=8, le=10**4)] = 48
     batch: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 24
@@ -233,6 +235,7 @@ class Surrogate(SearchSection):
 class Evolution(_Populated):
     """The covariance matrix adaptation evolution strategy."""
 
+    library: ClassVar[str | None] = "cmaes"
     method: Literal["cmaes"]
     population: Annotated[WholeNumber, Field(ge=4, le=10**5)] = 20
     sigma: Annotated[Number, Field(gt=0, le=1, description="a share of the box")] = 0.3

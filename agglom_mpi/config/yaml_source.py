@@ -12,6 +12,8 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from agglom_mpi.errors import MissingLibraryError, UserError
+
 Path = tuple[str | int, ...]
 
 # An alias that contains itself, or that doubles at every level, must end in a message.
@@ -33,7 +35,7 @@ class Problem(NamedTuple):
         return " ".join(f"{place}: {field}{self.message}".split())
 
 
-class CampaignError(Exception):
+class CampaignError(UserError):
     """Everything that is wrong with a campaign, one line per problem, in the order of the file."""
 
     def __init__(self, *problems: Problem) -> None:
@@ -42,6 +44,10 @@ class CampaignError(Exception):
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.problems))
+
+
+class MissingSearchLibraryError(CampaignError, MissingLibraryError):
+    """A campaign's search needs an optional library that is not installed."""
 
 
 @dataclass(frozen=True)

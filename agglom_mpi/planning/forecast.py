@@ -9,7 +9,6 @@ from rich.console import Console
 
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import Campaign, load_campaign
-from agglom_mpi.config.libraries import check_libraries
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
     ClusterSimulator,
@@ -125,7 +124,7 @@ def plan(options: Options) -> ForecastReport:
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
-    check_libraries(campaign)
+    campaign.check_libraries()
     with Console(stderr=True).status("") as status:  # only a terminal shows it
         recorded = measure(campaign, options, status.update)
         return forecasts(campaign, recorded, options, status.update)

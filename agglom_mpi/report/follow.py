@@ -15,7 +15,7 @@ from agglom_mpi.display.remaining_time import (
     remaining_by_work,
     remaining_in_turns,
 )
-from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
+from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.inversion import GenerationSummary
 from agglom_mpi.storage.new_rows import News

@@ -6,8 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from agglom_mpi.cli import main
-from agglom_mpi.cli.inversion import invert_command
-from agglom_mpi.cli.options import read_duration
+from agglom_mpi.cli.common import read_duration
+from agglom_mpi.cli.invert import invert_command
 
 ROOT = Path(__file__).parents[2]
 
