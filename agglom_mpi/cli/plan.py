@@ -61,12 +61,12 @@ def plan(as_json: bool, **options: Any) -> int:
     code 1 if an estimate would take too many samples.
     """
     from agglom_mpi.display.display import print_wide
-    from agglom_mpi.planning.forecast import Options, plan
-    from agglom_mpi.planning.plan_text import as_text, in_words
+    from agglom_mpi.planning.forecast import forecast_table, to_json
+    from agglom_mpi.planning.plan import Options, plan
 
-    made = plan(Options(**options))
+    report = plan(Options(**options))
     if as_json:
-        click.echo(as_text(made))
+        click.echo(to_json(report))
     else:
-        print_wide(in_words(made))
-    return FAILURE if made.refused else 0
+        print_wide(forecast_table(report))
+    return FAILURE if report.not_forecast else 0

@@ -149,7 +149,7 @@ class Follower:
             return progress._replace(
                 done=min(done, total), total=total, unit="fresh samples", left=left
             )
-        strings, samples = self._campaign.most_framed
+        strings, samples = self._campaign.max_framed
         total = strings * samples * frames.count
         return progress._replace(done=self.news.pictures, total=total, unit="pictures")
 

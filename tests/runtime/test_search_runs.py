@@ -22,8 +22,8 @@ from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.planning.forecast import Options as PlanOptions
-from agglom_mpi.planning.forecast import plan
+from agglom_mpi.planning.plan import Options as PlanOptions
+from agglom_mpi.planning.plan import plan
 from agglom_mpi.runtime.run import Options, read_order
 
 
@@ -300,4 +300,4 @@ def test_a_forecast_of_every_search_keeps_its_bound(plain, monkeypatch, search):
     for forecast in made.forecasts:
         assert forecast.used == 3 * strings
         assert 0.0 < forecast.bound <= forecast.seconds * (1.0 + 1e-9)
-    assert made.refused == []
+    assert made.not_forecast == []
