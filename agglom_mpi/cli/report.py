@@ -81,12 +81,12 @@ def _follow(file: str) -> int:
     return follow(read_inversion(file))
 
 
-def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
+def _page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
     """Write the web page of a file, and print what was written."""
     from agglom_mpi.report.page import write_report
     from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(read_inversion(file), out, again, sensitivity):
+    for line in write_report(read_inversion(file), out, resimulate, sensitivity):
         click.echo(line)
 
 
@@ -95,17 +95,18 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
     from agglom_mpi.storage.reader import read_inversion
 
-    opened, more = read_inversion(file), None
+    opened, indices = read_inversion(file), None
     if sensitivity:
-        from agglom_mpi.analysis import sensitivity as matters
+        from agglom_mpi.analysis import sensitivity as sensitivities
 
-        more = matters.sensitivity_of(opened)
+        indices = sensitivities.sensitivity_of(opened)
     if as_json:
-        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
         return as_text(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+    more = [] if indices is None else [sensitivities.in_words(*indices)]
+    return Group(summarise(opened), *more)
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:

@@ -51,7 +51,9 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
     strings: list[NDArray[np.float64]] = []
     batch = Batch([], [], [], [])
     try:
-        for string, first, count in _tasks(campaign.max_strings, campaign.ensemble.max_samples):
+        for string, first, count in pilot_tasks(
+            campaign.max_strings, campaign.ensemble.max_samples
+        ):
             if string == len(strings):
                 strings.append(_random_string(campaign, string))
             rows += _simulate(simulator, _task(string, first, count, strings[string]), batch)
@@ -67,7 +69,7 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
     return PilotSamples(concatenated(batch.results, RESULT), np.array(strings))
 
 
-def _tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
+def pilot_tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
     """Yield string, first sample and number of samples of tasks, in rounds that double in size."""
     before = 0
     while True:

@@ -87,7 +87,7 @@ class EmpiricalWorkload:
             pool = self._pools[name] = self._pool(parameters[self._searched])
         row = pool.own.get(sample)
         if row is None:
-            row = pool.first + _scrambled(pool.key, sample) % pool.size
+            row = pool.first + splitmix64(pool.key, sample) % pool.size
         return self._outcomes[row], self._seconds[row]
 
     def _in_unit_box(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -106,8 +106,8 @@ class EmpiricalWorkload:
         return _Pool(own, first, end - first, int.from_bytes(digest, "little"))
 
 
-def _scrambled(key: int, count: int) -> int:
-    """Return the 64-bit number of a key and a count (SplitMix64, Steele, Lea and Flood 2014)."""
+def splitmix64(key: int, count: int) -> int:
+    """Return output `count` of SplitMix64 seeded with `key`  (Steele, Lea and Flood 2014)."""
     z = (key + (count + 1) * 0x9E3779B97F4A7C15) & _MASK
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK

@@ -8,13 +8,13 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.planning import pilot
 from agglom_mpi.planning.cluster_simulator import ClusterSimulator
-from agglom_mpi.planning.pilot import _tasks, run_pilot
+from agglom_mpi.planning.pilot import pilot_tasks, run_pilot
 from agglom_mpi.planning.workload import (
     LEAST_SAMPLES,
     EmpiricalWorkload,
     PilotSamples,
-    _scrambled,
     read_recorded_samples,
+    splitmix64,
 )
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.storage.schema import sample_dtype
@@ -76,7 +76,7 @@ def test_draws_depend_on_string_and_sample_alone(campaign):
 
 def test_random_numbers_are_those_of_splitmix64():
     # First outputs for the seed 0, by the reference implementation.
-    assert [_scrambled(0, count) for count in range(3)] == [
+    assert [splitmix64(0, count) for count in range(3)] == [
         0xE220A8397B1DCDAF,
         0x6E789E6AA1B965F4,
         0x06C45D188009454F,
@@ -172,7 +172,7 @@ def test_a_sample_that_takes_longer_than_the_time_there_is_is_ended(tmp_path):
 
 def test_strings_and_samples_grow_together_up_to_all_there_are():
     done = [0] * 13
-    for string, first, count in _tasks(13, 5):
+    for string, first, count in pilot_tasks(13, 5):
         assert done[string] == first
         done[string] += count
         # No string runs ahead of one that has begun by more than a round.
