@@ -55,11 +55,11 @@ def trials(
         If the objective is a function, and another one than is `allowed`.
     """
     campaign = campaign_of(history)
-    if campaign.code is not None:
-        if allowed is None or allowed.unread != campaign.code:
+    if campaign.user_function is not None:
+        if allowed is None or allowed.without_source != campaign.user_function:
             message = "is a function that is not run from a file: give its unchanged campaign, too"
             raise CampaignError(Problem(campaign.name, None, "objective.call", message))
-        campaign = replace(campaign, code=allowed)
+        campaign = replace(campaign, user_function=allowed)
     parameters = {int(row["string"]): row for row in history.string_rows()}
     return {
         name_of(string): Trial(

@@ -92,7 +92,9 @@ def make_plan(options: Options) -> Plan:
         if not options.quick:
             trials |= whole_method.trials(campaign, parameters, extent.samples)
     if history is not None:
-        trials |= inversion.trials(history, extent.again, campaign.code if campaign else None)
+        trials |= inversion.trials(
+            history, extent.again, campaign.user_function if campaign else None
+        )
     trials |= extremes.trials(scenes, extent.extreme)
     first = campaign or next(iter(scenes.values()))
     study = Study(first, trials, extent.budget)

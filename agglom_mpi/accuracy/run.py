@@ -1,6 +1,5 @@
 """The command `agglom accuracy`: simulate on all ranks, then write the report."""
 
-import importlib.util
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +9,9 @@ from agglom_mpi.accuracy.display import StudyDisplay
 from agglom_mpi.accuracy.document import Header, Part, write_document
 from agglom_mpi.accuracy.plan import Options, Plan, make_plan
 from agglom_mpi.accuracy.sections import extreme_sections, scene_sections
+from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration
-from agglom_mpi.runtime.file_setup import OutputError, check_writable
+from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.request import Order
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign
@@ -30,7 +30,8 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
     plans: list[Plan] = []
 
     def read() -> Order:
-        check_libraries()
+        require_library("matplotlib", "report", "figures")
+        require_library("pandas", "report", "tables")
         plans.append(make_plan(options))
         directory = Path(options.out)
         directory.mkdir(parents=True, exist_ok=True)
@@ -44,15 +45,6 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
         display.message(f"{path} with its figures and tables")
 
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
-
-
-def check_libraries() -> None:
-    """Raise an OutputError if what draws figures and writes tables is not installed."""
-    missing = [name for name in ("matplotlib", "pandas") if importlib.util.find_spec(name) is None]
-    if missing:
-        raise OutputError(
-            f"the report needs {' and '.join(missing)}: pip install 'agglom_mpi[report]'"
-        )
 
 
 def report(plan: Plan, options: Options, file: CampaignData) -> Path:

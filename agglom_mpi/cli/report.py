@@ -1,13 +1,12 @@
-"""`agglom report`: what campaign files found."""
+"""`agglom report`: results of campaign files."""
 
 from pathlib import Path
 from typing import Any
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import JSON, PATH, examples
-from agglom_mpi.exit_codes import INTERRUPTED
+from agglom_mpi.cli.common import JSON, PATH, examples, exit_with
+from agglom_mpi.errors import INTERRUPTED
 
 
 @click.command(
@@ -22,19 +21,21 @@ from agglom_mpi.exit_codes import INTERRUPTED
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Write a web page, report.html, and its figures instead, as PNG and SVG.",
+    help="Write a web page, report.html, with figures as PNG and SVG instead.",
 )
 @click.option(
     "--stored-only",
     is_flag=True,
-    help="With --out: particles that are not stored are not simulated again.",
+    help="With --out: do not resimulate samples whose particles are not stored.",
 )
 @click.option(
-    "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
+    "--sensitivity",
+    is_flag=True,
+    help="Add Sobol indices of the variables, by a regression; takes seconds.",
 )
 @JSON
-@click.option("--follow", is_flag=True, help="First show how its run goes, until it ends.")
-@exits
+@click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
+@exit_with
 def report(
     files: tuple[str, ...],
     out: Path | None,
@@ -45,15 +46,15 @@ def report(
 ) -> int:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
-    They are ranked by their re-estimates on fresh samples, where there are any. Several files are
-    compared by their best strings. The web page needs nothing but itself; existing files are
-    replaced only if they have the names of its own. Exit codes with --follow are those of the run,
-    and 130 after Ctrl-C, which does not touch it.
+    Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
+    are compared by their best strings. The web page is self-contained; existing files are replaced
+    only if they have the names of its own. With --follow the exit code is that of the run, or 130
+    after Ctrl-C, which does not affect the run.
     """
     options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
     for option, given in options.items():
         if len(files) > 1 and given:
-            raise click.UsageError(f"{option} is of one file")
+            raise click.UsageError(f"{option} takes one file")
     if out is None and stored_only:
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
@@ -73,42 +74,43 @@ def report(
 
 
 def _follow(file: str) -> int:
-    """Show how a run goes until it ends; its exit code, or `INTERRUPTED`."""
+    """Show the progress of a run until it ends; return its exit code, or `INTERRUPTED`."""
     from agglom_mpi.report.follow import follow
     from agglom_mpi.storage.reader import read_inversion
 
     return follow(read_inversion(file))
 
 
-def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
-    """Write the web page of a file, and say so."""
+def _page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
+    """Write the web page of a file, and print what was written."""
     from agglom_mpi.report.page import write_report
     from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(read_inversion(file), out, again, sensitivity):
+    for line in write_report(read_inversion(file), out, resimulate, sensitivity):
         click.echo(line)
 
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
-    """Return what one file found, to be printed."""
+    """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
     from agglom_mpi.storage.reader import read_inversion
 
-    opened, more = read_inversion(file), None
+    opened, indices = read_inversion(file), None
     if sensitivity:
-        from agglom_mpi.analysis import sensitivity as matters
+        from agglom_mpi.analysis import sensitivity as sensitivities
 
-        more = matters.sensitivity_of(opened)
+        indices = sensitivities.sensitivity_of(opened)
     if as_json:
-        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
         return as_text(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+    more = [] if indices is None else [sensitivities.in_words(*indices)]
+    return Group(summarise(opened), *more)
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
-    """Return what several files found, to be printed."""
+    """Return the comparison of several files as a renderable, or as JSON."""
     from agglom_mpi.analysis import file_comparison as comparison
     from agglom_mpi.storage.reader import read_inversion
 

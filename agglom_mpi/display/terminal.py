@@ -101,7 +101,7 @@ def _of_launcher(output: int) -> Terminal | None:
     if not os.isatty(descriptor):
         os.close(descriptor)
         return None
-    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="spelled")  # noqa: SIM115
+    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="ascii_replacement")  # noqa: SIM115
     return Terminal(stream, lambda: _leads(process))
 
 

@@ -1,12 +1,12 @@
 """What `agglom export` writes of a campaign file: a compact copy, tables, files for ParaView."""
 
-import importlib.util
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.analysis.tables import table_of
+from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.files import atomic_file, require_absent
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
@@ -20,7 +20,7 @@ TABLES: Final = ("generations", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
 
 
-class ExportError(ValueError):
+class ExportError(UserError, ValueError):
     """The export is not possible; one line says why."""
 
 
@@ -36,14 +36,14 @@ def export(
     ------
     CampaignError
         If the samples to show in ParaView cannot be, as from `chosen` and `write_samples`.
-    ExportError
-        If pandas is missing, or a name that is to be a directory is none.
+    ExportError, MissingLibraryError
+        If a name that is to be a directory is none, or pandas is missing.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
     file = read_campaign(source) if paraview is None else read_inversion(source)
     if directory is not None:
-        check_library("pandas", "tables")
+        require_library("pandas", "report", "tables")
         check_directory(directory)
     targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
     if compact is not None:
@@ -66,12 +66,6 @@ def export(
         yield from write_tables(file, directory)
     if paraview is not None:
         yield from write_samples(file, shown, paraview.frames)
-
-
-def check_library(name: str, what: str) -> None:
-    """Raise an ExportError if the library that makes such a thing is not installed."""
-    if importlib.util.find_spec(name) is None:
-        raise ExportError(f"{what} need {name}: pip install 'agglom_mpi[report]'")
 
 
 def check_directory(path: Path) -> None:

@@ -81,7 +81,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report = _report(campaign, parameters, outcomes)
-    if campaign.code is not None and campaign.code.source is None:
+    if campaign.user_function is not None and campaign.user_function.source is None:
         report["note"] = LEFT_OUT
     code = 0
     if stored is not None and request.engine is None:

@@ -8,8 +8,9 @@ from typing import Any, Final
 
 from agglom_mpi.analysis import sensitivity as sensitivities
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.errors import require_library
 from agglom_mpi.report import page_answer, page_run, sample_frames
-from agglom_mpi.report.export import check_directory, check_library
+from agglom_mpi.report.export import check_directory
 from agglom_mpi.report.figures import (
     busy,
     convergence,
@@ -55,13 +56,13 @@ def write_report(
 
     Raises
     ------
-    ExportError
-        If matplotlib is missing, or the directory's name is that of something else.
+    ExportError, MissingLibraryError
+        If the directory's name is that of something else, or matplotlib is missing.
     OSError
         If it cannot be written.
     """
     begun = time.perf_counter()
-    check_library("matplotlib", "figures")
+    require_library("matplotlib", "report", "figures")
     check_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
     writer, sections = Writer(gather(file), directory), []

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.report.export import check_directory, check_library
+from agglom_mpi.errors import require_library
+from agglom_mpi.report.export import check_directory
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
 from agglom_mpi.report.picture import Picture, write_picture
@@ -33,12 +34,12 @@ def check_room(directory: Path) -> None:
 
     Raises
     ------
-    ExportError
-        If what draws is not installed, or the directory is something else.
+    ExportError, MissingLibraryError
+        If the directory is something else, or matplotlib is missing.
     FileExistsError
         If one of the files is there already.
     """
-    check_library("matplotlib", "pictures")
+    require_library("matplotlib", "report", "pictures")
     check_directory(directory)
     for name in NAMES:
         require_absent(directory / name)

@@ -20,7 +20,7 @@ def campaign(objective):
     text = load_campaign("jobs/quickstart.yaml").text
     assert text.count(TARGET) == 1
     return Campaign.from_text(
-        text.replace(TARGET, objective), code=UserFunction("shape:worth", "0")
+        text.replace(TARGET, objective), user_function=UserFunction("shape:worth", "0")
     )
 
 

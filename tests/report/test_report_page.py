@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
 from agglom_mpi.report import sample_frames as again
 from agglom_mpi.report.export import ExportError
@@ -228,7 +229,7 @@ def test_what_is_no_directory_is_refused(finished, tmp_path):
 
 def test_without_matplotlib_one_message_says_what_to_install(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ExportError, match=re.escape("pip install 'agglom_mpi[report]'")):
+    with pytest.raises(MissingLibraryError, match=re.escape("agglom_mpi[report]")):
         report(finished, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -164,9 +164,9 @@ def test_a_forecast_takes_the_samples_of_the_same_function_only(agglom, own):
 
 def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
     history = open_campaign(own / "own.h5")
-    code = load_campaign(own / "own.yaml", allow_code=True).code
+    code = load_campaign(own / "own.yaml", allow_code=True).user_function
     trials = inversion.trials(history, 5, code)
-    assert all(trial.campaign.code == code for trial in trials.values())
+    assert all(trial.campaign.user_function == code for trial in trials.values())
     for other in (None, code._replace(sha256="0" * 64)):
         with pytest.raises(CampaignError, match="a function that is not run from a file: give"):
             inversion.trials(history, 5, other)

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any, Final
 
+from agglom_mpi.errors import require_library
 from agglom_mpi.report.picture import SIZE
 
 if TYPE_CHECKING:
@@ -28,11 +29,8 @@ def figure_for(figure: Any | None, size: tuple[float, float]) -> "matplotlib.fig
 
 
 def check_drawing() -> None:
-    """Raise an ImportError with the remedy if what draws is not installed."""
-    import importlib.util
-
-    if importlib.util.find_spec("matplotlib") is None:
-        raise ImportError("figures need matplotlib: pip install 'agglom_mpi[report]'")
+    """Raise a MissingLibraryError, an ImportError, if matplotlib is not installed."""
+    require_library("matplotlib", "report", "figures")
 
 
 def grid(ax: Any) -> None:
