@@ -43,19 +43,18 @@ class PairedSamples:
         self._samples = samples
 
     @classmethod
-    def of_file(
-        cls, file: CampaignData, rows: NDArray[np.void], estimates: Iterable[Estimate]
-    ) -> Self | None:
-        """Take the fresh samples behind estimates from all rows of a file's `/samples`.
+    def behind(cls, estimates: Iterable[Estimate], data: CampaignData) -> Self | None:
+        """Return the fresh samples behind estimates; None if strings do not share configurations.
 
-        None if its strings have configurations of their own.
+        They do if the campaign has `common_configurations`.
         """
-        if not file.identity.get("ensemble.common_configurations", False):
+        if not data.identity.get("ensemble.common_configurations", False):
             return None
-        fresh = rows[(rows["sample"] >= file.fresh_from) & (rows["state"] == COMPLETED)]
-        law = objective_of(file)
+        fresh = data.fresh_samples
+        fresh = fresh[fresh["state"] == COMPLETED]
+        law = objective_of(data)
         strings = [estimate.string for estimate in estimates if estimate.known]
-        return cls({i: numbered(law, fresh[fresh["string"] == i]) for i in strings})
+        return cls({i: sample_values(law, fresh[fresh["string"] == i]) for i in strings})
 
     def difference(self, one: int, other: int) -> MeanEstimate:
         """Objective of one string minus that of another, over the samples that both have."""
@@ -76,7 +75,7 @@ class PairedSamples:
         return sampled.values[np.searchsorted(sampled.numbers, numbers)]
 
 
-def numbered(law: Objective, rows: NDArray[np.void]) -> SampleValues:
+def sample_values(law: Objective, rows: NDArray[np.void]) -> SampleValues:
     """Take completed rows of `/samples` of one string, by number, as an objective sees them.
 
     Of a magnitude the sign is that of the mean, so that the mean of the values is the objective.

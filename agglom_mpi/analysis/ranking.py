@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate, estimates_in
+from agglom_mpi.analysis.estimates import Estimate, estimates_of
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -29,18 +29,34 @@ class RankedStrings(NamedTuple):
     order: list[int]
 
 
-def rank_strings(
-    file: "CampaignData", results: np.ndarray, strings: np.ndarray, samples: np.ndarray
-) -> RankedStrings:
-    """Rank the judged strings of a file by all its rows of these tables; damaged ones are absent.
+def rank_strings(data: "CampaignData") -> RankedStrings:
+    """Rank the judged strings of a campaign; those with a damaged row are left out."""
+    return data.derived(_rank)
 
-    They are those of `CampaignData.result_rows`, `string_rows` and `all_sample_rows`.
-    """
-    known = np.isin(results["string"], strings["string"])
+
+def _rank(data: "CampaignData") -> RankedStrings:
+    results = data.result_rows()
+    known = np.isin(results["string"], data.string_rows()["string"])
     finite = results[known & np.isfinite(results["objective"])]
     rows = {int(row["string"]): row for row in finite}
-    again = [estimate for estimate in estimates_in(file, samples) if estimate.string in rows]
-    return RankedStrings(rows, again, ranking(own_order(file, finite), again))
+    estimates = [estimate for estimate in estimates_of(data) if estimate.string in rows]
+    return RankedStrings(rows, estimates, ranking(own_order(data, finite), estimates))
+
+
+def judged_string(data: "CampaignData", string: int | None) -> int | None:
+    """Return a string that is judged, the best one for None; None if none is.
+
+    Raises
+    ------
+    ValueError
+        If it is not judged.
+    """
+    ranked = rank_strings(data)
+    if string is None:
+        return ranked.order[0] if ranked.order else None
+    if string not in ranked.results:
+        raise ValueError(f"string is {string}, which is not judged in {data.path}")
+    return string
 
 
 def ranks_itself(identity: Mapping[str, object]) -> bool:
@@ -51,15 +67,15 @@ def ranks_itself(identity: Mapping[str, object]) -> bool:
     return identity.get("search.method") == "surrogate" or "search.more_samples" in identity
 
 
-def own_order(file: "CampaignData", results: np.ndarray) -> list[int]:
+def own_order(data: "CampaignData", results: np.ndarray) -> list[int]:
     """Order judged strings, rows of `/results`, as the search has them, the best first.
 
     That is by their objectives, but the last ranks of a search come first that knows better.
     """
     order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
-    if not ranks_itself(file.identity):
+    if not ranks_itself(data.identity):
         return order
-    generations, judged = file.generation_rows(), set(order)
+    generations, judged = data.generation_rows(), set(order)
     last = generations["population"][-1].tolist() if len(generations) else []
     first, named = [string for string in last if string in judged], set(last)
     return first + [string for string in order if string not in named]

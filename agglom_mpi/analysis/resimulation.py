@@ -15,9 +15,19 @@ if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 
-def recorded_campaign(file: "CampaignData") -> Campaign:
-    """Read the campaign that a file holds the samples of; an objective's own code cannot be run."""
-    return Campaign.from_text(file.campaign_text, str(file.path), recorded_function(file.identity))
+def recorded_campaign(data: "CampaignData") -> Campaign:
+    """Return the campaign that a file is of; a user's objective function cannot be called.
+
+    Raises
+    ------
+    CampaignError
+        If the text in the file is damaged.
+    """
+    return data.derived(_campaign)
+
+
+def _campaign(data: "CampaignData") -> Campaign:
+    return Campaign.from_text(data.campaign_text, str(data.path), recorded_function(data.identity))
 
 
 def recorded_parameters(file: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:

@@ -16,8 +16,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.surrogate import spread
-from agglom_mpi.storage.contents import parameters_of
-from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.reader import CampaignData, parameters_of
 
 POINTS: Final = 2048
 """Base points of the estimate, a power of two; there are d + 2 times as many in all."""
@@ -100,8 +99,6 @@ def sensitivity_of(file: CampaignData) -> tuple[tuple[str, ...], "Sensitivity | 
 
     Strings that could not be judged are left out.
     """
-    from agglom_mpi.analysis.sensitivity import sensitivity
-
     variables = Campaign.from_text(file.campaign_text, str(file.path)).variables
     strings, results = file.string_rows(), file.result_rows()
     _, of_string, of_result = np.intersect1d(

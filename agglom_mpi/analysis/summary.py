@@ -160,9 +160,8 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
     """
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
-    strings = file.string_rows()
-    parameters = {int(row["string"]): row for row in strings}
-    rows, estimates, order = rank_strings(file, results, strings, samples)
+    parameters = {int(row["string"]): row for row in file.string_rows()}
+    rows, estimates, order = rank_strings(file)
     again = {estimate.string: estimate for estimate in estimates}
     fresh = int((samples["sample"] >= file.fresh_from).sum())
     cost = processor_seconds(samples, max(parameters, default=-1) + 1)
@@ -189,7 +188,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
             _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
             for string in order[:best]
         ],
-        verdict=verdict(estimates, PairedSamples.of_file(file, samples, estimates)),
+        verdict=verdict(estimates, PairedSamples.behind(estimates, file)),
     )
 
 

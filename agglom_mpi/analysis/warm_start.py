@@ -10,8 +10,13 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.contents import given_rows, parameters_of, row_list
-from agglom_mpi.storage.reader import read_campaign, read_inversion
+from agglom_mpi.storage.reader import (
+    given_strings,
+    parameters_of,
+    read_campaign,
+    read_inversion,
+)
+from agglom_mpi.storage.verify import row_list
 
 
 def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArray[np.float64]:
@@ -35,7 +40,7 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
         return campaign.given_strings()
     begun = None
     if output is not None and output.exists():
-        begun = given_rows(read_campaign(output).string_rows())
+        begun = given_strings(read_campaign(output).string_rows())
         if len(begun) == start.strings:
             return parameters_of(begun)
     try:
@@ -52,9 +57,8 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
 
 def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
     """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
-    file = read_inversion(start.file)
-    strings = file.string_rows()
-    order = rank_strings(file, file.result_rows(), strings, file.all_sample_rows()).order
+    data = read_inversion(start.file)
+    strings, order = data.string_rows(), rank_strings(data).order
     if len(order) < start.strings:
         raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
     return parameters_of(strings[np.searchsorted(strings["string"], order[: start.strings])])

@@ -182,6 +182,7 @@ def run_rank_zero(
             master = Coordinator(work, file, writer, display)
             if master.replay():
                 broadcast_start(world, FINISHED)
+                file.refresh()  # deciding again may have written rows that were lost
                 if file.status().state != "finished":  # killed just after the last generation
                     writer.set_status("finished", master.finished_because)
                 display.message(f"{order.path} is finished already: nothing to do")

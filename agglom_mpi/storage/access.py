@@ -13,7 +13,7 @@ import numpy as np
 from h5py import h5f, h5p
 
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
-from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, layouts
+from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, table_schemas
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -165,12 +165,12 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
-    for layout in layouts(file.attrs):
-        names = (layout.name, layout.done) if layout.final else (layout.name,)
+    for schema in table_schemas(file.attrs):
+        names = (schema.name, schema.done) if schema.final else (schema.name,)
         dtypes = [file[name].dtype for name in names]
-        if dtypes[0] != layout.dtype:
+        if dtypes[0] != schema.dtype:
             raise NotACampaign(
-                f"{path}: table /{layout.name} has other columns than this version of "
+                f"{path}: table /{schema.name} has other columns than this version of "
                 f"agglom_mpi expects (written by version {file.attrs['code_version']})"
             )
 

@@ -8,9 +8,8 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.access import NotACampaign, open_file
-from agglom_mpi.storage.columns import TableSchema
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
-from agglom_mpi.storage.schema import layouts
+from agglom_mpi.storage.schema import TableSchema, table_schemas
 from agglom_mpi.storage.table import Rows, checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
@@ -44,7 +43,7 @@ def write_compact(source: Path, target: Path) -> Copied:
     """
     with open_file(source) as old, atomic_file(target) as temporary:
         attributes = dict(old.attrs)
-        tables = layouts(attributes)
+        tables = table_schemas(attributes)
         # Before the rows, for the last word of a run is that it has finished.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
         final = final_rows(old, source)

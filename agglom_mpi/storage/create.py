@@ -14,7 +14,6 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact, with_path
-from agglom_mpi.storage.columns import TableSchema
 from agglom_mpi.storage.files import new_file, sync
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -24,7 +23,8 @@ from agglom_mpi.storage.schema import (
     LEG_CAPACITY,
     STATUS,
     VARIABLE_TABLE,
-    layouts,
+    TableSchema,
+    table_schemas,
 )
 from agglom_mpi.storage.table import Rows, Table
 from agglom_mpi.variables import COUNT, VARIABLES
@@ -149,11 +149,11 @@ def enlarge_campaign_file(
         lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
         if not lacks and generations <= len(old["generations"]):
             return
-        kept = layouts(attributes)
+        kept = table_schemas(attributes)
         with _new_file(path) as new:
             _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
-            for layout in kept:
-                _copy(old, new, layout, path)
+            for schema in kept:
+                _copy(old, new, schema, path)
 
 
 @contextmanager
@@ -186,17 +186,17 @@ def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -
     capacities |= {"legs": LEG_CAPACITY, "failures": FAILURE_CAPACITY, "status": 1}
     capacities |= {"variables": COUNT, "generations": generations}
     capacities |= {"final_particles": samples, "frames": int(attributes.get("frames", 0))}
-    for layout in layouts(attributes):
-        capacity = capacities[layout.name]
-        rows = _dataset(file, layout.name, layout.dtype, capacity)
-        rows.attrs["meaning"] = layout.meaning
-        rows.attrs["row"] = layout.row
-        rows.attrs["field_units"] = [field.unit for field in layout.fields]
-        rows.attrs["field_meanings"] = [field.meaning for field in layout.fields]
-        if layout.final:
-            done = _dataset(file, layout.done, np.dtype("u1"), capacity)
-            done.attrs["meaning"] = f"1 where a row of /{layout.name} is final, 0 where absent"
-            done.attrs["row"] = layout.row
+    for schema in table_schemas(attributes):
+        capacity = capacities[schema.name]
+        rows = _dataset(file, schema.name, schema.dtype, capacity)
+        rows.attrs["meaning"] = schema.meaning
+        rows.attrs["row"] = schema.row
+        rows.attrs["field_units"] = [field.unit for field in schema.fields]
+        rows.attrs["field_meanings"] = [field.meaning for field in schema.fields]
+        if schema.final:
+            done = _dataset(file, schema.done, np.dtype("u1"), capacity)
+            done.attrs["meaning"] = f"1 where a row of /{schema.name} is final, 0 where absent"
+            done.attrs["row"] = schema.row
             done.attrs["unit"] = ""
 
 
@@ -221,13 +221,13 @@ def _variable_rows(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _copy(old: h5py.File, new: h5py.File, layout: TableSchema, path: Path) -> None:
+def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
     """Copy the final rows of a table as they are, checksums included; holes stay holes."""
-    if not layout.final:
-        Rows(new[layout.name], path).write(0, Rows(old[layout.name], path).read_all())
+    if not schema.final:
+        Rows(new[schema.name], path).write(0, Rows(old[schema.name], path).read_all())
         return
-    source_table, target = Table(old, layout.name, path), Table(new, layout.name, path)
-    step = max(1, _COPY_BYTES // layout.dtype.itemsize)
+    source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
+    step = max(1, _COPY_BYTES // schema.dtype.itemsize)
     for first, count in source_table.runs():
         for at in range(first, first + count, step):
             length = min(step, first + count - at)

@@ -1,18 +1,18 @@
 """Rows that are either absent or final: checksums, done bytes and the order of writing."""
 
+import hashlib
 import zlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import h5py
 import numpy as np
 from h5py import h5s
 
 from agglom_mpi.storage.access import with_path
-from agglom_mpi.storage.columns import fitted
-from agglom_mpi.storage.schema import FORMAT_VERSION, layouts
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, table_schemas
 
 
 class Rows:
@@ -66,9 +66,19 @@ class Rows:
 
 
 class ValidRows(NamedTuple):
-    """The rows of a range that are final and whole, and how many final ones are not whole."""
+    """The rows of a range that are final and have the right checksum.
+
+    Attributes
+    ----------
+    rows : (n,) structured array
+    places : (n,) int64
+        Their numbers, ascending.
+    damaged : int
+        Number of final rows of the range whose checksum is wrong.
+    """
 
     rows: np.ndarray
+    places: np.ndarray
     damaged: int
 
 
@@ -90,7 +100,7 @@ class Table:
         self.done = Rows(file[f"{name}_done"], path)
         self.dtype = self.rows.dtype
         if file.attrs["format_version"] < FORMAT_VERSION:
-            now = layouts({**file.attrs, "format_version": FORMAT_VERSION})
+            now = table_schemas({**file.attrs, "format_version": FORMAT_VERSION})
             [self.dtype] = [table.dtype for table in now if table.name == name]
 
     @property
@@ -118,17 +128,24 @@ class Table:
         self.done.write(first, np.zeros(count, np.uint8))
 
     def read(self, first: int = 0, count: int | None = None) -> ValidRows:
-        """Rows of a range (by default all) that are final and whole, in order."""
-        parts = [self.rows.read(*run) for run in self.runs(first, count)]
-        rows = concatenated(parts, self.rows.dtype)
-        whole = checksum_ok(rows)
-        return ValidRows(fitted(rows[whole], self.dtype), int(len(rows) - whole.sum()))
+        """Return the valid rows among `count` from `first` on (by default all), in order."""
+        return self.read_marked(self._done(first, count), first)
+
+    def read_marked(self, marked: np.ndarray, first: int = 0) -> ValidRows:
+        """Return the valid ones of the rows that are not 0 in `marked`, which begins at `first`."""
+        runs = [(first + start, length) for start, length in runs_of(marked)]
+        rows = concatenated([self.rows.read(*run) for run in runs], self.rows.dtype)
+        valid = checksum_ok(rows)
+        places = first + np.flatnonzero(marked)[valid]
+        return ValidRows(fitted(rows[valid], self.dtype), places, int(len(rows) - valid.sum()))
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
         """Start and length of each unbroken run of final rows in a range."""
-        done = self.done.read(first, self.capacity - first if count is None else count)
-        for start, length in runs_of(done):
+        for start, length in runs_of(self._done(first, count)):
             yield first + start, length
+
+    def _done(self, first: int, count: int | None) -> np.ndarray:
+        return self.done.read(first, self.capacity - first if count is None else count)
 
     def end(self) -> int:
         """Find the number after that of the last final row."""
@@ -138,6 +155,22 @@ class Table:
     def following(self) -> int:
         """Find the row to append: the next one, or the last if there is no more room."""
         return min(self.end(), self.capacity - 1)
+
+
+def fitted(rows: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Return rows, (n,), with the columns of another row type, by name.
+
+    What the rows lack is nan, 0 or empty.
+    """
+    if rows.dtype == dtype:
+        return rows
+    found = np.zeros(len(rows), dtype)
+    for name in dtype.names or ():
+        if name in (rows.dtype.names or ()):
+            found[name] = rows[name]
+        elif dtype[name].base.kind == "f":
+            found[name] = np.nan
+    return found
 
 
 def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
@@ -183,3 +216,52 @@ def checksums(rows: np.ndarray) -> np.ndarray:
     return np.array(
         [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
     )
+
+
+NOT_DETERMINED: Final = ("seconds", "finished", "rank", "crc")
+"""Columns that may differ between two runs of the same campaign."""
+
+
+def generation_digest(
+    parameters: np.ndarray,
+    results: np.ndarray,
+    samples: np.ndarray,
+    version: int = FORMAT_VERSION,
+) -> int:
+    """BLAKE2b in 64 bits of what a generation rests on, as `/generations` explains it.
+
+    Parameters
+    ----------
+    parameters : (n, 10) float64
+        The strings judged in the generation, by number.
+    results, samples : structured arrays
+        Their rows of `/results` and, by string and sample, those of `/samples` that are used.
+    version : int
+        Format version of the file, whose columns count.
+    """
+    digest = hashlib.blake2b(digest_size=8)
+    digest.update(parameters.astype("<f8").tobytes())
+    digest.update(_packed(fitted(results, RESULTS.at(version).dtype)))
+    digest.update(_packed(fitted(samples, SAMPLES.at(version).dtype)))
+    return int.from_bytes(digest.digest(), "little")
+
+
+def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
+    """Select the rows that the results were judged by: each once, by string and sample."""
+    if not len(samples) or not len(results):
+        return samples[:0]
+    most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
+    most[results["string"]] = results["samples_used"]
+    used = samples[samples["sample"] < most[samples["string"]]]
+    places = used["string"] * (1 + most.max()) + used["sample"]
+    return used[np.unique(places, return_index=True)[1]]
+
+
+def _packed(rows: np.ndarray) -> bytes:
+    """Little-endian bytes of the deterministic columns, row after row."""
+    names = [name for name in rows.dtype.names or () if name not in NOT_DETERMINED]
+    dtype = np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names])
+    packed = np.empty(len(rows), dtype)
+    for name in names:
+        packed[name] = rows[name]
+    return packed.tobytes()

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file
-from agglom_mpi.storage.columns import fitted
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
-from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.table import Rows, Table, fitted
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:

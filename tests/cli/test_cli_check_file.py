@@ -11,7 +11,7 @@ from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
-from agglom_mpi.storage.schema import layouts
+from agglom_mpi.storage.schema import table_schemas
 from agglom_mpi.storage.table import Table
 
 TABLES = ("strings", "results", "samples", "generations")
@@ -375,7 +375,7 @@ def test_a_campaign_file_is_known_by_its_content(agglom, copy):
 
 def test_every_table_is_read_or_known_to_have_no_checksum(copy):
     with h5py.File(copy, "r") as file:
-        tables = layouts(file.attrs)
+        tables = table_schemas(file.attrs)
     assert {table.name for table in tables if table.final} == {*TABLES, "legs", "failures"}
 
 

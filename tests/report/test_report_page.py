@@ -7,13 +7,13 @@ import pytest
 from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
 
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.report import page as page_module
 from agglom_mpi.report import sample_frames as again
 from agglom_mpi.report.export import ExportError
-from agglom_mpi.report.material import gather
 from agglom_mpi.report.page import write_report
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
@@ -270,12 +270,12 @@ def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
     page = report(tmp_path / "kept.h5", tmp_path / "out")
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
-    material = gather(open_campaign(tmp_path / "kept.h5"))
-    stored = again.final_radii(material, material.best[0])
+    data = open_campaign(tmp_path / "kept.h5").snapshot()
+    stored = again.final_radii(data, rank_strings(data).order[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = again.final_radii(gather(open_campaign(plain)), material.best[0])
+    simulated = again.final_radii(open_campaign(plain).snapshot(), rank_strings(data).order[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central

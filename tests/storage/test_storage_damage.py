@@ -11,7 +11,7 @@ import pytest
 from storage_helpers import make, put_strings, sample_rows
 
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign, damage_named
-from agglom_mpi.storage.verify import read_contents
+from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -39,7 +39,7 @@ def read_in_a_child(path):
         faulthandler.disable()
         code = WRONG
         try:
-            read_contents(path)
+            verify_rows(path)
             code = SOUND
         except NotACampaign as error:
             text = str(error)
