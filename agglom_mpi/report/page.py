@@ -25,7 +25,8 @@ from agglom_mpi.report.figures import (
 )
 from agglom_mpi.report.figures.radii import target_ratio
 from agglom_mpi.report.html import Section, figure, figures, page, paragraph
-from agglom_mpi.report.picture import Picture, replace_file, write_picture
+from agglom_mpi.report.picture import Picture, write_picture
+from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 
 NAME: Final = "report.html"

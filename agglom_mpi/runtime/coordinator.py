@@ -216,7 +216,7 @@ class Coordinator:
                 self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
                 self.frame_stage.scheduler.done(delivery.rank)
         if len(delivery.results) or delivery.finals is not None:
-            writes = delivery.rank if self._writer.shared and delivery.rank else None
+            writes = delivery.rank if self._writer.parallel and delivery.rank else None
             self.recorder.simulated(storable(delivery.results), delivery.finals, writes)
             searched, fresh = self._parted(delivery.results)
             if len(searched):

@@ -208,7 +208,7 @@ class RunRecorder:
         if row is None:
             row = result_row(string, result)
             self._writer.mark_running()
-            self._backlog.store(partial(self._writer.put_result, string, **result._asdict()))
+            self._backlog.store(partial(self._writer.put_result, row))
         self._evidence.judged(string, row)
 
     def written(self, rank: int, count: int) -> None:

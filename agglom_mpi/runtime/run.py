@@ -195,7 +195,7 @@ def run_rank_zero(
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
-            writer.give_up(error_text(error))
+            writer.abandon(error_text(error))
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE

@@ -2,9 +2,7 @@
 
 import json
 import os
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,8 +11,8 @@ import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
-from agglom_mpi.storage.access import open_file, refuse_compact, with_path
-from agglom_mpi.storage.files import new_file, sync
+from agglom_mpi.storage.access import open_file, refuse_compact
+from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     FORMAT,
@@ -88,8 +86,6 @@ def create_campaign_file(
         If it cannot be written; nothing is left behind.
     """
     path = Path(os.path.realpath(path))
-    if path.exists():
-        raise FileExistsError(f"{path}: exists already")
     if min(strings, max_samples, generations, population) < 1:
         raise ValueError("a campaign file needs room for at least one row in every table")
     attributes: dict[str, Any] = {
@@ -112,7 +108,7 @@ def create_campaign_file(
         "final_particles": int(final_particles),
         "frames": frames,
     }
-    with _new_file(path) as file:
+    with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, generations)
         Rows(file[VARIABLE_TABLE.name], path).write(0, _variable_rows(lower, upper))
         status = np.zeros(1, STATUS.dtype)
@@ -150,32 +146,10 @@ def enlarge_campaign_file(
         if not lacks and generations <= len(old["generations"]):
             return
         kept = table_schemas(attributes)
-        with _new_file(path) as new:
+        with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
             _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
             for schema in kept:
                 _copy(old, new, schema, path)
-
-
-@contextmanager
-def _new_file(path: Path) -> Iterator[h5py.File]:
-    """Yield an HDF5 file that gets its name when it is whole and safe on the disc.
-
-    HDF5 1.10 would crash after a failed write, so the disc is watched here, as for a copy.
-    """
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        with new_file(temporary) as (file, _):
-            yield file
-        if path.exists():
-            shutil.copymode(path, temporary)
-        sync(temporary)
-        os.replace(temporary, path)
-        sync(path.parent)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise with_path(error, path) from error
-        raise
 
 
 def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:

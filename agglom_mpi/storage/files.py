@@ -4,12 +4,12 @@ import errno
 import fcntl
 import io
 import os
+import shutil
 import socket
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import h5py
@@ -85,26 +85,38 @@ def require_absent(path: Path) -> None:
 
 
 @contextmanager
-def atomic_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path, *, replace: bool = False) -> Iterator[Path]:
     """Yield a name beside `path`; what has been written there at the end is renamed to `path`.
 
-    A kill leaves at most the hidden file of that name, which the next attempt replaces.
+    So there is the whole file under its name, or what was there before. A kill leaves at most the
+    hidden file of the other name, which the next attempt replaces.
+
+    Parameters
+    ----------
+    path
+        The file.
+    replace
+        Whether it may take the place, and has the permissions, of one that is there.
 
     Raises
     ------
     FileExistsError
-        If there is a file already, before or after writing.
+        If there is a file already, before or after writing, and it is not to be replaced.
     OSError
         If it cannot be written, or another process is doing so; nothing is left behind.
     """
-    require_absent(path)
+    if not replace:
+        require_absent(path)
     temporary = path.with_name(f".{path.name}.new")
     with _sole_writer(temporary, path):
         try:
             yield temporary
+            if not replace:
+                require_absent(path)
+            elif path.exists():
+                shutil.copymode(path, temporary)
             sync(temporary)
-            require_absent(path)
-            os.rename(temporary, path)
+            os.replace(temporary, path)
             sync(path.parent)
         except BaseException as error:
             temporary.unlink(missing_ok=True)
@@ -112,6 +124,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
             if isinstance(error, (OSError, RuntimeError)) and not known:
                 raise with_path(error, path) from error
             raise
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file whole, in place of one that may be there; raises OSError as `atomic_file`."""
+    with atomic_file(path, replace=True) as temporary:
+        temporary.write_bytes(content)
 
 
 @contextmanager
@@ -198,17 +216,23 @@ class CampaignLock:
         self.acquire()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.release()
 
 
+def require_in_place(path: Path, descriptor: int) -> None:
+    """Raise FileNotFoundError if an open file is no longer the one under its name."""
+    try:
+        found = os.path.samestat(os.stat(path), os.fstat(descriptor))
+    except FileNotFoundError:
+        found = False
+    if not found:
+        message = "was removed or replaced while it was being written"
+        raise OSError(errno.ENOENT, message, str(path))
+
+
 def sync(path: Path) -> None:
-    """Wait until a file, or the names in a directory, are on the disc."""
+    """Wait until a file, or the names in a directory, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

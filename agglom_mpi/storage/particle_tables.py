@@ -87,6 +87,17 @@ def frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int]]:
     return dict(zip(final.tolist(), pairs[final].tolist(), strict=True))
 
 
+def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, int]]:
+    """Read (string, sample, frame) of each row of `/frames` with the right checksum, by row."""
+    if "frames" not in file:
+        return {}
+    table, keys = Table(file, "frames", path), {}
+    for place in np.flatnonzero(table.done.read_all()).tolist():  # one by one: they are large
+        for row in table.read(place, 1).rows:
+            keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
+    return keys
+
+
 def read_frames(file: h5py.File, path: Path, string: int, sample: int) -> Frames | None:
     """Read the rows of `/frames` of a sample; None if there are none."""
     places = [place for place, key in frame_keys(file, path).items() if key == (string, sample)]

@@ -5,7 +5,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
@@ -171,6 +171,17 @@ def fitted(rows: np.ndarray, dtype: np.dtype) -> np.ndarray:
         elif dtype[name].base.kind == "f":
             found[name] = np.nan
     return found
+
+
+def make_row(dtype: np.dtype, **columns: Any) -> np.ndarray:
+    """Return one row, (1,): texts cut to fit between characters, columns left out zero."""
+    row = np.zeros(1, dtype)
+    for name, value in columns.items():
+        if isinstance(value, str):
+            fitting = value.encode()[: dtype[name].itemsize]
+            value = fitting.decode(errors="ignore").encode()
+        row[name] = value
+    return row
 
 
 def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:

@@ -1,12 +1,10 @@
 """Writing a campaign file: raw data in rows laid out beforehand, no metadata."""
 
-import errno
 import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import h5py
@@ -14,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file
+from agglom_mpi.storage.files import require_in_place
+from agglom_mpi.storage.particle_tables import valid_frame_keys
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
-from agglom_mpi.storage.table import Rows, Table, fitted
+from agglom_mpi.storage.table import Rows, Table, fitted, make_row
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class CampaignWriter:
     """The writer of a campaign file; whoever opens it holds the `CampaignLock`.
 
-    It is the only one, until `share` lets other ranks write samples of their own.
+    It is the only one, until `reopen_parallel` lets other ranks write samples of their own.
 
     Everything but samples and results is in the file, visible to readers and safe from a kill of
     the process, when its `put_` returns; those are after `flush`. Only `sync` guards against a
@@ -39,14 +39,14 @@ class CampaignWriter:
         Time spent here.
     samples
         Writes samples.
-    shared
+    parallel
         Whether other ranks have the file open, too.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(os.path.realpath(path))
         self.clock = Stopwatch()
-        self.shared = False
+        self.parallel = False
         self._running = False
         self._descriptor = os.open(self.path, os.O_RDONLY)
         self._open(open_file(self.path, write=True))
@@ -62,7 +62,7 @@ class CampaignWriter:
         self._results = RowBuffer({"string": results.capacity}, results.dtype)
         self._status = Rows(file["status"], self.path)
 
-    def share(self, world: "Intracomm") -> None:
+    def reopen_parallel(self, world: "Intracomm") -> None:
         """Close the file and open it again together with all other ranks, each a `RankWriter`.
 
         From now on closing is collective.
@@ -74,7 +74,7 @@ class CampaignWriter:
         """
         self.flush()
         self._file.close()
-        self.shared = True
+        self.parallel = True
         try:
             self._open(open_file(self.path, write=True, thorough=False, world=world))
         except (OSError, NotACampaign) as error:  # it was open a moment ago
@@ -146,13 +146,7 @@ class CampaignWriter:
 
     def frame_keys(self) -> dict[int, tuple[int, int, int]]:
         """Read (string, sample, frame) of the pictures there are, by row."""
-        if "frames" not in self._file:
-            return {}
-        table, keys = Table(self._file, "frames", self.path), {}
-        for place in np.flatnonzero(table.done.read_all()).tolist():
-            for row in table.read(place, 1).rows:
-                keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
-        return keys
+        return valid_frame_keys(self._file, self.path)
 
     def forget_frames(self) -> None:
         """Drop all pictures: others are to be taken."""
@@ -160,34 +154,13 @@ class CampaignWriter:
             table = Table(self._file, "frames", self.path)
             table.forget(0, table.capacity)
 
-    def put_result(
-        self,
-        string: int,
-        *,
-        objective: float,
-        standard_error: float,
-        mean_radius_ratio: float,
-        mean_grains: float,
-        growth_number: float,
-        samples_used: int,
-        failed: int,
-        hit_maximum: bool,
-    ) -> None:
-        """Take the judgement of a string, which waits for `flush` as its samples do."""
-        fields = {
-            "string": string,
-            "objective": objective,
-            "standard_error": standard_error,
-            "mean_radius_ratio": mean_radius_ratio,
-            "mean_grains": mean_grains,
-            "growth_number": growth_number,
-            "samples_used": samples_used,
-            "failed": failed,
-            "hit_maximum": hit_maximum,
-        }
-        results = self._tables["results"]
-        results.rows.check(string, 1)
-        self._results.add(_row(results.dtype, fields), time.monotonic())
+    def put_result(self, row: np.ndarray) -> None:
+        """Take the result of a string, a row of `/results`, (1,), without `crc`.
+
+        It waits for `flush`, as the samples do that it rests on.
+        """
+        self._tables["results"].rows.check(int(row["string"][0]), 1)
+        self._results.add(row, time.monotonic())
 
     @property
     def has_room_for_failures(self) -> bool:
@@ -323,9 +296,9 @@ class CampaignWriter:
         """Say what the campaign is doing: running, stopped, finished or failed."""
         if state not in CAMPAIGN_STATES:
             raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
-        fields = {"state": state, "updated": time.time(), "reason": reason}
+        row = make_row(self._status.dtype, state=state, updated=time.time(), reason=reason)
         with self.clock:
-            self._status.write(0, _row(self._status.dtype, fields))
+            self._status.write(0, row)
         self._running = state == "running"
 
     def mark_running(self) -> None:
@@ -341,17 +314,10 @@ class CampaignWriter:
             sync_descriptor(self._descriptor, self.path)
 
     def _check_place(self) -> None:
-        """Raise an OSError if the file is no longer found under its name."""
         with self.clock:
-            try:
-                found = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
-            except FileNotFoundError:
-                found = False
-        if not found:
-            message = "was removed or replaced while it was being written"
-            raise OSError(errno.ENOENT, message, str(self.path))
+            require_in_place(self.path, self._descriptor)
 
-    def give_up(self, reason: str) -> None:
+    def abandon(self, reason: str) -> None:
         """After a failed write: forget what waits, and say why if the file takes it."""
         self.samples.forget()
         self._results.clear()
@@ -373,26 +339,15 @@ class CampaignWriter:
 
     def __exit__(
         self,
-        kind: type[BaseException] | None,
+        kind: object,
         error: BaseException | None,
-        trace: TracebackType | None,
+        trace: object,
     ) -> None:
         # In an emergency the others would not join in: whoever catches this aborts the job.
-        if error is None or not self.shared:
+        if error is None or not self.parallel:
             self.close()
 
     def _put(self, table: str, number: int, **fields: Any) -> None:
         rows = self._tables[table]
         with self.clock:
-            rows.write(number, _row(rows.dtype, fields))
-
-
-def _row(dtype: np.dtype, fields: Mapping[str, Any]) -> np.ndarray:
-    """One row, (1,); texts cut to fit between characters, fields left out zero."""
-    row = np.zeros(1, dtype)
-    for name, value in fields.items():
-        if isinstance(value, str):
-            fitting = value.encode()[: dtype[name].itemsize]
-            value = fitting.decode(errors="ignore").encode()
-        row[name] = value
-    return row
+            rows.write(number, make_row(rows.dtype, **fields))

@@ -11,6 +11,8 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.storage.schema import RESULTS
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -30,8 +32,9 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
         writer.put_strings(0, 0, np.arange(count), np.zeros(count, int), none, parameters)
         for string, objective in enumerate(objectives):
             growth = {"mean_radius_ratio": 1.9, "mean_grains": 7.0, "growth_number": 6.9}
-            writer.put_result(
-                string,
+            row = make_row(
+                RESULTS.dtype,
+                string=string,
                 objective=objective,
                 standard_error=0.01,
                 samples_used=10,
@@ -39,6 +42,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
                 hit_maximum=False,
                 **growth,
             )
+            writer.put_result(row)
     return open_campaign(path)
 
 

@@ -17,7 +17,8 @@ from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import RESULTS, sample_dtype
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 FIGURES = {
@@ -77,8 +78,9 @@ def begin(path, failed=0):
             writer.put_samples(rows)
         for string in range(3):
             bad = string == 0 and failed > 1
-            writer.put_result(
-                string,
+            row = make_row(
+                RESULTS.dtype,
+                string=string,
                 objective=np.inf if bad else 0.1 + 0.1 * string,
                 standard_error=0.01,
                 mean_radius_ratio=1.9,
@@ -88,6 +90,7 @@ def begin(path, failed=0):
                 failed=failed if string == 0 else 0,
                 hit_maximum=False,
             )
+            writer.put_result(row)
 
 
 @pytest.fixture

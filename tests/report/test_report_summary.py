@@ -11,7 +11,8 @@ from agglom_mpi.display.display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.search.inversion import GenerationSummary
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import RESULTS, sample_dtype
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 TITLE = "A [bold] title [/no] of :bug: grains"
@@ -42,7 +43,7 @@ def put(writer, string, objective, **changes):
         "failed": 0,
         "hit_maximum": False,
     }
-    writer.put_result(string, **(fields | changes))
+    writer.put_result(make_row(RESULTS.dtype, string=string, **(fields | changes)))
 
 
 @pytest.fixture
