@@ -8,7 +8,7 @@ import numpy as np
 
 from agglom_mpi.analysis import tables
 from agglom_mpi.analysis.estimates import estimates_of
-from agglom_mpi.analysis.ranking import own_order, ranking
+from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.report.plots import Plots
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import CampaignData, read_campaign
@@ -122,8 +122,8 @@ class CampaignFile(Plots, CampaignData):
         data = self.snapshot()
         table, estimates = tables.strings(data), estimates_of(data)
         judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
-        own = own_order(data, data.result_rows())
-        order = [string for string in ranking(own, estimates) if string in judged]
+        own = search_order(data, data.result_rows())
+        order = [string for string in order_by_estimates(own, estimates) if string in judged]
         frame = table.set_index("string", drop=False).loc[order[:k]].reset_index(drop=True)
         values = {estimate.string: estimate.objective for estimate in estimates}
         frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]

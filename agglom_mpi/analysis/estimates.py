@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 class Estimate(NamedTuple):
-    """A string estimated again; lower objectives are better.
+    """Estimate of a string on fresh samples; lower objectives are better.
 
     Attributes
     ----------
     string
     objective, standard_error
-        Of the fresh samples that were completed; inf where there is none or more than 10 %
-        failed, as in an ensemble. Their signed mean is unbiased; its magnitude, where that is no
+        Of the completed fresh samples; inf if there is none or more than 10 % failed, as in an
+        ensemble. Their signed mean is unbiased; its magnitude, where that is no
         larger than its error, is too high by up to 0.8 of it.
     lower, upper
         95 % interval of the objective, Student's t; nan below two samples.
@@ -29,7 +29,7 @@ class Estimate(NamedTuple):
     mean_radius_ratio
         Mean b/b⁰ of the fresh samples that were completed.
     searched_objective, searched_standard_error
-        The search's own, of the samples that it was chosen by, hence biased low.
+        The search's own, of the samples that it was selected by, hence biased low.
     """
 
     string: int
@@ -45,12 +45,12 @@ class Estimate(NamedTuple):
 
     @property
     def known(self) -> bool:
-        """Whether there is a value with an error."""
+        """Whether the objective and its error are finite."""
         return math.isfinite(self.objective) and math.isfinite(self.standard_error)
 
 
 def interval(value: float, error: float, count: int, least: float = 0.0) -> tuple[float, float]:
-    """95 % interval of an objective of so many samples that cannot be less than `least`.
+    """Return the 95 % interval of an objective of `count` samples, which is not below `least`.
 
     That of the magnitude of a mean is the image of the t interval of the signed mean: where that
     has 0 in it, the lower end is 0. So it covers at least as often, and near 0 up to 97.5 % of the

@@ -1,4 +1,4 @@
-"""Decisions made again from stored samples, and `agglom check FILE.h5`."""
+"""Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -28,7 +28,7 @@ from agglom_mpi.variables import NAMES
 
 
 class Replayed(NamedTuple):
-    """How much of what is stored was decided again, and is the same."""
+    """Numbers of stored rows that the replay gives again."""
 
     strings: int
     results: int
@@ -36,7 +36,7 @@ class Replayed(NamedTuple):
 
 
 class ReplayLog:
-    """Observer of an inversion that remembers everything."""
+    """Observer of an inversion that keeps all decisions."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], Proposals]] = []
@@ -44,26 +44,29 @@ class ReplayLog:
         self.summaries: dict[int, GenerationSummary] = {}
 
     def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take strings of a coming generation."""
+        """Ignore strings of a coming generation."""
 
     def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take new strings."""
+        """Ignore new strings: `restore` has kept them."""
 
     def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take a result."""
+        """Keep a result."""
         self.results[string] = result
 
     def generation_done(self, summary: GenerationSummary) -> None:
-        """Take a generation."""
+        """Keep a generation."""
         self.summaries[summary.generation] = summary
 
 
 def replay(report: VerificationReport) -> Replayed:
-    """Decide everything again as a resume does, and compare; nothing is simulated.
+    """Repeat all decisions from the stored samples, as a resume does, and compare.
 
-    Raises a MissingLibraryError if that is not possible here.
+    Faults, and absent rows that decisions rest on, are added to the report. Nothing is simulated.
 
-    Faults, and rows that the decisions need but are absent, are added to the report.
+    Raises
+    ------
+    MissingLibraryError
+        If the search needs a library that is not installed.
     """
     try:
         text, code = (
@@ -74,23 +77,23 @@ def replay(report: VerificationReport) -> Replayed:
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         check_libraries(campaign)
-        recorder, inversion = _rerun_decisions(campaign, report)
+        log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise
     except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         report.faults.append(f"replay: not possible: {error}")
         return Replayed(0, 0, 0)
     counts = Replayed(
-        _compare_strings(recorder, report),
-        _compare_results(recorder, report),
-        _compare_generations(recorder, report),
+        _compare_strings(log, report),
+        _compare_results(log, report),
+        _compare_generations(log, report),
     )
-    _check_end(inversion, recorder, report)
+    _check_end(inversion, log, report)
     return counts
 
 
 def _generations(report: VerificationReport) -> int:
-    """Most generations to decide: all that there is room for, or that strings are stored of.
+    """Return how many generations to replay: all that there is room for, or strings are stored of.
 
     In a compact copy there is no room for the generation that the campaign was stopped in.
     """
@@ -99,7 +102,7 @@ def _generations(report: VerificationReport) -> int:
 
 
 def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
-    """Make sure that the text gives what else the file says of the campaign."""
+    """Add a fault if the text of the campaign does not agree with the file's attributes."""
     data = report.data
     if campaign.sha256() != data.attributes["campaign_sha256"] or (
         campaign.identity() != data.identity
@@ -116,13 +119,13 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
 
 
 def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[ReplayLog, Inversion]:
-    recorder = ReplayLog()
+    log = ReplayLog()
 
     def restore(batch: Proposals, first: int) -> Proposals:
-        recorder.batches.append((np.arange(first, first + len(batch.parameters)), batch))
+        log.batches.append((np.arange(first, first + len(batch.parameters)), batch))
         return report.data.restore(batch, first)
 
-    inversion = inversion_of(campaign, _given(campaign, report), restore, recorder)
+    inversion = inversion_of(campaign, _given(campaign, report), restore, log)
     inversion.start()
     stored, ahead = report.data.searched_samples, report.room["generations"]
     for string, first, outcomes in stored_outcomes(stored, report.data.judged_timed_out):
@@ -131,13 +134,13 @@ def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[Re
         inversion.accept(string, first, outcomes)
     while inversion.announce(ahead):
         pass
-    return recorder, inversion
+    return log, inversion
 
 
 def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
-    """Strings that the search began with, whatever became of an earlier file, shape (n, 10).
+    """Return the strings that the search began with, as they are stored, shape (n, 10).
 
-    Where a row of them is lost, the middle of the box takes its place, so that all keep theirs.
+    Where a row is lost, the middle of the box takes its place, so that the others keep theirs.
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
@@ -152,9 +155,14 @@ def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64
 def stored_outcomes(
     samples: NDArray[np.void], late: list[tuple[int, int]]
 ) -> Iterator[tuple[int, int, list[SampleSummary]]]:
-    """Read rows of `/samples`, and add samples that took too long: string, first sample, outcomes.
+    """Yield string, number of the first sample and outcomes of consecutive stored samples.
 
-    What follows each other in a string comes together.
+    Parameters
+    ----------
+    samples : (n,) structured array
+        Rows of `/samples`.
+    late
+        Samples, as (string, sample), without a row because they took too long: they come last.
     """
     for rows in consecutive_samples(samples):
         yield int(rows["string"][0]), int(rows["sample"][0]), summaries(rows)
@@ -162,11 +170,11 @@ def stored_outcomes(
         yield string, sample, [FAILED_SUMMARY]
 
 
-def _compare_strings(recorder: ReplayLog, report: VerificationReport) -> int:
+def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
     stored = {int(row["string"]): row for row in report.data.string_rows()}
     same: set[int] = set()
     other: set[int] = set()  # some strings are announced before they are proposed
-    for ids, batch in recorder.batches:
+    for ids, batch in log.batches:
         believed = report.ranked_by_model and MODEL in batch.origin
         for i, string in enumerate(ids.tolist()):
             row = stored.get(string)
@@ -185,9 +193,9 @@ def _compare_strings(recorder: ReplayLog, report: VerificationReport) -> int:
     return len(same - other)
 
 
-def _compare_results(recorder: ReplayLog, report: VerificationReport) -> int:
+def _compare_results(log: ReplayLog, report: VerificationReport) -> int:
     stored = {int(row["string"]): row for row in report.data.result_rows()}
-    pairs = [(i, result, stored[i]) for i, result in recorder.results.items() if i in stored]
+    pairs = [(i, result, stored[i]) for i, result in log.results.items() if i in stored]
     other = [
         i
         for i, result, row in pairs
@@ -196,14 +204,14 @@ def _compare_results(recorder: ReplayLog, report: VerificationReport) -> int:
     if other:
         report.faults.append(f"replay: the samples give other results of strings {row_list(other)}")
     if report.settled:
-        absent = recorder.results.keys() - stored.keys()
+        absent = log.results.keys() - stored.keys()
         report.add_absent("results", absent, "though the samples judge their strings")
     return len(pairs) - len(other)
 
 
-def _compare_generations(recorder: ReplayLog, report: VerificationReport) -> int:
+def _compare_generations(log: ReplayLog, report: VerificationReport) -> int:
     stored = {int(row["generation"]): row for row in report.data.generation_rows()}
-    pairs = [(i, done, stored[i]) for i, done in recorder.summaries.items() if i in stored]
+    pairs = [(i, done, stored[i]) for i, done in log.summaries.items() if i in stored]
     other = [
         i
         for i, done, row in pairs
@@ -213,7 +221,7 @@ def _compare_generations(recorder: ReplayLog, report: VerificationReport) -> int
     if other:
         report.faults.append(f"replay: the search ends otherwise in generations {row_list(other)}")
     if report.settled:
-        absent = recorder.summaries.keys() - report.generations
+        absent = log.summaries.keys() - report.generations
         report.add_absent("generations", absent, "though all their strings are judged")
     return len(pairs) - len(other)
 
@@ -227,13 +235,13 @@ def _ranks_agree(row: np.void, done: GenerationSummary) -> bool:
     )
 
 
-def _check_end(inversion: Inversion, recorder: ReplayLog, report: VerificationReport) -> None:
-    """Where the replay ends there must be nothing stored beyond, unless something is lost."""
+def _check_end(inversion: Inversion, log: ReplayLog, report: VerificationReport) -> None:
+    """Add a fault if there are results beyond the end of the replay, unless rows are lost."""
     if any(report.lost.values()):
         return
     beyond = set(inversion.live) & report.numbers("results")
     if report.settled:  # a proposal need not wait until the samples behind it are written
-        proposed = {int(i) for ids, _ in recorder.batches for i in ids}
+        proposed = {int(i) for ids, _ in log.batches for i in ids}
         beyond |= report.numbers("strings") - proposed
     if beyond:
         report.faults.append(f"replay: ends before strings {row_list(beyond)}, which are stored")
@@ -246,23 +254,23 @@ def _check_end(inversion: Inversion, recorder: ReplayLog, report: VerificationRe
 
 
 def _close(stored: object, decided: object) -> bool:
-    """Whether numbers agree; in the last digits they need not on another kind of processor."""
+    """Return whether numbers agree but for the last digits, which depend on the processor."""
     left, right = np.asarray(stored, float), np.asarray(decided, float)
     return bool(np.allclose(left, right, rtol=1e-9, atol=1e-12, equal_nan=True))
 
 
-AGAIN: Final = {
+REMEDIES: Final = {
     "strings": "propose again strings",
     "samples": "simulate again",
     "results": "judge again strings",
     "generations": "decide again generations",
     "frames": "take again frames in rows",
 }
-"""What a resume does with lost rows; those of other tables stay lost."""
+"""What a resume does about lost rows, by table; those of other tables stay lost."""
 
 
 def check_file(path: str) -> tuple[str, int]:
-    """Verify a campaign file without writing to it: the text to print and the exit code.
+    """Verify a campaign file, without writing to it; return the text to print and the exit code.
 
     Raises
     ------
@@ -318,10 +326,10 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | Non
 
 
 def _remedies(report: VerificationReport) -> Iterator[str]:
-    """Say what a resume would compute again, and what it would not."""
+    """Yield lines on what a resume would compute again, and what it would not."""
     lost, unused = dict(report.lost), report.unused_samples
     lost["samples"] = lost["samples"] - unused
-    again = [f"{what} {row_list(lost[name])}" for name, what in AGAIN.items() if lost[name]]
+    again = [f"{what} {row_list(lost[name])}" for name, what in REMEDIES.items() if lost[name]]
     if again:
         yield f"a resume would {', '.join(again)}"
     if unused:

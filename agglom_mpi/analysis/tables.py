@@ -62,7 +62,7 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
 
 
 def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
-    """Processor time in s that the samples of each string took, used or not, shape (strings,)."""
+    """Return the processor time, s, of all samples of each string, used or not, (strings,)."""
     return np.bincount(samples["string"], samples["seconds"], minlength=strings)
 
 
@@ -80,7 +80,7 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
 
 
 def estimates(rows: Sequence[Estimate]) -> "pd.DataFrame":
-    """Tabulate estimates on fresh samples."""
+    """Tabulate estimates on fresh samples, one row each."""
     frame = _pandas().DataFrame(rows, columns=list(Estimate._fields))
     counts = {"string", "samples", "failed"}
     for name in frame.columns:

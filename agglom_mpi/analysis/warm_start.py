@@ -1,4 +1,4 @@
-"""The strings that a search begins with, where they are the best of an earlier campaign."""
+"""Warm starts: the best strings of an earlier campaign, which a search begins with."""
 
 from pathlib import Path
 
@@ -27,13 +27,13 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
     campaign
         The campaign.
     output
-        Its own file; if it has begun, what it began with counts, whatever became of the other.
+        Its own file. If it holds those strings already, the earlier file is not read.
 
     Raises
     ------
     CampaignError
-        If the earlier campaign's file is none, cannot be read, has too few strings, or is needed
-        for a lost row and has other best strings by now.
+        If the earlier file is no campaign, cannot be read, has too few strings, or is needed for
+        a lost row and has other best strings by now.
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
@@ -56,7 +56,7 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
 
 
 def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
-    """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
+    """Return the best strings of another campaign, ranked as in a report, shape (n, 10)."""
     data = read_inversion(start.file)
     strings, order = data.string_rows(), rank_strings(data).order
     if len(order) < start.strings:
@@ -65,7 +65,7 @@ def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
 
 
 def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return strings, (n, 10), with what is searched taken from others, and clipped to the box."""
+    """Return strings, (n, 10), clipped to the box, whose variables outside the search are fixed."""
     strings = np.tile(campaign.parameters(), (len(best), 1))
     searched = campaign.variables.lower < campaign.variables.upper
     known = searched & np.isfinite(best)
@@ -74,9 +74,9 @@ def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:
-    """Make sure that lost rows of the strings to begin with can be made again.
+    """Raise ValueError if the strings that a campaign began with are not those it would get now.
 
-    The earlier campaign may have gone on since, or have estimated its best again.
+    The earlier campaign may have gone on since, or have new estimates of its best.
     """
     if not np.array_equal(parameters_of(begun), strings[begun["slot"]], equal_nan=True):
         lost = row_list(set(range(len(strings))) - set(begun["slot"].tolist()))

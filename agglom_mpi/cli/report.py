@@ -91,7 +91,7 @@ def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     """Return what one file found, to be printed."""
-    from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
     from agglom_mpi.storage.reader import read_inversion
 
     opened, more = read_inversion(file), None
@@ -101,10 +101,12 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
         more = matters.sensitivity_of(opened)
     if as_json:
         extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
-        return as_text(collect_summary(opened), extra)
+        return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+    return Group(
+        summary_table(opened), *([] if more is None else [matters.sensitivity_table(*more)])
+    )
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
@@ -113,4 +115,4 @@ def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
     from agglom_mpi.storage.reader import read_inversion
 
     compared = comparison.compare([read_inversion(file) for file in files])
-    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
+    return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)

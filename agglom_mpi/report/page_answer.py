@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.report.figures.axes import in_unit
@@ -52,7 +52,7 @@ def best_strings(data: CampaignData) -> str:
     headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]
     estimated = sum(string in again for string in shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
-    said = in_words(verdict(rank_strings(data).estimates, paired), shown, estimated)
+    said = describe_bias(selection_bias(rank_strings(data).estimates, paired), shown, estimated)
     return table(headings, rows) + listed(said)
 
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from agglom_mpi.analysis.summary import summarise
+from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.libraries import check_libraries
@@ -64,7 +64,7 @@ def invert(options: Options, world: "Intracomm | None") -> int:
 
     def finish(order: Order) -> None:
         if not options.quiet:
-            display.table(summarise(read_campaign(order.path)))
+            display.table(summary_table(read_campaign(order.path)))
 
     return run_on_all_ranks(
         lambda: read_order(options), display, finish, world, max_walltime=options.max_walltime

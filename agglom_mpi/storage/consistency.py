@@ -1,4 +1,4 @@
-"""Do the numbers in a campaign file agree with each other, and with the digests?"""
+"""Agreement of the numbers in a campaign file with each other and with its digests."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -13,11 +13,11 @@ from agglom_mpi.storage.verify import Key, VerificationReport, row_list
 from agglom_mpi.variables import VARIABLES
 
 EXIT_CODES: Final = (-1, 0, 1, 75)
-"""What a leg can have ended with; -1 if it did not."""
+"""Exit codes that a leg may have; -1 if it has not ended."""
 
 
 def check_numbers(report: VerificationReport) -> None:
-    """Find rows that are absent although others rest on them, and numbers that cannot be."""
+    """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
     if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
         report.faults.append("attributes: unknown purpose")
     report.faults += _wrong_variables(report)
@@ -29,15 +29,15 @@ def check_numbers(report: VerificationReport) -> None:
             rows = report.data.rows(table)[wrong]
             columns = ("string", "sample") if table == "samples" else ("string",)
             keys = rows[list(columns)].tolist()
-            named_keys = row_list(key if len(key) == 2 else key[0] for key in keys)
-            report.faults.append(f"{table}: {what} in {named_keys}")
+            keys_text = row_list(key if len(key) == 2 else key[0] for key in keys)
+            report.faults.append(f"{table}: {what} in {keys_text}")
     for what, number in _mismatches(report):
         report.faults.append(f"generations: {what} in {number} does not follow from the results")
     report.faults += _wrong_legs(report)
 
 
 def check_digests(report: VerificationReport) -> int:
-    """Compare the digests of all generations that rest on whole rows; how many are right."""
+    """Compare the digests of all generations that rest on valid rows; return how many agree."""
     right, wrong = 0, []
     lost = report.lost_strings
     strings, results = report.data.string_rows(), report.data.result_rows()
@@ -76,7 +76,7 @@ def _wrong_variables(report: VerificationReport) -> Iterator[str]:
 
 
 def _find_absent_strings(report: VerificationReport) -> None:
-    """Every string up to the last of a generation that has begun must be there."""
+    """Record absent strings: all up to the last of a generation that has begun must be there."""
     stored, strings = report.numbers("strings"), report.data.string_rows()
     begun = strings["generation"] <= max(report.bred_strings["generation"].tolist(), default=0)
     last = max([*strings["string"][begun].tolist(), *report.numbers("results")], default=-1)
@@ -91,13 +91,13 @@ def _find_absent_samples(report: VerificationReport) -> None:
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
     gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
-    late = report.data.timed_out
-    missing = {divmod(place, most) for place in gaps.tolist()} - late
+    timed_out = report.data.timed_out
+    missing = {divmod(place, most) for place in gaps.tolist()} - timed_out
     report.add_absent("samples", missing, "though the results of their strings rest on them")
     counted = max(report.data.generation_rows()["samples_simulated"].tolist(), default=0)
-    torn = [key for key in report.lost["samples"] - missing if _is_searched(key, report)]
-    final = len(report.data.searched_samples) + len(torn) + len(missing)
-    final += sum(_is_searched(key, report) for key in late)
+    damaged = [key for key in report.lost["samples"] - missing if _is_searched(key, report)]
+    final = len(report.data.searched_samples) + len(damaged) + len(missing)
+    final += sum(_is_searched(key, report) for key in timed_out)
     if final < counted:
         report.faults.append(
             f"samples: {counted - final} unused ones are absent; {counted} had been "
@@ -106,7 +106,7 @@ def _find_absent_samples(report: VerificationReport) -> None:
 
 
 def _is_searched(key: Key, report: VerificationReport) -> bool:
-    """Whether decisions may see a sample."""
+    """Return whether decisions may see a sample."""
     return isinstance(key, tuple) and key[1] < report.data.fresh_from
 
 
@@ -117,7 +117,7 @@ def _find_absent_of_generations(report: VerificationReport) -> None:
     decided = strings["generation"] <= max(stored, default=-1)
     without = set(strings["string"][decided].tolist()) - report.numbers("results")
     report.add_absent("results", without, "though the generations of their strings are stored")
-    # Where ranks write their samples themselves, judgements are stored somewhat later.
+    # Where ranks write their samples themselves, results are stored somewhat later.
     begun = report.bred_strings["generation"] - 1 if report.settled else ()
     last = max([*report.generations, *begun], default=-1)
     if report.settled:
@@ -130,7 +130,7 @@ def _find_absent_of_generations(report: VerificationReport) -> None:
 
 
 def _out_of_range(report: VerificationReport) -> Iterator[tuple[str, Any, str]]:
-    """Look for numbers that no run writes; yields table, mask of its rows, and what is wrong."""
+    """Yield table, mask of its rows, and what is wrong, of numbers that no run writes."""
     strings, results = report.data.string_rows(), report.data.result_rows()
     parents, most = strings["parents"], report.data.fresh_from
     yield "strings", strings["origin"] >= len(ORIGINS), "unknown origin"
@@ -152,7 +152,7 @@ def _out_of_range(report: VerificationReport) -> Iterator[tuple[str, Any, str]]:
 
 
 def _mismatches(report: VerificationReport) -> Iterator[tuple[str, int]]:
-    """Find what in a generation does not follow from results; yields that and its number."""
+    """Yield what in a generation does not follow from results, and the generation."""
     strings = report.data.string_rows()
     results = {int(row["string"]): row for row in report.data.result_rows()}
     for row in report.data.generation_rows():
@@ -173,8 +173,8 @@ def _mismatches(report: VerificationReport) -> Iterator[tuple[str, int]]:
             continue
         if report.ranked_by_model:
             continue
-        worth = [(float(results[string]["objective"]), string) for string in population]
-        if worth != sorted(set(worth)):
+        objectives = [(float(results[string]["objective"]), string) for string in population]
+        if objectives != sorted(set(objectives)):
             yield "order of the population", number
         best = results[population[0]]
         stored = row["best_string"], row["best_objective"], row["best_standard_error"].tobytes()
@@ -189,7 +189,7 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
     odd |= ended & (legs["exit_code"] == -1)
     if odd.any():
         yield f"legs: numbers that cannot be in {row_list(np.flatnonzero(odd).tolist())}"
-    # A rank that writes its own samples may have been given up before it told of the last ones.
+    # A rank that writes its own samples may be lost before it reports the last ones.
     gathered = (legs["database"] == b"gathered").all()
     if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:
         simulated, stored = int(legs["samples"].sum()), len(report.data.all_sample_rows())

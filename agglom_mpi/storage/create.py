@@ -1,4 +1,4 @@
-"""Making a campaign file, and a larger one: whole under its name, or not there at all."""
+"""Creating a campaign file, and a larger one with the same rows."""
 
 import json
 import os
@@ -52,7 +52,7 @@ def create_campaign_file(
     frames: int = 0,
     purpose: str = INVERSION,
 ) -> None:
-    """Create the file of a campaign; whoever calls holds its `CampaignLock`.
+    """Create the file of a campaign; the caller holds its `CampaignLock`.
 
     Parameters
     ----------
@@ -63,25 +63,25 @@ def create_campaign_file(
     lower, upper : (10,) float64
         Search box in SI units; equal where a variable is fixed, nan where it is unused.
     strings, max_samples, generations, population : int
-        Room for so many strings, samples of each, generations, strings in a population.
+        Numbers of rows: strings, samples of each, generations; and strings in a population.
     fresh : int
-        Room for so many further samples of each string, numbered from `max_samples`, that no
-        decision sees; the attribute `max_samples` is then the room for both.
+        Number of further samples of each string, numbered from `max_samples`, that no decision
+        sees; the attribute `max_samples` of the file is the sum of both.
     grains : int
-        Grains of a sample, if particles are to be stored.
+        Grains of a sample; needed if particles are to be stored.
     final_particles : bool
-        Whether there is room for those left at the end of each sample.
+        Whether the file has `/final_particles`.
     frames : int
-        Room for so many pictures.
+        Number of rows of `/frames`.
     purpose : str
-        What the strings are for, in words; only an inversion has best ones.
+        What the strings are for: `INVERSION` or `STUDY`.
 
     Raises
     ------
     FileExistsError
         If there is a file already.
     ValueError
-        If there would be no room for anything.
+        If a table would have no rows.
     OSError
         If it cannot be written; nothing is left behind.
     """
@@ -126,9 +126,9 @@ def enlarge_campaign_file(
     final_particles: bool = False,
     frames: int = 0,
 ) -> None:
-    """Replace a campaign file by one with more room and the same rows; no-op if it has enough.
+    """Replace a campaign file by one with more room and the same rows, unless it has enough.
 
-    Whoever calls holds its `CampaignLock` and has no writer open.
+    The caller holds its `CampaignLock` and has no writer open.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -
 
 
 def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py.Dataset:
-    """Create a dataset whose place in the file is settled now and whose space stays a hole."""
+    """Create a dataset with a fixed place in the file, whose space stays a hole until written."""
     creation = h5p.create(h5p.DATASET_CREATE)
     creation.set_layout(h5d.CONTIGUOUS)
     creation.set_alloc_time(h5d.ALLOC_TIME_EARLY)

@@ -1,6 +1,6 @@
-"""Particles in a campaign file: those left at the end of every sample, and pictures of some.
+"""Rows of `/final_particles` and `/frames`: final states of samples, and frames of some.
 
-Rows are as wide as a sample has grains, N; of each array the first `particles` places are filled.
+Arrays in a row are as long as a sample has grains; their first `particles` places are filled.
 """
 
 from pathlib import Path
@@ -33,7 +33,7 @@ _OF_FRAMES = {
 
 
 def final_row(string: int, sample: int, final: FinalParticles, grains: int) -> np.ndarray:
-    """Row of `/final_particles`, shape (1,), without its checksum."""
+    """Return the row of `/final_particles` of a sample, (1,), without its checksum."""
     row = np.zeros(1, final_particles_schema(grains).dtype)
     left = len(final.radii)
     row["string"], row["sample"], row["particles"] = string, sample, left
@@ -50,7 +50,7 @@ def final_of(row: np.void) -> FinalParticles:
 
 
 def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
-    """Rows of `/frames`, shape (F,), without their checksums."""
+    """Return the rows of `/frames` of a sample, (frames,), without their checksums."""
     count, grains = frames.radii.shape
     rows = np.zeros(count, frames_schema(grains).dtype)
     rows["string"], rows["sample"], rows["frame"] = string, sample, np.arange(count)
@@ -60,7 +60,7 @@ def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
 
 
 def frames_of(rows: np.ndarray) -> Frames:
-    """Return the pictures in rows of `/frames` of one sample, (F,), in order."""
+    """Return the frames in rows of `/frames` of one sample, (frames,), in order."""
     return Frames(**{name: np.array(rows[column]) for column, name in _OF_FRAMES.items()})
 
 

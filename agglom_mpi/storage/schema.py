@@ -14,28 +14,25 @@ FORMAT_VERSION: Final = 2
 """What is written; files of any version from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
-"""What strings of a file are for, if a campaign searched with them."""
+"""Purpose of the strings of a campaign, which a search proposed."""
 STUDY: Final = "accuracy study"
-"""What they are for, if they are set-ups to be compared."""
+"""Purpose of the strings of a study, which are set-ups to be compared."""
 
 ORIGINS: Final = ("random", "offspring", "model", "given", "again")
-"""Where a string comes from, by its `origin`."""
+"""Texts of the codes in the column `origin` of `/strings`."""
 STATES: Final = ("", "completed", "failed")
-"""How a sample ended, by its `state`."""
+"""Texts of the codes in the column `state` of `/samples`."""
 CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
 
 TOOK_TOO_LONG: Final = "took longer than max_seconds,"
-"""How the text of a failure begins that is no exception; its sample has no row in `/samples`."""
+"""Prefix of the text of a failure that is a timeout; its sample has no row in `/samples`."""
 
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
 
 
 class Column(NamedTuple):
-    """One column of a table: storage type, unit, meaning and, for vectors, its shape.
-
-    Files have it from the format version `since` on.
-    """
+    """One column of a table: type, unit, meaning, shape of an element, and since which version."""
 
     name: str
     dtype: str
@@ -46,7 +43,7 @@ class Column(NamedTuple):
 
 
 class TableSchema(NamedTuple):
-    """One table: what a row is, where it lies, and its columns."""
+    """One table: its name and meaning, what the number of a row is, and its columns."""
 
     name: str
     meaning: str
@@ -59,13 +56,13 @@ class TableSchema(NamedTuple):
         return np.dtype([(field.name, _scalar(field.dtype), field.shape) for field in self.fields])
 
     def at(self, version: int) -> "TableSchema":
-        """Return the table as files of a format version have it."""
+        """Return the schema of a format version."""
         fields = tuple(field for field in self.fields if field.since <= version)
         return self._replace(fields=fields)
 
     @property
     def done(self) -> str:
-        """Name of the dataset that says which rows are final."""
+        """Name of the dataset of done bytes."""
         return f"{self.name}_done"
 
     @property
@@ -221,13 +218,13 @@ DIGEST_MEANING: Final = (
 def fresh_from(attributes: Mapping[str, Any]) -> int:
     """Return the number of the first fresh sample of each string; older files have no room for any.
 
-    The rows of `/samples` of one string are `max_samples` wide; no decision sees the last of them.
+    Each string has `max_samples` rows of `/samples`; no decision sees those from this number on.
     """
     return int(attributes.get("fresh_from", attributes["max_samples"]))
 
 
 def generations_schema(population: int) -> TableSchema:
-    """Layout of `/generations` for a population of so many strings."""
+    """Return the schema of `/generations` for a population of `population` strings."""
     return TableSchema(
         "generations",
         "the search after each generation",
@@ -251,7 +248,7 @@ def generations_schema(population: int) -> TableSchema:
 
 
 def final_particles_schema(grains: int) -> TableSchema:
-    """Layout of `/final_particles` for samples of so many grains."""
+    """Return the schema of `/final_particles`, whose arrays are `grains` long."""
     wide = (grains,)
     return TableSchema(
         "final_particles",
@@ -272,7 +269,7 @@ def final_particles_schema(grains: int) -> TableSchema:
 
 
 def frames_schema(grains: int) -> TableSchema:
-    """Layout of `/frames` for samples of so many grains."""
+    """Return the schema of `/frames`, whose arrays are `grains` long."""
     wide, vectors = (grains,), (grains, 3)
     return TableSchema(
         "frames",
@@ -298,9 +295,9 @@ def frames_schema(grains: int) -> TableSchema:
 
 
 def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
-    """All tables of a campaign file with such attributes; those not asked for are left out.
+    """Return the schemas of all tables that a file with these attributes has, in its version.
 
-    Their columns are those of its format version.
+    `/final_particles` and `/frames` are there if the campaign asks for them.
     """
     version = int(attributes.get("format_version", FORMAT_VERSION))
     grains = int(attributes.get("grains", 0))

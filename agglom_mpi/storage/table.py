@@ -1,4 +1,4 @@
-"""Rows that are either absent or final: checksums, done bytes and the order of writing."""
+"""Rows that are either absent or final: checksums, done bytes, digests of generations."""
 
 import hashlib
 import zlib
@@ -16,7 +16,7 @@ from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, table_sc
 
 
 class Rows:
-    """Plain reading and writing of ranges of one dataset.
+    """Reading and writing of ranges of one dataset.
 
     The low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
     """
@@ -31,7 +31,7 @@ class Rows:
         self._space = dataset.id.get_space()
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """`count` elements from `first` on; raises IndexError outside, OSError with the path."""
+        """Read `count` elements from `first` on; raises IndexError, and OSError with the path."""
         self._select(first, count)
         rows = np.empty(count, self.dtype)
         try:
@@ -41,11 +41,11 @@ class Rows:
         return rows
 
     def read_all(self) -> np.ndarray:
-        """All elements."""
+        """Read all elements."""
         return self.read(0, self.capacity)
 
     def write(self, first: int, rows: np.ndarray) -> None:
-        """Write elements from `first` on; raises IndexError outside, OSError with the path."""
+        """Write elements from `first` on; raises IndexError, and OSError with the path."""
         self._select(first, len(rows))
         try:
             self._id.write(h5s.create_simple((len(rows),)), self._space, rows, self._type)
@@ -83,12 +83,12 @@ class ValidRows(NamedTuple):
 
 
 class Table:
-    """A dataset of checksummed rows and the one of their done bytes.
+    """A dataset of rows with checksums, and the dataset of their done bytes.
 
     Attributes
     ----------
     dtype
-        Of the rows that are taken and given.
+        Of the rows that are written and returned.
     rows
         The rows as the file has them: in one of an older format version they have fewer columns.
     done
@@ -105,7 +105,7 @@ class Table:
 
     @property
     def capacity(self) -> int:
-        """Rows that there is room for."""
+        """Number of rows that there is room for."""
         return self.rows.capacity
 
     def write(self, first: int, rows: np.ndarray) -> None:
@@ -123,8 +123,8 @@ class Table:
         self.rows.write(first, rows)
         self.done.write(first, np.ones(len(rows), np.uint8))
 
-    def forget(self, first: int, count: int) -> None:
-        """Make rows absent."""
+    def mark_absent(self, first: int, count: int) -> None:
+        """Clear the done bytes of rows."""
         self.done.write(first, np.zeros(count, np.uint8))
 
     def read(self, first: int = 0, count: int | None = None) -> ValidRows:
@@ -132,7 +132,7 @@ class Table:
         return self.read_marked(self._done(first, count), first)
 
     def read_marked(self, marked: np.ndarray, first: int = 0) -> ValidRows:
-        """Return the valid ones of the rows that are not 0 in `marked`, which begins at `first`."""
+        """Return the valid rows among those not 0 in `marked`, (n,), which begins at `first`."""
         runs = [(first + start, length) for start, length in runs_of(marked)]
         rows = concatenated([self.rows.read(*run) for run in runs], self.rows.dtype)
         valid = checksum_ok(rows)
@@ -140,7 +140,7 @@ class Table:
         return ValidRows(fitted(rows[valid], self.dtype), places, int(len(rows) - valid.sum()))
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
-        """Start and length of each unbroken run of final rows in a range."""
+        """Yield start and length of each run of final rows in a range."""
         for start, length in runs_of(self._done(first, count)):
             yield first + start, length
 
@@ -148,12 +148,12 @@ class Table:
         return self.done.read(first, self.capacity - first if count is None else count)
 
     def end(self) -> int:
-        """Find the number after that of the last final row."""
+        """Return the number after that of the last final row."""
         final = np.flatnonzero(self.done.read_all())
         return int(final[-1]) + 1 if len(final) else 0
 
-    def following(self) -> int:
-        """Find the row to append: the next one, or the last if there is no more room."""
+    def append_place(self) -> int:
+        """Return the number of the row to append: the next, or the last if there is no room."""
         return min(self.end(), self.capacity - 1)
 
 
@@ -185,10 +185,9 @@ def make_row(dtype: np.dtype, **columns: Any) -> np.ndarray:
 
 
 def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
-    """Rows of all parts, one after the other; a single part itself.
+    """Return the rows of all parts, one after the other; a single part is not copied.
 
-    `numpy.concatenate` copies structured rows column by column, which takes a hundred times as
-    long.
+    `numpy.concatenate` copies structured rows column by column and takes a hundred times as long.
     """
     if len(parts) == 1:
         return parts[0]
@@ -196,7 +195,7 @@ def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
 
 
 def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Start and length of each run of done bytes that are set."""
+    """Yield start and length of each run of done bytes that are set."""
     if len(done) and done.all():  # nearly always, among what ranks return
         yield 0, len(done)
         return
@@ -206,7 +205,7 @@ def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Parts of rows, (n,), that are consecutive samples of one string."""
+    """Yield parts of rows, (n,), that are consecutive samples of one string."""
     ends = np.flatnonzero((np.diff(rows["sample"]) != 1) | (np.diff(rows["string"]) != 0)) + 1
     for begin, end in pairwise([0, *ends.tolist(), len(rows)]):
         if end > begin:
@@ -214,12 +213,12 @@ def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def checksum_ok(rows: np.ndarray) -> np.ndarray:
-    """Whether each row has its right checksum, (n,) bool."""
+    """Return whether each row has the right checksum, (n,) bool."""
     return checksums(rows) == rows["crc"]
 
 
 def checksums(rows: np.ndarray) -> np.ndarray:
-    """CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
+    """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
     blank = rows.copy()
     blank["crc"] = 0
     raw = memoryview(blank.tobytes())
@@ -239,7 +238,7 @@ def generation_digest(
     samples: np.ndarray,
     version: int = FORMAT_VERSION,
 ) -> int:
-    """BLAKE2b in 64 bits of what a generation rests on, as `/generations` explains it.
+    """Return the 64-bit BLAKE2b digest of what a generation rests on (see `DIGEST_MEANING`).
 
     Parameters
     ----------
@@ -258,7 +257,7 @@ def generation_digest(
 
 
 def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
-    """Select the rows that the results were judged by: each once, by string and sample."""
+    """Return the rows that the results rest on: each once, by string and sample."""
     if not len(samples) or not len(results):
         return samples[:0]
     most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
@@ -269,7 +268,7 @@ def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
 
 
 def _packed(rows: np.ndarray) -> bytes:
-    """Little-endian bytes of the deterministic columns, row after row."""
+    """Return the little-endian bytes of the deterministic columns, row after row."""
     names = [name for name in rows.dtype.names or () if name not in NOT_DETERMINED]
     dtype = np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names])
     packed = np.empty(len(rows), dtype)

@@ -14,7 +14,7 @@ from typing import Final
 import h5py
 import numpy as np
 
-from agglom_mpi.storage.access import damage_named, open_file, read_attributes
+from agglom_mpi.storage.access import open_file, read_attributes, report_damage
 from agglom_mpi.storage.reader import CampaignData, status_of
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, ORIGINS, table_schemas
 from agglom_mpi.storage.table import Rows, Table, checksum_ok, concatenated, fitted, runs_of
@@ -30,6 +30,9 @@ MAX_LISTED: Final = 8
 
 REWRITE_SECONDS: Final = 0.05
 """Longer than a row that is rewritten in place takes to be whole again."""
+REPLACE_SECONDS: Final = 0.1
+"""Longer than a frame that takes the place of another takes to be written."""
+_READ_BYTES: Final = 1 << 25
 _READ: Final = ("generations", "results", "samples", "strings", "failures", "legs")
 
 
@@ -130,7 +133,7 @@ def verify_rows(path: str | os.PathLike[str]) -> VerificationReport:
         If it is missing or cannot be read.
     """
     path = Path(path)
-    with open_file(path) as file, damage_named(path):
+    with open_file(path) as file, report_damage(path):
         return _verify(file, path)
 
 
@@ -182,22 +185,22 @@ def _valid_rows(file: h5py.File, table: Table, report: VerificationReport) -> np
         report.faults.append(f"{name}_done: neither 0 nor 1 for {row_list(keys)}")
     parts = [table.rows.read(first, count) for first, count in runs_of(done)]
     rows = concatenated(parts, table.rows.dtype)
-    whole = checksum_ok(rows)
-    if not whole.all():  # perhaps a row that is being written again, as those of /legs are
+    valid = checksum_ok(rows)
+    if not valid.all():  # perhaps a row that is being written again, as those of /legs are
         if status_of(Rows(file["status"], report.data.path).read_all()).state == "running":
             time.sleep(REWRITE_SECONDS)
-        for at in np.flatnonzero(~whole):
+        for at in np.flatnonzero(~valid):
             rows[at] = table.rows.read(int(places[at]), 1)[0]
-        whole = checksum_ok(rows)
-    torn = {_key(name, int(place), report) for place in places[~whole]}
-    if torn:
-        report.add_lost(name, torn, "with a wrong checksum")
-    misplaced = whole & (_own_places(name, rows, report) != places)
+        valid = checksum_ok(rows)
+    damaged = {_key(name, int(place), report) for place in places[~valid]}
+    if damaged:
+        report.add_lost(name, damaged, "with a wrong checksum")
+    misplaced = valid & (_own_places(name, rows, report) != places)
     if misplaced.any():  # a resume would trust the numbers in the row
         displaced = {_key(name, int(place), report) for place in places[misplaced]}
         report.lost[name] |= displaced
         report.faults.append(f"{name}: numbers of another row in {row_list(displaced)}")
-    return fitted(rows[whole & ~misplaced], table.dtype)
+    return fitted(rows[valid & ~misplaced], table.dtype)
 
 
 def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.ndarray:
@@ -217,16 +220,11 @@ def _key(name: str, place: int, report: VerificationReport) -> Key:
     return divmod(place, report.data.max_samples)
 
 
-REPLACED_WITHIN: Final = 0.1
-"""Seconds after which a picture that takes the place of another is whole."""
-_READ_BYTES: Final = 1 << 25
-
-
 def check_particles(file: h5py.File, report: VerificationReport) -> None:
-    """Verify checksums, and that rows are what belongs there.
+    """Verify the rows of `/final_particles` and `/frames`: checksums, and numbers for their places.
 
-    A final state must have as many particles as its sample says, and a picture its place among
-    those of its sample. That a final state is absent cannot be seen: a leg need not have stored
+    A final state must have as many particles as its sample says, and a frame its place among those
+    of its sample. That a final state is absent cannot be seen: a leg need not have stored
     any.
     """
     rows = report.data.all_sample_rows()[["string", "sample", "particles"]].tolist()
@@ -240,26 +238,26 @@ def check_particles(file: h5py.File, report: VerificationReport) -> None:
 def _check_finals(
     table: Table, left: dict[tuple[int, int], int], report: VerificationReport
 ) -> None:
-    torn: set[Key] = set()
+    damaged: set[Key] = set()
     misplaced: set[Key] = set()
     most = report.data.max_samples
-    for place, whole, row in _rows(table, ["string", "sample", "particles"]):
+    for place, valid, row in _rows(table, ["string", "sample", "particles"]):
         key = divmod(place, most)
-        if not whole:
-            torn.add(key)
+        if not valid:
+            damaged.add(key)
         elif row[:2] != key or left.get(key, row[2]) != row[2]:
             misplaced.add(key)
-    _tell(table, "final_particles", torn, misplaced, report)
+    _record(table, "final_particles", damaged, misplaced, report)
 
 
 def _check_frames(table: Table, report: VerificationReport) -> None:
-    torn: set[Key] = set()
+    damaged: set[Key] = set()
     stored: dict[int, tuple[int, ...]] = {}
-    for place, whole, row in _rows(table, ["string", "sample", "frame"]):
-        if whole:
+    for place, valid, row in _rows(table, ["string", "sample", "frame"]):
+        if valid:
             stored[place] = row
         else:
-            torn.add(place)
+            damaged.add(place)
     settled = report.data.status().state == "finished"  # before, others may be taking their places
     count = 1 + max((row[2] for row in stored.values()), default=0)
     first = {place // count: row[:2] for place, row in reversed(stored.items())}
@@ -268,7 +266,7 @@ def _check_frames(table: Table, report: VerificationReport) -> None:
         for place, (string, sample, frame) in stored.items()
         if settled and (place % count != frame or first[place // count] != (string, sample))
     }
-    _tell(table, "frames", torn, misplaced, report)
+    _record(table, "frames", damaged, misplaced, report)
     all_of = {block * count + frame for block in first for frame in range(count)}
     if settled:
         report.add_absent(
@@ -277,24 +275,24 @@ def _check_frames(table: Table, report: VerificationReport) -> None:
 
 
 def _rows(table: Table, columns: list[str]) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Place of each final row, whether it is whole, and what is in some columns."""
+    """Yield place of each final row, whether its checksum is right, and some of its columns."""
     step = max(1, _READ_BYTES // table.rows.dtype.itemsize)
     for first, length in table.runs():
         for at in range(first, first + length, step):
             rows = table.rows.read(at, min(step, first + length - at))
-            whole = checksum_ok(rows)
+            valid = checksum_ok(rows)
             for i, row in enumerate(rows[columns].tolist()):
-                if whole[i]:
+                if valid[i]:
                     yield at + i, True, row
                 else:
-                    yield from _again(table, at + i, columns)
+                    yield from _read_again(table, at + i, columns)
 
 
-def _again(
+def _read_again(
     table: Table, place: int, columns: list[str]
 ) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Look once more at a row that was not whole: perhaps it was being replaced."""
-    time.sleep(REPLACED_WITHIN)
+    """Read a row again whose checksum was wrong: perhaps it was being replaced."""
+    time.sleep(REPLACE_SECONDS)
     found = table.read(place, 1)
     if found.damaged:
         yield place, False, ()
@@ -302,12 +300,12 @@ def _again(
         yield place, True, row
 
 
-def _tell(
-    table: Table, name: str, torn: set[Key], misplaced: set[Key], report: VerificationReport
+def _record(
+    table: Table, name: str, damaged: set[Key], misplaced: set[Key], report: VerificationReport
 ) -> None:
-    report.counts[name] = int(np.count_nonzero(table.done.read_all())) - len(torn)
-    if torn:
-        report.add_lost(name, torn, "with a wrong checksum")
+    report.counts[name] = int(np.count_nonzero(table.done.read_all())) - len(damaged)
+    if damaged:
+        report.add_lost(name, damaged, "with a wrong checksum")
     if misplaced:
         report.faults.append(f"{name}: not what belongs there in {row_list(misplaced)}")
 

@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 
 class CampaignWriter:
-    """The writer of a campaign file; whoever opens it holds the `CampaignLock`.
+    """Writer of a campaign file; the caller holds its `CampaignLock`.
 
-    It is the only one, until `reopen_parallel` lets other ranks write samples of their own.
+    It is the only one, until `reopen_parallel` lets other ranks write their own samples.
 
-    Everything but samples and results is in the file, visible to readers and safe from a kill of
-    the process, when its `put_` returns; those are after `flush`. Only `sync` guards against a
+    Samples and results are buffered until `flush`. All else is in the file, visible to readers and
+    safe from a kill of the process, when its `put_` returns. Only `sync` guards against a
     crash of the machine. Failed writes raise OSError with the path, and can be repeated;
     numbers beyond the room in the file raise IndexError.
 
     Attributes
     ----------
     clock
-        Time spent here.
+        Time spent on writing, s.
     samples
-        Writes samples.
+        Writer of samples.
     parallel
         Whether other ranks have the file open, too.
     """
@@ -63,9 +63,9 @@ class CampaignWriter:
         self._status = Rows(file["status"], self.path)
 
     def reopen_parallel(self, world: "Intracomm") -> None:
-        """Close the file and open it again together with all other ranks, each a `RankWriter`.
+        """Close the file, and open it together with the `RankWriter` of all other ranks.
 
-        From now on closing is collective.
+        From then on closing is collective.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class CampaignWriter:
         generation : int or (n,)
             Generation that they are proposed for.
         slots, origins : (n,) int
-            Place in the generation; 0 random, 1 offspring.
+            Place in the generation, and index in `schema.ORIGINS`.
         parents : (n, 2) int
             Numbers of the parents, -1 for none.
         parameters : (n, 10) float64
@@ -117,7 +117,7 @@ class CampaignWriter:
             self._tables["strings"].write(first_id, rows)
 
     def flush_due(self, now: float | None = None) -> bool:
-        """Flush if something has waited for long at `time.monotonic()` = now; say if so."""
+        """Flush if a row is older than `FLUSH_AGE` at `time.monotonic()` = now; return if so."""
         now = time.monotonic() if now is None else now
         due = self.samples.due(now) or self._results.due(now)
         if due:
@@ -126,7 +126,7 @@ class CampaignWriter:
         return due
 
     def flush(self) -> None:
-        """Write the samples that wait, and then the results."""
+        """Write the buffered samples, and then the results."""
         self.samples.flush()
         with self.clock:
             for first, rows in self._results.runs():
@@ -134,48 +134,45 @@ class CampaignWriter:
         self._results.clear()
 
     def put_samples(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
-        """Take samples, which wait for `flush`, as `SampleWriter.put`."""
+        """Buffer samples; see `SampleWriter.put`."""
         self.samples.put(records, finals)
 
     def put_frames(self, first: int, rows: np.ndarray) -> None:
-        """Store pictures, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        """Write frames, (n,) rows of `/frames` without `crc`, in place of those there are."""
         with self.clock:
             table = Table(self._file, "frames", self.path)
-            table.forget(first, len(rows))
+            table.mark_absent(first, len(rows))
             table.write(first, rows)
 
     def frame_keys(self) -> dict[int, tuple[int, int, int]]:
-        """Read (string, sample, frame) of the pictures there are, by row."""
+        """Return (string, sample, frame) of the frames there are, by row."""
         return valid_frame_keys(self._file, self.path)
 
     def forget_frames(self) -> None:
-        """Drop all pictures: others are to be taken."""
+        """Make all frames absent."""
         with self.clock:
             table = Table(self._file, "frames", self.path)
-            table.forget(0, table.capacity)
+            table.mark_absent(0, table.capacity)
 
     def put_result(self, row: np.ndarray) -> None:
-        """Take the result of a string, a row of `/results`, (1,), without `crc`.
-
-        It waits for `flush`, as the samples do that it rests on.
-        """
+        """Buffer the result of a string, a row of `/results`, (1,), without `crc`."""
         self._tables["results"].rows.check(int(row["string"][0]), 1)
         self._results.add(row, time.monotonic())
 
     @property
     def has_room_for_failures(self) -> bool:
-        """Whether no failure needs to be overwritten by the next one."""
+        """Whether the next failure overwrites none."""
         table = self._tables["failures"]
         return table.end() < table.capacity
 
     def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> bool:
-        """Store the exception of a failed sample; of a long text the end, which names the error.
+        """Write the exception of a failed sample, of a long text the end, which names the error.
 
-        Without room the last one is overwritten. But where that is all there is of a sample that
-        took too long, it stays; say whether this one was stored.
+        Where the table is full the last row is overwritten, unless it is of a sample that took too
+        long: nothing else tells of such a one. Return whether this one was written.
         """
         table = self._tables["failures"]
-        place = table.following()
+        place = table.append_place()
         if any(row["text"].startswith(TOOK_TOO_LONG.encode()) for row in table.read(place, 1).rows):
             return False
         end = text.encode()[-table.dtype["text"].itemsize :].decode(errors="ignore")
@@ -198,10 +195,10 @@ class CampaignWriter:
         population: ArrayLike,
         digest: int,
     ) -> None:
-        """Store the state of the search after a generation, after what waits.
+        """Write the state of the search after a generation, after all that is buffered.
 
-        `population` is (S,) string numbers, the best first; `seconds` are summed over legs;
-        `digest` is that of `database.digest`.
+        The columns are those of `/generations`: `population`, (population,), has string numbers,
+        the best first; `seconds` are summed over legs; `digest` is from `generation_digest`.
         """
         self.flush()
         self._put(
@@ -235,7 +232,7 @@ class CampaignWriter:
         git_revision: str,
         versions: Mapping[str, str],
     ) -> int:
-        """Record a start of the program; return the number of this leg.
+        """Write a start of the program; return the number of this leg.
 
         Parameters
         ----------
@@ -250,7 +247,7 @@ class CampaignWriter:
         versions : mapping
             Library versions by the names of `schema.VERSIONS`; those left out stay empty.
         """
-        index = self._tables["legs"].following()
+        index = self._tables["legs"].append_place()
         self._put(
             "legs",
             index,
@@ -279,9 +276,9 @@ class CampaignWriter:
         busy_seconds: float,
         database_seconds: float,
     ) -> None:
-        """Record the end of a leg.
+        """Write the end of a leg.
 
-        `stopped` is in Unix time; `busy_seconds` are summed over samples, `database_seconds` over
+        `stopped` is Unix time, s; `busy_seconds` is summed over samples, `database_seconds` over
         ranks.
         """
         legs = self._tables["legs"]
@@ -293,7 +290,7 @@ class CampaignWriter:
             legs.write(index, row)
 
     def set_status(self, state: str, reason: str = "") -> None:
-        """Say what the campaign is doing: running, stopped, finished or failed."""
+        """Write what the campaign is doing, one of `CAMPAIGN_STATES`, and why."""
         if state not in CAMPAIGN_STATES:
             raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
         row = make_row(self._status.dtype, state=state, updated=time.time(), reason=reason)
@@ -302,12 +299,12 @@ class CampaignWriter:
         self._running = state == "running"
 
     def mark_running(self) -> None:
-        """Say that the campaign is running, unless that was said last."""
+        """Set the status to running, unless that was done last."""
         if not self._running:
             self.set_status("running")
 
     def sync(self) -> None:
-        """Flush, and wait until everything is on the disc."""
+        """Flush, and wait until everything is on the disk."""
         self.flush()
         self._check_place()
         with self.clock:
@@ -318,14 +315,14 @@ class CampaignWriter:
             require_in_place(self.path, self._descriptor)
 
     def abandon(self, reason: str) -> None:
-        """After a failed write: forget what waits, and say why if the file takes it."""
-        self.samples.forget()
+        """Drop what is buffered after a failed write, and set the status if that is possible."""
+        self.samples.discard()
         self._results.clear()
         with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
             self.set_status("failed", reason)
 
     def close(self) -> None:
-        """Flush and close; closing twice does nothing."""
+        """Flush and close, if the file is open."""
         if not self._file:
             return
         try:
@@ -343,7 +340,7 @@ class CampaignWriter:
         error: BaseException | None,
         trace: object,
     ) -> None:
-        # In an emergency the others would not join in: whoever catches this aborts the job.
+        # After an error the others would not join in closing: who catches it aborts the job.
         if error is None or not self.parallel:
             self.close()
 

@@ -6,7 +6,7 @@ import pytest
 from campaign_runs import SMALL, write_campaign
 from rich.console import Console
 
-from agglom_mpi.analysis.file_comparison import as_text, best_objectives, compare, in_words
+from agglom_mpi.analysis.file_comparison import best_objectives, compare, comparison_table, to_json
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
@@ -48,7 +48,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
 
 def said(files):
     out = io.StringIO()
-    Console(file=out, width=200).print(in_words(compare(files)))
+    Console(file=out, width=200).print(comparison_table(compare(files)))
     return out.getvalue()
 
 
@@ -79,12 +79,12 @@ def test_a_file_without_a_result_is_a_row_without_a_value(tmp_path):
     files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "none", [], seed=2)]
     assert len(best_objectives(compare(files))) == 1
     assert str(files[1].path) in said(files)
-    assert json.loads(as_text(compare(files)))["files"][1]["best"] == []
+    assert json.loads(to_json(compare(files)))["files"][1]["best"] == []
 
 
 def test_json_has_every_summary_and_difference(tmp_path):
     files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "two", [0.1], seed=2)]
-    everything = json.loads(as_text(compare(files)))
+    everything = json.loads(to_json(compare(files)))
     assert [file["best"][0]["objective"] for file in everything["files"]] == pytest.approx(
         [0.1] * 2
     )

@@ -12,7 +12,7 @@ from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.storage import create, verify
 from agglom_mpi.storage import sample_writer as buffer
-from agglom_mpi.storage.compact import Copied, write_compact
+from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.particle_tables import (
     final_particles_schema,
@@ -368,7 +368,7 @@ def test_tables_are_added_later_and_every_row_is_kept(tmp_path, monkeypatch, blo
 
 def test_a_compact_copy_keeps_them_and_is_as_short_as_what_it_holds(filled, tmp_path):
     copy = tmp_path / "copy.h5"
-    assert write_compact(filled, copy) == Copied(strings=6, samples=24, damaged=0)
+    assert write_compact(filled, copy) == CopyCounts(strings=6, samples=24, damaged=0)
     file = open_campaign(copy)
     for string in (0, 2, 5):
         for sample in range(string, string + 8):
@@ -382,7 +382,9 @@ def test_a_compact_copy_keeps_them_and_is_as_short_as_what_it_holds(filled, tmp_
     assert lengths["frames"] == lengths["frames_done"] == file.attributes["frames"] == 2 * COUNT
     report = verify_rows(copy)
     assert (report.losses, report.faults) == ([], [])
-    assert write_compact(copy, tmp_path / "again.h5") == Copied(strings=6, samples=24, damaged=0)
+    assert write_compact(copy, tmp_path / "again.h5") == CopyCounts(
+        strings=6, samples=24, damaged=0
+    )
 
 
 def test_a_copy_without_any_of_them_can_be_read(path, tmp_path):
