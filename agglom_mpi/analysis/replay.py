@@ -262,8 +262,8 @@ def _close(stored: object, decided: object) -> bool:
 REMEDIES: Final = {
     "strings": "propose again strings",
     "samples": "simulate again",
-    "results": "judge again strings",
-    "generations": "decide again generations",
+    "results": "recompute the results of strings",
+    "generations": "repeat the decisions of generations",
     "frames": "take again frames in rows",
 }
 """What a resume does about lost rows, by table; those of other tables stay lost."""
@@ -305,12 +305,12 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | Non
         f"{pluralise(rows['results'], 'result')}, "
         f"{pluralise(rows['generations'], 'generation')}, {pluralise(rows['samples'], 'sample')} "
         f"({kinds}), {pluralise(rows['legs'], 'leg')} and {pluralise(rows['failures'], 'failure')} "
-        "are whole"
+        "are valid"
     )
     units = {"final_particles": "final state", "frames": "frame"}
     counts = [pluralise(count, units[name]) for name, count in report.counts.items()]
     if counts:
-        yield f"particles: {' and '.join(counts)} are whole"
+        yield f"particles: {' and '.join(counts)} are valid"
     yield f"digests: {digests} of {pluralise(rows['generations'], 'generation')} verified"
     if replayed is None:
         yield f"replay: left out; the strings of an {STUDY} are not searched"
@@ -336,6 +336,6 @@ def _remedies(report: VerificationReport) -> Iterator[str]:
         yield f"no result rests on {row_list(unused)}: only computed again if it comes to be needed"
     if report.faults:
         yield (
-            "a resume believes all rows with right checksums, and would not mend the rest: restore "
+            "a resume trusts every row with a right checksum and repairs nothing else: restore "
             "a copy, or start afresh with --output"
         )

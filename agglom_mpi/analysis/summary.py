@@ -119,7 +119,8 @@ def _comparison(verdict: SelectionBias, shown: Sequence[int]) -> str:
         return f"{first} is the best of those estimated again, {test}"
     names = [places.get(string, f"string {string}") for string in verdict.same]
     listed = names[-1] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"{listed} cannot be told from {first} {test}"
+    do = "does" if len(names) == 1 else "do"
+    return f"{listed} {do} not differ significantly from {first} {test}"
 
 
 _WIDE: Final = 10_000

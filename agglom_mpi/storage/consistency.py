@@ -188,7 +188,7 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
     odd = (legs["ranks"] < 1) | ~np.isin(legs["exit_code"], EXIT_CODES) | (legs["samples"] < 0)
     odd |= ended & (legs["exit_code"] == -1)
     if odd.any():
-        yield f"legs: numbers that cannot be in {row_list(np.flatnonzero(odd).tolist())}"
+        yield f"legs: impossible numbers in {row_list(np.flatnonzero(odd).tolist())}"
     # A rank that writes its own samples may be lost before it reports the last ones.
     gathered = (legs["database"] == b"gathered").all()
     if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:

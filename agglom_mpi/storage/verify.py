@@ -307,7 +307,7 @@ def _record(
     if damaged:
         report.add_lost(name, damaged, "with a wrong checksum")
     if misplaced:
-        report.faults.append(f"{name}: not what belongs there in {row_list(misplaced)}")
+        report.faults.append(f"{name}: wrong content in {row_list(misplaced)}")
 
 
 def row_list(keys: Iterable[Key]) -> str:

@@ -32,9 +32,9 @@ def test_those_that_cannot_be_told_from_the_first_are_named_by_their_columns():
     found = selection_bias(close)
     assert (found.first, found.same, found.pairs) == (7, [2, 9], 6)
     assert said(close, [7, 2, 5, 9])[-1] == (
-        "#2 and #4 cannot be told from #1 at 95 % (Welch's t, 6 pairs, Holm)"
+        "#2 and #4 do not differ significantly from #1 at 95 % (Welch's t, 6 pairs, Holm)"
     )
-    assert said(close, [7, 2])[-1].startswith("#2 and string 9 cannot be told from #1")
+    assert said(close, [7, 2])[-1].startswith("#2 and string 9 do not differ significantly from #1")
 
 
 def test_a_best_one_that_stands_alone_is_said_to():

@@ -275,7 +275,7 @@ def test_particles_of_another_sample_or_number_are_a_fault(filled):
         finals.write(2 * MAX_SAMPLES + 3, other)
         finals.write(6, few)
     [fault] = verify_rows(filled).faults
-    said = "final_particles: not what belongs there in "
+    said = "final_particles: wrong content in "
     assert fault == said + "sample 6 of string 0, sample 3 of string 2"
 
 
@@ -291,7 +291,7 @@ def test_a_picture_in_another_place_and_a_missing_one_are_found(filled):
         file["frames_done"][last] = 0
     text, code = check_file(str(filled))
     assert code == 1
-    assert "frames: not what belongs there in 0" in text
+    assert "frames: wrong content in 0" in text
     assert f"frames: {last} absent, though others of their samples are there" in text
 
 
