@@ -99,7 +99,7 @@ def test_a_string_without_pictures_is_simulated_though_others_have_some(agglom, 
 
 
 def test_a_sample_that_comes_out_otherwise_is_told(agglom, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "is_same", lambda stored, computed: False)
+    monkeypatch.setattr(module, "is_same", lambda stored, computed, version: False)
     words = ["--paraview", tmp_path / "out.vtkhdf", "--frames", 2]
     assert (
         "simulated again, differs from the recorded" in agglom("export", "tiny.h5", *words).stdout
