@@ -15,6 +15,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
 
@@ -120,7 +121,7 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
 
 
 def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
-    file = open_campaign(finished / "tiny.h5")
+    file = read_campaign(finished / "tiny.h5")
     none = file.result_rows()[:0]
     monkeypatch.setattr(file, "result_rows", lambda: none)
     with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):
