@@ -92,7 +92,7 @@ def _page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     """Return the summary of one file as a renderable, or as JSON."""
-    from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
     from agglom_mpi.storage.reader import read_inversion
 
     opened, indices = read_inversion(file), None
@@ -102,11 +102,11 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
         indices = sensitivities.sensitivity_of(opened)
     if as_json:
         extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
-        return as_text(collect_summary(opened), extra)
+        return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
-    more = [] if indices is None else [sensitivities.in_words(*indices)]
-    return Group(summarise(opened), *more)
+    more = [] if indices is None else [sensitivities.sensitivity_table(*indices)]
+    return Group(summary_table(opened), *more)
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
@@ -115,4 +115,4 @@ def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
     from agglom_mpi.storage.reader import read_inversion
 
     compared = comparison.compare([read_inversion(file) for file in files])
-    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
+    return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)

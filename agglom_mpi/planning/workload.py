@@ -125,8 +125,7 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
         If it is not a campaign file, or cannot be read.
     """
     # Imported here because most forecasts need no HDF5.
-    from agglom_mpi.storage.contents import parameters_of
-    from agglom_mpi.storage.reader import read_inversion
+    from agglom_mpi.storage.reader import parameters_of, read_inversion
 
     file = read_inversion(path)
     if (

@@ -60,7 +60,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
             raise mistaken(request.source, "--string", message)
         campaign = load_campaign(request.source, request.allow_code)
         parameters = campaign.parameters(request.settings)
-        stored, first = None, 0
+        stored, first, version = None, 0, 0
     else:
         from agglom_mpi.storage.reader import read_inversion
 
@@ -69,7 +69,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         if request.settings:
             message = "is for YAML files; a recorded string is as it is"
             raise mistaken(request.source, "--set", message)
-        parameters = recorded_parameters(file, request.string)
+        parameters, version = recorded_parameters(file, request.string), file.format_version
         stored, first = _stored_sample(request, file), campaign.first_sample(request.string or 0)
     numbers = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + number for number in numbers]
@@ -85,7 +85,7 @@ def forward(request: Request, as_json: bool) -> tuple[str, int]:
         report["note"] = LEFT_OUT
     code = 0
     if stored is not None and request.engine is None:
-        same = is_same(stored, outcomes[0].record)
+        same = is_same(stored, outcomes[0].record, version)
         report["replay"] = (
             "identical to the recorded sample" if same else "differs from the recorded sample"
         )

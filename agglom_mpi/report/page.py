@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from agglom_mpi.analysis import sensitivity as sensitivities
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import require_library
 from agglom_mpi.report import page_answer, page_run, sample_frames
@@ -23,9 +24,10 @@ from agglom_mpi.report.figures import (
     paths,
     radii,
 )
+from agglom_mpi.report.figures.radii import target_ratio
 from agglom_mpi.report.html import Section, figure, figures, page, paragraph
-from agglom_mpi.report.material import Material, gather
-from agglom_mpi.report.picture import Picture, replace_file, write_picture
+from agglom_mpi.report.picture import Picture, write_picture
+from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 
 NAME: Final = "report.html"
@@ -65,14 +67,14 @@ def write_report(
     require_library("matplotlib", "report", "figures")
     check_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    writer, sections = Writer(gather(file), directory), []
+    writer, sections = Writer(file, directory), []
     for part in writer.sections(simulate, sensitivity):
         if isinstance(part, str):
             yield part
         else:
             sections.append(part)
     title = str(file.attributes["title"]) or file.path.stem
-    whole = page(title, page_answer.head(writer.material), sections)
+    whole = page(title, page_answer.head(writer.data), sections)
     replace_file(directory / NAME, whole.encode())
     seconds = time.perf_counter() - begun
     yield f"{directory / NAME}: {writer.count} figures as PNG and SVG, {seconds:.1f} s"
@@ -81,34 +83,34 @@ def write_report(
 class Writer:
     """Writes the figures of a campaign and makes the sections of its page."""
 
-    def __init__(self, material: Material, directory: Path) -> None:
-        self.material = material
+    def __init__(self, data: CampaignData, directory: Path) -> None:
+        self.data = data
         self.count = 0
         self._directory = directory
 
     def sections(self, simulate: bool, sensitivity: bool) -> Iterator[Section | str]:
         """Yield the sections in order, and lines on what takes long."""
-        material = self.material
+        data = self.data
         yield Section(
             "answer",
             "Best strings",
-            page_answer.best_strings(material) + self.draw(finalists.pictures(material)),
+            page_answer.best_strings(data) + self.draw(finalists.pictures(data)),
         )
         search = self._several(convergence, paths, parallel, cost)
         if sensitivity:
             search += self._sensitivity()
         yield Section("search", "Search", search or paragraph("No generation is done yet."))
-        if simulate and material.best and not sample_frames.all_stored(material):
+        if simulate and rank_strings(data).order and not sample_frames.all_stored(data):
             yield WAIT
         yield Section("particles", "Particles", self._particles(simulate))
         samples = self._several(ensembles, counts)
         yield Section("samples", "Samples", samples or paragraph("No string is judged yet."))
-        yield Section("tables", *page_answer.tables_of_papers(material))
-        yield Section("run", "Run", self._several(busy) + page_run.legs(material))
-        yield Section("scene", "What the scene left out", page_run.left_out(material))
-        yield Section("ledger", "Worst samples of the ledger", page_run.ledger(material))
-        yield Section("failures", "Failures", page_run.failures(material))
-        yield Section("origin", "Where this is from", page_run.provenance(material))
+        yield Section("tables", *page_answer.tables_of_papers(data))
+        yield Section("run", "Run", self._several(busy) + page_run.legs(data))
+        yield Section("scene", "What the scene left out", page_run.left_out(data))
+        yield Section("ledger", "Worst samples of the ledger", page_run.ledger(data))
+        yield Section("failures", "Failures", page_run.failures(data))
+        yield Section("origin", "Where this is from", page_run.provenance(data))
 
     def draw(self, pictures: Iterable[Picture]) -> str:
         """Write pictures, and return them as HTML, side by side where there is room."""
@@ -120,26 +122,26 @@ class Writer:
         return figures(parts)
 
     def _several(self, *modules: Any) -> str:
-        return self.draw(chain.from_iterable(each.pictures(self.material) for each in modules))
+        return self.draw(chain.from_iterable(each.pictures(self.data) for each in modules))
 
     def _sensitivity(self) -> str:
-        names, found = sensitivities.sensitivity_of(self.material.file)
+        names, found = sensitivities.sensitivity_of(self.data)
         if found is None:
             return paragraph("Sensitivity: too few strings, or all of them are worth the same.")
         return self.draw([matters.picture_of(names, found)])
 
     def _particles(self, simulate: bool) -> str:
-        material = self.material
-        if not material.best:
+        data = self.data
+        if not rank_strings(data).order:
             return paragraph("No string has a result yet.")
         seconds = sample_frames.SECONDS if simulate else 0.0
-        best, film, why = material.best[0], None, NO_CLOUD
+        best, film, why = rank_strings(data).order[0], None, NO_CLOUD
         try:
-            film = sample_frames.frames_of(material, best, seconds)
+            film = sample_frames.frames_of(data, best, seconds)
         except (CampaignError, RuntimeError) as error:
             why = f"No pictures of a sample: {error}"
-        shown = sample_frames.final_radii(material, best, seconds)
+        shown = sample_frames.final_radii(data, best, seconds)
         both = chain(
-            radii.pictures(shown, material.target), sample_frames.cloud_pictures(material, film)
+            radii.pictures(shown, target_ratio(data)), sample_frames.cloud_pictures(data, film)
         )
         return self.draw(both) + ("" if film else paragraph(why))

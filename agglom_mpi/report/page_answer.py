@@ -3,40 +3,41 @@
 from typing import Any, Final
 
 from agglom_mpi.analysis.comparison import PairedSamples
-from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.report.figures.axes import in_unit
 from agglom_mpi.report.html import listed, paragraph, table
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.published import paper_of, tables
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import VARIABLES
 
 BEST: Final = 6
 
 
-def head(material: Material) -> str:
+def head(data: CampaignData) -> str:
     """Return what is said under the title: state and figures of the campaign."""
-    status, results = material.status, material.results
-    simulated = len(material.samples)
+    status, results = data.status(), data.result_rows()
+    simulated = len(data.all_sample_rows())
     state = f"{status.state}: {status.reason}" if status.reason else status.state
     counts = (
-        f"{len(material.generations)} generations, {len(results)} strings judged by "
+        f"{len(data.generation_rows())} generations, {len(results)} strings judged by "
         f"{int(results['samples_used'].sum())} samples of {simulated} simulated"
     )
-    text = paragraph(f"{material.file.path.name}: {state}. {counts}.", "state")
+    text = paragraph(f"{data.path.name}: {state}. {counts}.", "state")
     if status.state == "running":
         text += paragraph("The file was being written when this was made.", "warning")
     return text
 
 
-def best_strings(material: Material) -> str:
+def best_strings(data: CampaignData) -> str:
     """Return the table of the best strings, and what may be said of their order."""
-    shown = material.best[:BEST]
+    shown = rank_strings(data).order[:BEST]
     if not shown:
-        return paragraph("No string is judged yet." if not len(material.results) else NOTHING)
-    again = {estimate.string: estimate for estimate in material.estimates}
-    rows = [*_variable_rows(material, shown), *_result_rows(material, shown)]
+        return paragraph("No string is judged yet." if not len(data.result_rows()) else NOTHING)
+    again = {estimate.string: estimate for estimate in rank_strings(data).estimates}
+    rows = [*_variable_rows(data, shown), *_result_rows(data, shown)]
     if any(string in again for string in shown):
         known = [again.get(string) for string in shown]
         rows[-4:-4] = [
@@ -50,8 +51,8 @@ def best_strings(material: Material) -> str:
         ]
     headings = ["", *(f"#{place}" for place in range(1, len(shown) + 1))]
     estimated = sum(string in again for string in shown)
-    paired = PairedSamples.of_file(material.file, material.samples, material.estimates)
-    said = in_words(verdict(material.estimates, paired), shown, estimated)
+    paired = PairedSamples.behind(rank_strings(data).estimates, data)
+    said = describe_bias(selection_bias(rank_strings(data).estimates, paired), shown, estimated)
     return table(headings, rows) + listed(said)
 
 
@@ -62,21 +63,21 @@ def _row(name: str, entries: list[Any], text: Any) -> list[str]:
     return [name, *("" if entry is None else text(entry) for entry in entries)]
 
 
-def _variable_rows(material: Material, shown: list[int]) -> list[list[str]]:
+def _variable_rows(data: CampaignData, shown: list[int]) -> list[list[str]]:
     rows = [["string", *map(str, shown)]]
-    for variable, row in zip(VARIABLES, material.variables, strict=True):
+    for variable, row in zip(VARIABLES, data.variable_rows(), strict=True):
         if row["lower"] == row["lower"]:  # nan: the campaign does not use it
             size, unit = in_unit(variable.unit, float(row["upper"]))
-            values = material.values(shown, variable.name) / size
+            values = data.values(shown, variable.name) / size
             fixed = "" if row["searched"] else ", fixed"
             name = f"{variable.name.replace('_', ' ')} ({unit}{fixed})"
             rows.append([name, *(f"{value:.5g}" for value in values)])
     return rows
 
 
-def _result_rows(material: Material, shown: list[int]) -> list[list[str]]:
-    results: list[Any] = [material.result_of[string] for string in shown]
-    cost = processor_seconds(material.samples, max(shown) + 1)
+def _result_rows(data: CampaignData, shown: list[int]) -> list[list[str]]:
+    results: list[Any] = [rank_strings(data).results[string] for string in shown]
+    cost = processor_seconds(data.all_sample_rows(), max(shown) + 1)
     return [
         _row(
             "objective, as searched",
@@ -90,15 +91,15 @@ def _result_rows(material: Material, shown: list[int]) -> list[list[str]]:
     ]
 
 
-def tables_of_papers(material: Material) -> tuple[str, str]:
+def tables_of_papers(data: CampaignData) -> tuple[str, str]:
     """Return heading and body of the part with the tables in the layout of the papers."""
-    paper = paper_of(material.identity)
-    if not material.best:
+    paper = paper_of(data.identity)
+    if not rank_strings(data).order:
         return "Tables of the papers", paragraph("No string has a result yet.")
-    fresh = "on fresh samples" if material.estimates else "as searched, biased low"
+    fresh = "on fresh samples" if rank_strings(data).estimates else "as searched, biased low"
     if paper is None:
         note = f"This is not one of the papers' campaigns. Objectives are {fresh}."
-        return "Table of the best strings", paragraph(note) + tables(material)
+        return "Table of the best strings", paragraph(note) + tables(data)
     note = (
         f"{paper}. The campaign asks what the paper asked (scene, objective, search box). "
         "Published rows are one run each, of a search that believes its luck and of time steps "
@@ -107,4 +108,4 @@ def tables_of_papers(material: Material) -> tuple[str, str]:
     )
     if paper.startswith("[A]"):
         note += " The activation energy is printed in kJ/mol, with which nothing could bond."
-    return "Beside the published tables", paragraph(note) + tables(material)
+    return "Beside the published tables", paragraph(note) + tables(data)

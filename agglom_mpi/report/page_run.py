@@ -6,25 +6,25 @@ from typing import Final
 
 import numpy as np
 
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
 from agglom_mpi.report.html import folded, listed, paragraph, table
-from agglom_mpi.report.material import Material
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
-from agglom_mpi.storage.timeouts import timed_out
 
 SHOWN: Final = 20
 """Legs and exceptions that are listed, the last ones."""
 
 
-def legs(material: Material) -> str:
+def legs(data: CampaignData) -> str:
     """Return the table of the starts of the program."""
-    rows = material.legs[-SHOWN:]
+    rows = data.legs()[-SHOWN:]
     if not len(rows):
         return paragraph("The campaign has not been started yet.")
-    first = len(material.legs) - len(rows)
+    first = len(data.legs()) - len(rows)
     lines = [[str(first + i), *_leg(row)] for i, row in enumerate(rows, 1)]
     headings = (
         "leg",
@@ -64,10 +64,10 @@ def _text(value: bytes) -> str:
     return value.decode(errors="replace")
 
 
-def left_out(material: Material) -> str:
+def left_out(data: CampaignData) -> str:
     """Return what the scene has and what it leaves out, and the rest of the campaign folded up."""
     try:
-        found = sections(material.campaign)
+        found = sections(recorded_campaign(data))
     except CampaignError as error:
         return paragraph(f"The campaign's text in the file cannot be read: {error}", "warning")
     named = dict(found[1:])
@@ -78,9 +78,9 @@ def left_out(material: Material) -> str:
     return text + folded("The campaign in words", "\n".join(lines))
 
 
-def ledger(material: Material) -> str:
+def ledger(data: CampaignData) -> str:
     """Return the worst sample of each column of the ledger, and how to look at it again."""
-    rows = material.samples[material.samples["state"] == COMPLETED]
+    rows = data.all_sample_rows()[data.all_sample_rows()["state"] == COMPLETED]
     if not len(rows):
         return paragraph("No sample is completed yet.")
     meanings = {column.name: column.meaning for column in COLUMNS}
@@ -92,7 +92,7 @@ def ledger(material: Material) -> str:
         what = f"{int(np.count_nonzero(size))}" if whole else ""
         where = ["", "", ""]
         if size.max() > 0.0:
-            where = [str(worst["string"]), str(worst["sample"]), _replay(material, worst)]
+            where = [str(worst["string"]), str(worst["sample"]), _replay(data, worst)]
         shown = str(worst[name]) if whole else f"{worst[name]:.3g}"
         lines.append([meanings[name], shown, what, *where])
     headings = ("", "worst", "samples with any", "string", "sample", "to simulate it again")
@@ -102,21 +102,21 @@ def ledger(material: Material) -> str:
     )
 
 
-def _replay(material: Material, row: np.void) -> str:
-    name = material.file.path.name
+def _replay(data: CampaignData, row: np.void) -> str:
+    name = data.path.name
     return f"agglom simulate {name} --string {row['string']} --sample {row['sample']}"
 
 
-def failures(material: Material) -> str:
+def failures(data: CampaignData) -> str:
     """Return the samples that failed, why, and rows that are damaged."""
-    samples = material.samples
+    samples = data.all_sample_rows()
     failed = samples[samples["state"] == FAILED]
-    late = timed_out(material.failures, samples)
-    damaged = material.file.damaged
+    late = data.timed_out
+    damaged = data.damaged
     text = ""
     if damaged:
         said = f"{pluralise(damaged, 'row')} marked final with a wrong checksum, left out here; "
-        text += paragraph(f"{said}agglom check {material.file.path.name} names them.", "warning")
+        text += paragraph(f"{said}agglom check {data.path.name} names them.", "warning")
     if not len(failed) and not late:
         return text + paragraph(f"None of {len(samples)} samples failed.")
     reasons = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
@@ -126,11 +126,11 @@ def failures(material: Material) -> str:
             f"{pluralise(len(late), 'sample')} without a row: took longer than max_seconds"
         )
     text += listed(lines) + _failing_strings(failed)
-    if len(material.failures):
-        full = ", for more there is no room" * (len(material.failures) == FAILURE_CAPACITY)
+    if len(data.failures()):
+        full = ", for more there is no room" * (len(data.failures()) == FAILURE_CAPACITY)
         text += folded(
-            f"Last {min(SHOWN, len(material.failures))} of {len(material.failures)} texts{full}",
-            "\n\n".join(_failure(row) for row in material.failures[-SHOWN:]),
+            f"Last {min(SHOWN, len(data.failures()))} of {len(data.failures())} texts{full}",
+            "\n\n".join(_failure(row) for row in data.failures()[-SHOWN:]),
         )
     return text
 
@@ -151,12 +151,12 @@ def _failure(row: np.void) -> str:
     return f"{place} on {_text(row['host'])}:\n{_text(row['text'])}"
 
 
-def provenance(material: Material) -> str:
+def provenance(data: CampaignData) -> str:
     """Return where the numbers are from: seed, digests, and the text of the campaign."""
-    about = material.file.attributes
+    about = data.attributes
     lines = [
         f"{name.replace('_', ' ')}: {about[name]}"
         for name in ("seed", "created", "code_version", "campaign_sha256", "sources_sha256")
         if name in about
     ]
-    return listed(lines) + folded("The campaign file", material.file.campaign_text)
+    return listed(lines) + folded("The campaign file", data.campaign_text)

@@ -73,7 +73,7 @@ def chosen(file: CampaignData, choice: Choice) -> list[Shown]:
 
 
 def _best(file: CampaignData) -> int:
-    order = rank_strings(file, file.result_rows(), file.string_rows(), file.all_sample_rows()).order
+    order = rank_strings(file).order
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]
@@ -135,5 +135,6 @@ def _simulated(file: CampaignData, shown: Shown, frames: int) -> tuple[Frames, s
     except RuntimeError as error:
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
-    same = "identical to" if is_same(row, outcome.record) else "differs from"
+    agrees = is_same(row, outcome.record, file.format_version)
+    same = "identical to" if agrees else "differs from"
     return outcome.frames, f"simulated again, {same} the recorded sample"

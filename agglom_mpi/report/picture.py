@@ -1,10 +1,10 @@
 """A figure as every report of this package draws and writes it."""
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
+
+from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -48,26 +48,8 @@ def write_picture(directory: Path, picture: Picture) -> None:
     canvas = FigureCanvasAgg(figure)
     picture.draw(figure)
     # `savefig` draws everything twice, and lays it out anew each time.
-    with _renamed(directory / f"{picture.name}.png") as path:
+    with atomic_file(directory / f"{picture.name}.png", replace=True) as path:
         canvas.print_png(path)
     figure.set_layout_engine("none")
-    with _renamed(directory / f"{picture.name}.svg") as path:
+    with atomic_file(directory / f"{picture.name}.svg", replace=True) as path:
         FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file, which is whole under its name or what it was before."""
-    with _renamed(path) as temporary:
-        temporary.write_bytes(content)
-
-
-@contextmanager
-def _renamed(path: Path) -> Iterator[Path]:
-    """Yield a name beside `path`; what is written there is renamed to it, or removed on failure."""
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

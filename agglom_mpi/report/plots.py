@@ -1,9 +1,8 @@
 """The figures of a campaign as methods of its file; drawn by `agglom_mpi.report.figures`."""
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agglom_mpi.report.material import Material
     from agglom_mpi.storage.reader import CampaignData
 
 
@@ -51,10 +50,10 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, convergence
 
-        ax, found = axes.axes_for(ax), self._material()
+        ax, found = axes.axes_for(ax), self._data()
         again = convergence.fresh_best(found)
         return convergence.draw_convergence(
-            ax, convergence.history(found), found.objective_label, again
+            ax, convergence.history(found), axes.objective_label(found), again
         )
 
     def plot_cost(self, ax: Any = None) -> Any:
@@ -69,7 +68,7 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, convergence, cost
 
-        return cost.draw_cost(axes.axes_for(ax), convergence.history(self._material()))
+        return cost.draw_cost(axes.axes_for(ax), convergence.history(self._data()))
 
     def plot_radii(self, string: int | None = None, ax: Any = None) -> Any:
         """Draw how the final radii of a string are distributed, with their moments ([A] fig. 5).
@@ -99,13 +98,14 @@ class Plots:
         >>> ax.get_title().startswith("mean ")
         True
         """
+        from agglom_mpi.analysis.ranking import judged_string
         from agglom_mpi.report import sample_frames
         from agglom_mpi.report.figures import axes, radii
 
-        ax, found = axes.axes_for(ax), self._material()
-        string = found.judged(string)
+        ax, found = axes.axes_for(ax), self._data()
+        string = judged_string(found, string)
         shown = None if string is None else sample_frames.final_radii(found, string)
-        return radii.draw_radii(ax, shown, found.target)
+        return radii.draw_radii(ax, shown, radii.target_ratio(found))
 
     def plot_cloud(self, string: int | None = None, figure: Any = None) -> Any:
         """Draw the particles of a sample at successive times ([B] fig. 5).
@@ -136,11 +136,12 @@ class Plots:
         >>> axes[0].get_title()
         't = 0 s, 100 particles'
         """
+        from agglom_mpi.analysis.ranking import judged_string
         from agglom_mpi.report import sample_frames
         from agglom_mpi.report.figures import axes, cloud
 
-        found = self._material()
-        string = found.judged(string)
+        found = self._data()
+        string = judged_string(found, string)
         film = None if string is None else sample_frames.frames_of(found, string)
         if film is None:
             raise ValueError(f"{self}: no pictures of a sample, and none can be made in a second")
@@ -170,7 +171,7 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, paths
 
-        found = paths.paths(self._material())
+        found = paths.paths(self._data())
         figure = axes.figure_for(figure, paths.paths_size(len(found)))
         return paths.draw_paths(figure, found)
 
@@ -187,7 +188,7 @@ class Plots:
         from agglom_mpi.report.figures import axes, parallel
 
         return parallel.draw_parallel(
-            axes.axes_for(ax, parallel.WIDE), *parallel.of_material(self._material())
+            axes.axes_for(ax, parallel.WIDE), *parallel.of_data(self._data())
         )
 
     def plot_ensembles(self, ax: Any = None) -> Any:
@@ -204,8 +205,8 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, ensembles
 
-        ax, found = axes.axes_for(ax, ensembles.TALL), self._material()
-        return ensembles.draw_material(ax, found)
+        ax, found = axes.axes_for(ax, ensembles.TALL), self._data()
+        return ensembles.draw_campaign(ax, found)
 
     def plot_finalists(self, ax: Any = None) -> Any:
         """Draw the best strings as searched and on fresh samples; see `plot_convergence`.
@@ -219,8 +220,8 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, finalists
 
-        ax, found = axes.axes_for(ax), self._material()
-        return finalists.draw_finalists(ax, *finalists.of_material(found), found.objective_label)
+        ax, found = axes.axes_for(ax), self._data()
+        return finalists.draw_finalists(ax, *finalists.of_data(found), axes.objective_label(found))
 
     def plot_samples(self, ax: Any = None) -> Any:
         """Draw how many samples strings took; see `plot_convergence`.
@@ -234,7 +235,7 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, counts
 
-        results = self._material().results
+        results = self._data().result_rows()
         used, at_maximum = results["samples_used"], results["hit_maximum"] == 1
         return counts.draw_counts(axes.axes_for(ax), used, at_maximum)
 
@@ -250,11 +251,14 @@ class Plots:
         """
         from agglom_mpi.report.figures import axes, busy
 
-        return busy.draw_busy(axes.axes_for(ax), busy.of_material(self._material()))
+        return busy.draw_busy(axes.axes_for(ax), busy.of_data(self._data()))
 
-    def _material(self) -> "Material":
+    def snapshot(self) -> "CampaignData":
+        """Return the rows as they are now."""
+        raise NotImplementedError
+
+    def _data(self) -> "CampaignData":
         from agglom_mpi.report.figures.axes import check_drawing
-        from agglom_mpi.report.material import gather
 
         check_drawing()
-        return gather(cast("CampaignData", self))
+        return self.snapshot()

@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.report.figures.axes import in_unit
+from agglom_mpi.report.figures.axes import in_unit, objective_label
 from agglom_mpi.report.html import table
-from agglom_mpi.report.material import Material
+from agglom_mpi.storage.reader import CampaignData
 
 
 class Column(NamedTuple):
@@ -167,31 +169,31 @@ def _entry(identity: Mapping[str, Any], name: str, value: Any) -> Any:
     return identity.get(name)
 
 
-def tables(material: Material) -> str:
+def tables(data: CampaignData) -> str:
     """Return the tables of a campaign's best strings as HTML, the paper's own beside them."""
-    paper, best = paper_of(material.identity), material.best[:RANKS]
+    paper, best = paper_of(data.identity), rank_strings(data).order[:RANKS]
     if paper is None:
-        columns = (*_variables(material), *AGGLOMERATION[2].columns)
-        heading = (*columns[:-3], columns[-3]._replace(heading=material.objective_label))
-        return _own("Best strings", (*heading, *columns[-2:]), material, best)
-    return "".join(_beside(found, material, best) for found in ASKED[paper][1])
+        columns = (*_variables(data), *AGGLOMERATION[2].columns)
+        heading = (*columns[:-3], columns[-3]._replace(heading=objective_label(data)))
+        return _own("Best strings", (*heading, *columns[-2:]), data, best)
+    return "".join(_beside(found, data, best) for found in ASKED[paper][1])
 
 
-def _variables(material: Material) -> tuple[Column, ...]:
+def _variables(data: CampaignData) -> tuple[Column, ...]:
     columns = []
-    for variable, _, upper, _ in material.searched:
+    for variable, _, upper, _ in searched_variables(data):
         size, unit = in_unit(variable.unit, upper)
         words = variable.name.replace("_", " ")
         columns.append(Column(f"{words} ({unit})", variable.name, size, ".5g"))
     return tuple(columns)
 
 
-def _own(caption: str, columns: Sequence[Column], material: Material, best: Sequence[int]) -> str:
-    rows = [[str(i), *_cells(material, string, columns)] for i, string in enumerate(best, 1)]
+def _own(caption: str, columns: Sequence[Column], data: CampaignData, best: Sequence[int]) -> str:
+    rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
     return table(["rank", *(column.heading for column in columns)], rows, caption)
 
 
-def _beside(found: Published, material: Material, best: Sequence[int]) -> str:
+def _beside(found: Published, data: CampaignData, best: Sequence[int]) -> str:
     rows: list[list[str]] = []
     classes: list[str] = []
     for place, printed in enumerate(found.rows):
@@ -199,21 +201,21 @@ def _beside(found: Published, material: Material, best: Sequence[int]) -> str:
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
-            rows.append(["", "here", *_cells(material, best[place], found.columns)])
+            rows.append(["", "here", *_cells(data, best[place], found.columns)])
             classes.append("here")
     headings = ["rank", "", *(column.heading for column in found.columns)]
     return table(headings, rows, found.caption, classes, (1,))
 
 
-def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[str]:
+def _cells(data: CampaignData, string: int, columns: Sequence[Column]) -> list[str]:
     """Return what a campaign has of one of its strings: on fresh samples, if there are any."""
-    result = material.result_of[string]
+    result = rank_strings(data).results[string]
     value, error = float(result["objective"]), float(result["standard_error"])
     ratio = float(result["mean_radius_ratio"])
-    again = {estimate.string: estimate for estimate in material.estimates}.get(string)
+    again = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
     if again is not None and again.known:
-        rows = material.samples_of(string)
-        fresh = rows[(rows["sample"] >= material.fresh) & (rows["state"] == COMPLETED)]
+        rows = data.sample_rows(string)
+        fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
         value, error = again.objective, again.standard_error
         ratio = float(fresh["mean_radius_ratio"].mean())
     found = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
@@ -225,6 +227,6 @@ def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[s
         if column.name in found:
             known = found[column.name]
         else:
-            known = float(material.values([string], column.name)[0])
+            known = float(data.values([string], column.name)[0])
         cells.append(format(known / column.scale, column.style))
     return cells

@@ -7,16 +7,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.resimulation import is_same
+from agglom_mpi.analysis.resimulation import is_same, recorded_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.physics.scales import end_time, grain_radius
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.radii import Radii
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
 
 Floats = NDArray[np.float64]
@@ -48,37 +48,37 @@ class SampleFrames(NamedTuple):
     source: str
 
 
-def chosen(material: Material, string: int) -> np.ndarray:
+def chosen(data: CampaignData, string: int) -> np.ndarray:
     """Rows of the completed samples that stand for a string: fresh ones if there are any."""
-    rows = material.samples_of(string)
+    rows = data.sample_rows(string)
     rows = rows[rows["state"] == COMPLETED]
-    fresh = rows[rows["sample"] >= material.fresh]
+    fresh = rows[rows["sample"] >= data.fresh_from]
     return fresh if len(fresh) else rows
 
 
-def all_stored(material: Material) -> bool:
+def all_stored(data: CampaignData) -> bool:
     """Whether both final particles and pictures are stored, so that nothing is simulated again."""
-    return bool(material.file.attributes.get("final_particles") and material.file.framed())
+    return bool(data.attributes.get("final_particles") and data.framed())
 
 
-def final_radii(material: Material, string: int, seconds: float = SECONDS) -> Radii | None:
+def final_radii(data: CampaignData, string: int, seconds: float = SECONDS) -> Radii | None:
     """Radii b/b0 of the particles that samples of a string end with; None without a sample.
 
     They are read where they are stored. Otherwise as many samples are simulated again as take
     so many seconds, and if that is none, the mean radii of all samples take their place.
     """
-    rows = chosen(material, string)
+    rows = chosen(data, string)
     if not len(rows):
         return None
-    kind = "fresh" if rows["sample"][0] >= material.fresh else "all"
-    kept, parts = _stored(material, string, rows[:SAMPLES])
+    kind = "fresh" if rows["sample"][0] >= data.fresh_from else "all"
+    kept, parts = _stored(data, string, rows[:SAMPLES])
     if parts:
         return _pooled(string, kept, parts, f"as stored of {kind} samples")
-    affordable = _affordable(material, rows, seconds)
+    affordable = _affordable(data, rows, seconds)
     if affordable:
         again = rows[:affordable]
         try:
-            parts, same = _simulated(material, string, again)
+            parts, same = _simulated(data, string, again)
         except (CampaignError, RuntimeError) as error:
             return _means(string, rows, f"samples cannot be simulated again ({error})")
         said = "simulated again, identical to the recorded ones"
@@ -88,34 +88,37 @@ def final_radii(material: Material, string: int, seconds: float = SECONDS) -> Ra
     return _means(string, rows, "particles are not stored, and to simulate again takes too long")
 
 
-def _stored(material: Material, string: int, rows: np.ndarray) -> tuple[np.ndarray, list[Floats]]:
+def _stored(data: CampaignData, string: int, rows: np.ndarray) -> tuple[np.ndarray, list[Floats]]:
     """Those rows whose particles are stored, and the radii b/b0 of each."""
-    if not material.file.attributes.get("final_particles"):
+    if not data.attributes.get("final_particles"):
         return rows[:0], []
-    found = [material.file.final_particles(string, int(sample)) for sample in rows["sample"]]
+    found = [data.final_particles(string, int(sample)) for sample in rows["sample"]]
     scene = SimpleNamespace(
-        particles=material.identity["scene.particles"],
-        half_width=material.identity["scene.half_width"],
+        particles=data.identity["scene.particles"],
+        half_width=data.identity["scene.half_width"],
     )
-    first = grain_radius(scene, {"size_ratio": float(material.string_of[string]["size_ratio"])})
+    first = grain_radius(scene, {"size_ratio": float(data.values([string], "size_ratio")[0])})
     there = np.array([particles is not None for particles in found], bool)
     return rows[there], [each.radii / first for each in found if each is not None]
 
 
-def _affordable(material: Material, rows: np.ndarray, seconds: float) -> int:
+def _affordable(data: CampaignData, rows: np.ndarray, seconds: float) -> int:
     """How many samples may be simulated again."""
-    if int(material.identity["scene.particles"]) > GRAINS:
+    if int(data.identity["scene.particles"]) > GRAINS:
         return 0
     count = seconds / max(float(rows["seconds"].mean()), 1e-9)
     return int(min(len(rows), SAMPLES, count))
 
 
-def _simulated(material: Material, string: int, rows: np.ndarray) -> tuple[list[Floats], bool]:
+def _simulated(data: CampaignData, string: int, rows: np.ndarray) -> tuple[list[Floats], bool]:
     """Simulate samples again; the radii of each, and whether all are those that are recorded."""
-    campaign = material.campaign
-    parameters, first = material.parameters(string), campaign.first_sample(string)
+    campaign = recorded_campaign(data)
+    parameters, first = data.parameters[string], campaign.first_sample(string)
     outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
-    same = all(is_same(row, each.record) for row, each in zip(rows, outcomes, strict=True))
+    same = all(
+        is_same(row, each.record, data.format_version)
+        for row, each in zip(rows, outcomes, strict=True)
+    )
     return [outcome.radii for outcome in outcomes], same
 
 
@@ -136,21 +139,21 @@ def _moments(rows: np.ndarray) -> tuple[float, tuple[float, float, float]]:
     return float(rows["mean_radius_ratio"].mean()), pool.central
 
 
-def frames_of(material: Material, string: int, seconds: float = SECONDS) -> SampleFrames | None:
+def frames_of(data: CampaignData, string: int, seconds: float = SECONDS) -> SampleFrames | None:
     """Pictures of a sample of a string, stored ones if there are any; None if too dear."""
-    stored = [pair for pair in material.file.framed() if pair[0] == string]
-    stored = stored or material.file.framed()
+    stored = [pair for pair in data.framed() if pair[0] == string]
+    stored = stored or data.framed()
     for pair in stored:
-        frames = material.file.frames(*pair)
+        frames = data.frames(*pair)
         if frames is not None and frames.particles.max(initial=0) > 0:
             return SampleFrames(*pair, frames, "as stored")
-    rows = chosen(material, string)
-    if not len(rows) or not _affordable(material, rows, seconds):
+    rows = chosen(data, string)
+    if not len(rows) or not _affordable(data, rows, seconds):
         return None
     sample = int(rows["sample"][0])
-    campaign = material.campaign
+    campaign = recorded_campaign(data)
     number = campaign.first_sample(string) + sample
-    parameters = material.parameters(string)
+    parameters = data.parameters[string]
     end = end_time(campaign.scene, dict(zip(NAMES, parameters.tolist(), strict=True)))
     outcome = campaign.simulate(parameters, number, frames=end * np.array(TIMES))
     if outcome.frames is None:
@@ -158,12 +161,12 @@ def frames_of(material: Material, string: int, seconds: float = SECONDS) -> Samp
     return SampleFrames(string, sample, outcome.frames, "simulated again")
 
 
-def cloud_pictures(material: Material, found: SampleFrames | None) -> Iterator[Picture]:
+def cloud_pictures(data: CampaignData, found: SampleFrames | None) -> Iterator[Picture]:
     """Yield the picture of a cloud of particles, if there is a film."""
     if found is None:
         return
     at = informative_frames(found.frames)
-    half_width = float(material.identity["scene.half_width"])
+    half_width = float(data.identity["scene.half_width"])
 
     def draw(figure: object) -> None:
         draw_frames(figure, found, half_width)

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from campaign_runs import (
     environment,
@@ -63,7 +62,7 @@ def carried_out(tmp_path_factory):
         def tick(self, progress):
             writer.flush()
             pairs.append((progress, follower.look(time.time())))
-            if len(follower.news.generations) == 1:
+            if len(follower.data.generation_rows()) == 1:
                 shutil.copy(path, folder / "killed.h5")
 
     file = prepare(path, work, accept_code_change=False)
@@ -204,7 +203,7 @@ def test_a_killed_run_is_told_since_when_it_is_silent_and_its_successor_is_follo
     finish(folder, "brief.yaml")
     after = follower.look(time.time())
     assert after.note == ""
-    assert follower.news.status.state == "finished"
+    assert follower.data.status().state == "finished"
     assert [summary.generation for summary in follower.new_generations()][-1] == 3
 
 
@@ -213,7 +212,7 @@ def test_what_was_read_piece_by_piece_is_what_is_there(carried_out):
     assert len({read.samples for _, read in pairs}) > 5
     follower.look(time.time())
     rows = open_campaign(folder / "brief.h5").all_sample_rows()
-    found = np.sort(follower.news.samples, order=["string", "sample"])
+    found = follower.data.all_sample_rows()
     for name in found.dtype.names:
         assert found[name].tolist() == rows[name].tolist()
 
@@ -250,7 +249,8 @@ def test_looks_take_a_small_share_of_the_time(finished, monkeypatch):
         def look(self, now):
             progress = super().look(now)
             clock[0] += 3.0
-            self.news.status = self.news.status._replace(state="running")
+            status = self.data.status()._replace(state="running")
+            self.data.status = lambda: status
             return progress
 
     def nap(seconds):

@@ -8,7 +8,19 @@ from agglom_mpi.report.picture import SIZE
 if TYPE_CHECKING:
     import matplotlib.figure
 
+    from agglom_mpi.storage.reader import CampaignData
+
 POWERS: Final = {"^2": "²", "^3": "³"}
+
+
+SYMBOLS: Final = {"growth_target": "Λ", "maximum_growth": "Π"}
+"""The papers' names of their objectives [A 26] [B 7.1]."""
+
+
+def objective_label(data: "CampaignData") -> str:
+    """Return the name of a campaign's objective on an axis, with its unit."""
+    symbol = SYMBOLS.get(str(data.identity.get("objective.law")))
+    return f"objective {symbol} (1)" if symbol else "objective (1)"
 
 
 def axes_for(ax: Any | None, size: tuple[float, float] = SIZE) -> Any:

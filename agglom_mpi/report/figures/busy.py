@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.report.figures.axes import grid, legend_below, say
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -165,19 +165,19 @@ def draw_busy(ax: Any, found: Load | None) -> Any:
     return ax
 
 
-def of_material(material: Material) -> Load | None:
+def of_data(data: CampaignData) -> Load | None:
     """Return how busy the ranks of a campaign were; None if no leg has a sample."""
-    samples = material.samples
+    samples = data.all_sample_rows()
     finished = samples["finished"]
-    legs = legs_of(material.legs, finished)
+    legs = legs_of(data.legs(), finished)
     if not legs or not len(samples):
         return None
     return load(legs, finished, samples["seconds"], samples["rank"])
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if it has samples."""
-    found = of_material(material)
+    found = of_data(data)
     if found is None:
         return
 

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.figures.axes import grid, legend_below, say, whole_numbers
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.analysis.estimates import half_width
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, say, whole_numbers
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -46,9 +48,9 @@ class History(NamedTuple):
     tops: int
 
 
-def history(material: Material) -> History:
+def history(data: CampaignData) -> History:
     """Return the search after each generation that is there."""
-    rows, result_of = material.generations, material.result_of
+    rows, result_of = data.generation_rows(), rank_strings(data).results
     best = [result_of.get(int(string)) for string in rows["best_string"]]
     counts = np.array([0 if r is None else r["samples_used"] - r["failed"] for r in best], int)
     tops = int(rows["top"][-1]) if len(rows) else 0
@@ -141,14 +143,14 @@ def _scale(ax: Any, shown: list[float], again: tuple[float, float, float] | None
         ax.set_ylim(bottom=max(0.0, ax.get_ylim()[0]))
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if there is a generation to show."""
-    found = history(material)
+    found = history(data)
     if not np.isfinite(found.best).any():
         return
 
     def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_convergence(figure.subplots(), found, material.objective_label, fresh_best(material))
+        draw_convergence(figure.subplots(), found, objective_label(data), fresh_best(data))
 
     yield Picture(
         "convergence",
@@ -159,9 +161,9 @@ def pictures(material: Material) -> Iterator[Picture]:
     )
 
 
-def fresh_best(material: Material) -> tuple[float, float, float] | None:
+def fresh_best(data: CampaignData) -> tuple[float, float, float] | None:
     """Return the objective on fresh samples of the string that is the best, and its interval."""
-    for estimate in material.estimates:
-        if estimate.known and estimate.string == material.best[0]:
+    for estimate in rank_strings(data).estimates:
+        if estimate.known and estimate.string == rank_strings(data).order[0]:
             return estimate.objective, estimate.lower, estimate.upper
     return None

@@ -7,8 +7,8 @@ import numpy as np
 
 from agglom_mpi.report.figures.axes import grid, legend_below, say
 from agglom_mpi.report.figures.convergence import History, history
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -47,9 +47,9 @@ def draw_cost(ax: Any, found: History) -> Any:
     return ax
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if there is an error to show."""
-    found = history(material)
+    found = history(data)
     if not (np.nan_to_num(found.best_half) > 0.0).any():
         return
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.report.figures.axes import grid, legend_below, say, whole_numbers
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -56,16 +56,16 @@ def draw_counts(ax: Any, used: NDArray[np.int64], at_maximum: NDArray[np.bool_])
     return ax
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if a string is judged."""
-    used = material.results["samples_used"]
+    used = data.result_rows()["samples_used"]
     if not len(used):
         return
 
     def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_counts(figure.subplots(), used, material.results["hit_maximum"] == 1)
+        draw_counts(figure.subplots(), used, data.result_rows()["hit_maximum"] == 1)
 
-    spare = int((material.samples["sample"] < material.fresh).sum() - used.sum())
+    spare = int((data.all_sample_rows()["sample"] < data.fresh_from).sum() - used.sum())
     yield Picture(
         "samples_per_string",
         f"Samples that the strings were judged by; {max(0, spare)} more were simulated ahead of a "

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.estimates import half_width, objective_of
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.outcome import SampleSummary, summaries
-from agglom_mpi.report.figures.axes import grid, legend_below, say
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, say
 from agglom_mpi.report.picture import COLOURS, Picture
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
@@ -19,6 +20,7 @@ from agglom_mpi.search.stopping import (
     StoppingRule,
     SuccessiveDifference,
 )
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -67,12 +69,12 @@ class Stop(NamedTuple):
     samples: int | None
 
 
-def course(material: Material, string: int) -> Course:
+def course(data: CampaignData, string: int) -> Course:
     """Return how the objective of a string came about, over all its samples there are."""
-    rows = material.samples_of(string)
-    used = int(material.result_of[string]["samples_used"])
+    rows = data.sample_rows(string)
+    used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == 1]
-    tally, values, errors = material.objective.tally(), [], []
+    tally, values, errors = objective_of(data).tally(), [], []
     for outcome in summaries(completed):
         tally.add(outcome)
         values.append(tally.value)
@@ -82,16 +84,23 @@ def course(material: Material, string: int) -> Course:
     return Course(string, np.array(values), half_width(np.array(errors), counts), seen)
 
 
-def stops(material: Material, string: int) -> list[Stop]:
+def own_rule(data: CampaignData) -> StoppingRule:
+    """Return the stopping rule of the campaign's ensembles."""
+    from agglom_mpi.config.ensemble import ENSEMBLE
+
+    return ENSEMBLE.validate_python(data.section("ensemble")).build()
+
+
+def stops(data: CampaignData, string: int) -> list[Stop]:
     """Return where the campaign's own rule, and each of `RULES`, ends the samples of a string."""
-    outcomes = summaries(material.samples_of(string))
-    own, fewest = material.rule, int(material.identity.get("ensemble.min_samples", 2))
-    particles = int(material.identity["scene.particles"])
+    outcomes = summaries(data.sample_rows(string))
+    own, fewest = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
+    particles = int(data.identity["scene.particles"])
     tried = [(name, rule, 2) for name, rule in RULES if rule != own]
     if not isinstance(own, FixedNumber):
         tried.insert(0, (f"this campaign's: {in_words(own)}", own, fewest))
     return [
-        Stop(name, stop(outcomes, rule, material.objective, particles, fewest))
+        Stop(name, stop(outcomes, rule, objective_of(data), particles, fewest))
         for name, rule, fewest in tried
     ]
 
@@ -197,26 +206,28 @@ def _limit(ax: Any, courses: Sequence[Course], least: float) -> None:
         ax.set_xlim(1, longest * 1.05)
 
 
-def draw_material(ax: Any, material: Material) -> Any:
+def draw_campaign(ax: Any, data: CampaignData) -> Any:
     """Draw those of the best strings of a campaign, and return the axes."""
-    shown = _shown(material)
-    courses = [course(material, string) for string in shown]
-    stopped = stops(material, shown[0]) if shown else []
-    return draw_ensembles(ax, courses, stopped, material.objective_label, material.objective.least)
+    shown = _shown(data)
+    courses = [course(data, string) for string in shown]
+    stopped = stops(data, shown[0]) if shown else []
+    return draw_ensembles(ax, courses, stopped, objective_label(data), objective_of(data).least)
 
 
-def _shown(material: Material) -> list[int]:
+def _shown(data: CampaignData) -> list[int]:
     """Best strings that have completed samples."""
-    return [i for i in material.best if (material.samples_of(i)["state"] == 1).any()][:SHOWN]
+    return [i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == 1).any()][
+        :SHOWN
+    ]
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign's best strings, if they have samples."""
-    if not _shown(material):
+    if not _shown(data):
         return
 
     def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_material(figure.subplots(), material)
+        draw_campaign(figure.subplots(), data)
 
     yield Picture(
         "ensembles",

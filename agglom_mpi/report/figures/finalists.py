@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate
-from agglom_mpi.report.figures.axes import grid, legend_below, say
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.analysis.estimates import Estimate, half_width
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, say
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -62,23 +63,23 @@ def draw_finalists(
     return ax
 
 
-def of_material(material: Material) -> tuple[list[Estimate], np.ndarray]:
+def of_data(data: CampaignData) -> tuple[list[Estimate], np.ndarray]:
     """Return the estimates of a campaign, and half the intervals of the search's own values."""
-    known = [estimate for estimate in material.estimates if estimate.known]
-    rows = [material.result_of[estimate.string] for estimate in known]
+    known = [estimate for estimate in rank_strings(data).estimates if estimate.known]
+    rows = [rank_strings(data).results[estimate.string] for estimate in known]
     counts = np.array([row["samples_used"] - row["failed"] for row in rows], int)
     errors = np.array([estimate.searched_standard_error for estimate in known], float)
     return known, half_width(errors, counts)
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if strings were estimated again."""
-    estimates, half = of_material(material)
+    estimates, half = of_data(data)
     if not estimates:
         return
 
     def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_finalists(figure.subplots(), estimates, half, material.objective_label)
+        draw_finalists(figure.subplots(), estimates, half, objective_label(data))
 
     yield Picture(
         "finalists",

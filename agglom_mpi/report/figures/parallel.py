@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.report.figures.axes import in_unit, say
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
@@ -103,22 +105,26 @@ def _label(ax: Any, searched: Sequence[Searched]) -> None:
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
 
 
-def of_material(material: Material) -> tuple[list[Searched], Floats, list[str]]:
+def of_data(data: CampaignData) -> tuple[list[Searched], Floats, list[str]]:
     """Return the best strings of a campaign, as `draw_parallel` takes them."""
-    shown = material.best[: BEST + OTHERS]
-    columns = [material.values(shown, entry[0].name) for entry in material.searched]
-    again = {estimate.string: estimate.objective for estimate in material.estimates}
+    shown = rank_strings(data).order[: BEST + OTHERS]
+    columns = [data.values(shown, entry[0].name) for entry in searched_variables(data)]
+    again = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
     names = [
         f"#{place} string {string}: "
-        f"{again.get(string, float(material.result_of[string]['objective'])):.4g}"
+        f"{again.get(string, float(rank_strings(data).results[string]['objective'])):.4g}"
         for place, string in enumerate(shown[:BEST], 1)
     ]
-    return material.searched, np.array(columns, float).reshape(len(columns), len(shown)).T, names
+    return (
+        searched_variables(data),
+        np.array(columns, float).reshape(len(columns), len(shown)).T,
+        names,
+    )
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign's best strings, if there are any."""
-    searched, values, names = of_material(material)
+    searched, values, names = of_data(data)
     if not len(values) or not searched:
         return
 

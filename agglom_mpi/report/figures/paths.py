@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.report.figures.axes import grid, in_unit, label, whole_numbers
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -48,13 +49,13 @@ class Path(NamedTuple):
     when: Floats
 
 
-def paths(material: Material) -> list[Path]:
+def paths(data: CampaignData) -> list[Path]:
     """Return the course of each variable that is searched."""
-    rows, found = material.generations, []
-    judged = np.isin(material.strings["string"], material.results["string"])
-    strings = material.strings[judged]
-    for variable, lower, upper, logarithmic in material.searched:
-        tops = [material.values(row["population"][: row["top"]], variable.name) for row in rows]
+    rows, found = data.generation_rows(), []
+    judged = np.isin(data.string_rows()["string"], data.result_rows()["string"])
+    strings = data.string_rows()[judged]
+    for variable, lower, upper, logarithmic in searched_variables(data):
+        tops = [data.values(row["population"][: row["top"]], variable.name) for row in rows]
         tops = [values[np.isfinite(values)] for values in tops]
         found.append(
             Path(
@@ -63,7 +64,7 @@ def paths(material: Material) -> list[Path]:
                 lower,
                 upper,
                 logarithmic,
-                material.values(rows["best_string"], variable.name),
+                data.values(rows["best_string"], variable.name),
                 np.array([v.min() if len(v) else np.nan for v in tops]),
                 np.array([v.max() if len(v) else np.nan for v in tops]),
                 strings[variable.name],
@@ -139,10 +140,10 @@ def _draw_path(ax: Any, path: Path) -> None:
     whole_numbers(ax.xaxis)
 
 
-def pictures(material: Material) -> Iterator[Picture]:
+def pictures(data: CampaignData) -> Iterator[Picture]:
     """Yield the picture of a campaign, if a generation is done and something is searched."""
-    found = paths(material)
-    if not found or not len(material.generations):
+    found = paths(data)
+    if not found or not len(data.generation_rows()):
         return
     yield Picture(
         "search_paths",

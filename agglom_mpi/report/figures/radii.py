@@ -12,9 +12,18 @@ from agglom_mpi.report.picture import COLOURS, Picture
 if TYPE_CHECKING:
     import matplotlib.figure
 
+    from agglom_mpi.storage.reader import CampaignData
+
 Floats = NDArray[np.float64]
 
 BINS: Final = 36
+
+
+def target_ratio(data: "CampaignData") -> float | None:
+    """Return the mean radius ratio that a campaign asks for; None if it asks for none."""
+    if data.identity.get("objective.law") != "growth_target":
+        return None
+    return float(data.identity["objective.ratio"])
 
 
 class Radii(NamedTuple):

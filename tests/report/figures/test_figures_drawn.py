@@ -10,7 +10,6 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.report.figures import busy, convergence, counts, ensembles, finalists, parallel
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.radii import draw_radii
-from agglom_mpi.report.material import gather
 from agglom_mpi.report.page import Writer
 from agglom_mpi.report.picture import Picture, write_picture
 
@@ -127,7 +126,7 @@ def test_no_label_of_a_figure_is_clipped(finished, tmp_path, monkeypatch):
             (directory / f"{picture.name}.{suffix}").touch()
 
     monkeypatch.setattr("agglom_mpi.report.page.write_picture", check)
-    writer = Writer(gather(open_campaign(finished)), tmp_path)
+    writer = Writer(open_campaign(finished).snapshot(), tmp_path)
     assert list(writer.sections(simulate=True, sensitivity=False))
     assert writer.count == 10
     assert outside == []

@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.report import sample_frames as again
 from agglom_mpi.report.figures import busy, convergence, ensembles, paths
 from agglom_mpi.report.figures.axes import in_unit
-from agglom_mpi.report.material import gather
 from agglom_mpi.report.published import ACCRETION, AGGLOMERATION, paper_of
 from agglom_mpi.statistics import t_95
 
 
 @pytest.fixture(scope="module")
-def material(finished):
-    return gather(open_campaign(finished))
+def data(finished):
+    return open_campaign(finished).snapshot()
 
 
-def test_the_history_is_that_of_the_generations(material):
-    found = convergence.history(material)
-    rows, results = material.generations, material.result_of
+def test_the_history_is_that_of_the_generations(data):
+    found = convergence.history(data)
+    rows, results = data.generation_rows(), rank_strings(data).results
     assert found.generation.tolist() == [1, 2, 3]
     assert found.best.tolist() == rows["best_objective"].tolist()
     for g, row in enumerate(rows):
@@ -34,20 +34,20 @@ def test_the_history_is_that_of_the_generations(material):
         assert found.best_half[g] == pytest.approx(half, rel=1e-12)
 
 
-def test_a_running_objective_passes_through_what_the_search_decided(material):
-    for string in material.best:
-        result = material.result_of[string]
-        course = ensembles.course(material, string)
+def test_a_running_objective_passes_through_what_the_search_decided(data):
+    for string in rank_strings(data).order:
+        result = rank_strings(data).results[string]
+        course = ensembles.course(data, string)
         at = course.seen - 1
         assert course.seen == result["samples_used"] - result["failed"]
         assert course.value[at] == pytest.approx(result["objective"], rel=1e-12)
 
 
-def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(material):
+def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
     checked = 0
-    for string in material.best:
-        result = material.result_of[string]
-        own = ensembles.stops(material, string)[0]
+    for string in rank_strings(data).order:
+        result = rank_strings(data).results[string]
+        own = ensembles.stops(data, string)[0]
         assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
         if not result["hit_maximum"]:
             assert own.samples == result["samples_used"] - result["failed"]
@@ -55,21 +55,21 @@ def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(material
     assert checked >= 3
 
 
-def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(material):
-    for path in paths.paths(material):
-        ids = material.generations["best_string"]
-        assert path.best.tolist() == [material.string_of[int(i)][path.name] for i in ids]
+def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(data):
+    for path in paths.paths(data):
+        ids = data.generation_rows()["best_string"]
+        assert path.best.tolist() == [data.values([i], path.name)[0] for i in ids]
         assert (path.least <= path.best).all()
         assert (path.best <= path.most).all()
         assert path.lower <= path.tried.min() <= path.tried.max() <= path.upper
 
 
-def test_samples_simulated_again_are_the_recorded_ones(material):
-    string = material.best[0]
-    found = again.final_radii(material, string)
+def test_samples_simulated_again_are_the_recorded_ones(data):
+    string = rank_strings(data).order[0]
+    found = again.final_radii(data, string)
     assert "identical to the recorded ones" in found.source
-    rows = again.chosen(material, string)
-    assert (rows["sample"] >= material.fresh).all()
+    rows = again.chosen(data, string)
+    assert (rows["sample"] >= data.fresh_from).all()
     assert found.samples == len(rows) == 12
     assert len(found.values) == rows["particles"].sum()
     away = found.values - found.values.mean()
@@ -77,9 +77,9 @@ def test_samples_simulated_again_are_the_recorded_ones(material):
         assert moment == pytest.approx(np.mean(away**order), rel=1e-10)
 
 
-def test_pictures_are_taken_of_a_sample_from_its_start_to_its_end(material):
-    film = again.frames_of(material, material.best[0])
-    rows = material.samples_of(film.string)
+def test_pictures_are_taken_of_a_sample_from_its_start_to_its_end(data):
+    film = again.frames_of(data, rank_strings(data).order[0])
+    rows = data.sample_rows(film.string)
     [row] = rows[rows["sample"] == film.sample]
     assert film.frames.times[0] == 0.0
     assert film.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
@@ -128,9 +128,9 @@ def test_a_leg_that_was_killed_lasts_until_its_last_sample():
     assert legs == [busy.Leg(10.0, 31.0, 2), busy.Leg(50.0, 60.0, 4)]
 
 
-def test_the_busy_share_is_that_of_the_recorded_legs(material):
-    found = busy.of_material(material)
-    [leg] = material.legs
+def test_the_busy_share_is_that_of_the_recorded_legs(data):
+    found = busy.of_data(data)
+    [leg] = data.legs()
     recorded = leg["busy_seconds"] / (leg["stopped"] - leg["started"]) / leg["ranks"]
     assert found.share == pytest.approx(recorded, rel=0.01)
     assert 0.0 < found.share <= 1.0
