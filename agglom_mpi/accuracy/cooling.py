@@ -16,8 +16,7 @@ from agglom_mpi.accuracy.cooling_methods import (
     seconds_of_exact,
     seconds_per_step,
 )
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
 from agglom_mpi.formatting import format_digits, format_seconds
 from agglom_mpi.physics.cooling import QuarticCooling
 from agglom_mpi.report.picture import Picture
@@ -41,7 +40,7 @@ FLOOR: Final = 1e-17
 """Relative error at which a logarithmic axis shows none."""
 
 
-def cooling(scene: Scene, quick: bool = False) -> Section:
+def cooling_section(scene: Scene, quick: bool = False) -> Section:
     """Section on cooling between impacts.
 
     Parameters
@@ -88,7 +87,7 @@ def cooling(scene: Scene, quick: bool = False) -> Section:
                 "One row is a starting temperature: steps from which Euler steps overshoot the "
                 "temperature of rest and go below 0 K, measured and by the estimate.",
                 limits,
-                LIMITS_SHOWN,
+                LIMIT_COLUMNS,
             ),
             Table("cooling_errors", "One row is a run from one temperature.", errors),
         ),
@@ -192,15 +191,17 @@ def _ratio(row: Any, column: str) -> str:
     return f"{span(row[column])} ({row[column] / row['estimated limit (s)']:.3g} ×)"
 
 
-LIMITS_SHOWN: Final = (
-    Shown("start", lambda row: f"{row['start (K)']:.0f} K"),
-    Shown("limit, estimated", lambda row: span(row["estimated limit (s)"])),
-    Shown("overshoots from (× limit)", lambda row: _ratio(row, "overshoots from (s)")),
-    Shown("below 0 K from (× limit)", lambda row: _ratio(row, "negative from (s)")),
-    Shown("end time over limit", lambda row: f"{row['end time over limit']:.2g}"),
-    Shown("Euler step", lambda row: format_seconds(row["seconds per Euler step (s)"])),
-    Shown("exact, end time", lambda row: format_seconds(row["seconds exactly to end time (s)"])),
-    Shown("exact, stiff", lambda row: format_seconds(row["seconds exactly, stiff (s)"])),
+LIMIT_COLUMNS: Final = (
+    TableColumn("start", lambda row: f"{row['start (K)']:.0f} K"),
+    TableColumn("limit, estimated", lambda row: span(row["estimated limit (s)"])),
+    TableColumn("overshoots from (× limit)", lambda row: _ratio(row, "overshoots from (s)")),
+    TableColumn("below 0 K from (× limit)", lambda row: _ratio(row, "negative from (s)")),
+    TableColumn("end time over limit", lambda row: f"{row['end time over limit']:.2g}"),
+    TableColumn("Euler step", lambda row: format_seconds(row["seconds per Euler step (s)"])),
+    TableColumn(
+        "exact, end time", lambda row: format_seconds(row["seconds exactly to end time (s)"])
+    ),
+    TableColumn("exact, stiff", lambda row: format_seconds(row["seconds exactly, stiff (s)"])),
 )
 
 

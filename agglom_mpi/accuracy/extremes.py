@@ -5,19 +5,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.published import as_published
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
+from agglom_mpi.accuracy.document import Section, Table, TableColumn
+from agglom_mpi.accuracy.published_method import as_published
+from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
-from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.config.campaign import Campaign, load_campaign
 from agglom_mpi.formatting import format_mean, format_percent, format_seconds
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.statistics import MeanEstimate, mean_of
-
-Rows = NDArray[np.void]
 
 CLOSED: Final = 1e-9
 """Energy error up to which a sample's ledger counts as closed."""
@@ -29,11 +25,11 @@ def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign
 
 
 def published_name(scene: str) -> str:
-    """Name of the trial that runs a scene as published."""
+    """Name of the set-up that runs a scene as published."""
     return f"{scene}, as published"
 
 
-def trials(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Trial]:
+def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
     """Every scene with our method, and with the published one."""
     chosen = {}
     for name, campaign in scenes.items():
@@ -41,13 +37,13 @@ def trials(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Trial]:
         published = with_scene(campaign, **dict(as_published(campaign.scene)))
         if campaign.scene.engine.law != "event":  # the extreme is in the steps
             published = with_scene(published, engine=campaign.scene.engine)
-        chosen[name] = Trial(campaign, parameters, samples, event_engine(campaign))
-        chosen[published_name(name)] = Trial(published, parameters, samples)
+        chosen[name] = Setup(campaign, parameters, samples, event_engine(campaign))
+        chosen[published_name(name)] = Setup(published, parameters, samples)
     return chosen
 
 
-def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
-    """Section on extreme scenes; `samples` as for `trials`."""
+def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
+    """Section on extreme scenes; `samples` as for `setups`."""
     import pandas as pd
 
     rows = []
@@ -78,7 +74,7 @@ def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Sec
             "end time; the scene's own where it has some."
         ),
         figures=(),
-        tables=(Table("extremes", "One row is one scene.", frame, SHOWN),),
+        tables=(Table("extremes", "One row is one scene.", frame, COLUMNS),),
         failures=tuple(_failures(frame)),
         conclusions=tuple(_conclusions(frame)),
     )
@@ -136,15 +132,15 @@ def _growth(row: Any, whose: str) -> str:
     )
 
 
-SHOWN: Final = (
-    Shown("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
-    Shown("ours: b/b⁰", lambda row: _growth(row, "ours")),
-    Shown("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
-    Shown("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
-    Shown("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
-    Shown("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
-    Shown("published: b/b⁰", lambda row: _growth(row, "published")),
-    Shown("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
+COLUMNS: Final = (
+    TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
+    TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
+    TableColumn("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
+    TableColumn("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
+    TableColumn("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
+    TableColumn("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
+    TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
+    TableColumn("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
 )
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.curves import COLOURS, MARKERS, Curve, draw_curves
-from agglom_mpi.accuracy.impact_outcomes import (
+from agglom_mpi.accuracy.document import MARKERS, Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.impact_methods import (
     CAPS,
     DEMANDED,
     LEAST_TIMED,
@@ -20,9 +20,8 @@ from agglom_mpi.accuracy.impact_outcomes import (
     outcomes,
     summary,
 )
-from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.formatting import format_digits, format_percent, format_seconds
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.picture import COLOURS, Picture
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -33,7 +32,7 @@ FLOOR: Final = 1e-17
 OUTCOME_COLOURS: Final = ("0.85", "#009E73", "#E69F00", "#D55E00", "#56B4E9")
 
 
-def impact_solver(quick: bool = False) -> Section:
+def impact_solver_section(quick: bool = False) -> Section:
     """Section on how an impact is solved."""
     impacts = measure(quick)
     frame = summary(impacts)
@@ -65,7 +64,7 @@ def impact_solver(quick: bool = False) -> Section:
             ),
         ),
         tables=(
-            Table("impact_solver", "One row is one method, over all impacts.", frame, SHOWN),
+            Table("impact_solver", "One row is one method, over all impacts.", frame, COLUMNS),
             Table("impact_solver_impacts", "One row is one impact by one method.", impacts),
         ),
         failures=tuple(_failures(frame)),
@@ -90,24 +89,24 @@ def _setups(impacts: "pd.DataFrame") -> str:
     )
 
 
-def _share(column: str) -> Shown:
-    return Shown(column, lambda row: f"{row[column]} of {row['bounces']}")
+def _share(column: str) -> TableColumn:
+    return TableColumn(column, lambda row: f"{row[column]} of {row['bounces']}")
 
 
-SHOWN: Final = (
-    Shown("method", lambda row: row["method"]),
+COLUMNS: Final = (
+    TableColumn("method", lambda row: row["method"]),
     _share("solved"),
     _share("capped"),
     _share("another root"),
-    Shown("wrongly bonded or not", lambda row: f"{row['wrongly bonded or not']}"),
-    Shown("median error of e", lambda row: f"{row['median error of e']:.1e}"),
-    Shown("worst", lambda row: f"{row['worst error of e']:.1e}"),
-    Shown(
+    TableColumn("wrongly bonded or not", lambda row: f"{row['wrongly bonded or not']}"),
+    TableColumn("median error of e", lambda row: f"{row['median error of e']:.1e}"),
+    TableColumn("worst", lambda row: f"{row['worst error of e']:.1e}"),
+    TableColumn(
         "median iterations",
         lambda row: "–" if math.isnan(row["cap"]) else f"{row['median iterations']:.0f}",
     ),
-    Shown("time", lambda row: format_seconds(row["seconds per impact (s)"])),
-    Shown("at most", lambda row: format_seconds(row["longest of a material (s)"])),
+    TableColumn("time", lambda row: format_seconds(row["seconds per impact (s)"])),
+    TableColumn("at most", lambda row: format_seconds(row["longest of a material (s)"])),
 )
 
 

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed, paired_difference
-from agglom_mpi.accuracy.trials import Trial
+from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
-from agglom_mpi.outcome import summaries as outcomes
+from agglom_mpi.outcome import summaries
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -21,10 +19,8 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-Rows = NDArray[np.void]
-
 EVENT: Final = "event"
-"""The trial that everything is measured against, also by other sections."""
+"""The set-up that everything is measured against, also by other sections."""
 
 STEPS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 QUICK_STEPS: Final = (50, 200, 1000)
@@ -58,7 +54,7 @@ def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
 
 
 def name_of(stepper: Stepper) -> str:
-    """Name of a stepper's trial."""
+    """Name of a stepper's set-up."""
     return f"{stepper.family}, {stepper.step:.3g} s"
 
 
@@ -67,13 +63,13 @@ def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
     return campaign.scene.build(parameters).end_time
 
 
-def trials(
+def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
-) -> dict[str, Trial]:
-    """Return the trials of the section: the event engine, and every stepper on its samples."""
-    chosen = {EVENT: Trial(campaign, parameters, samples, event_engine(campaign))}
+) -> dict[str, Setup]:
+    """Return the setups of the section: the event engine, and every stepper on its samples."""
+    chosen = {EVENT: Setup(campaign, parameters, samples, event_engine(campaign))}
     for stepper in steppers(end_time_of(campaign, parameters), quick):
-        chosen[name_of(stepper)] = Trial(campaign, parameters, samples, stepper.engine)
+        chosen[name_of(stepper)] = Setup(campaign, parameters, samples, stepper.engine)
     return chosen
 
 
@@ -83,7 +79,7 @@ def event_engine(campaign: Campaign) -> EventEngine:
     return engine if isinstance(engine, EventEngine) else EventEngine()
 
 
-def time_integration(
+def time_integration_section(
     campaign: Campaign,
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
@@ -96,9 +92,9 @@ def time_integration(
     campaign, parameters
         The scene and the string, shape (10,), SI units.
     samples
-        Rows of each of `trials`.
+        Rows of each of `setups`.
     quick
-        Whether the quick trials ran.
+        Whether the quick setups ran.
     """
     frame = measure(campaign, parameters, samples, quick)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
@@ -135,7 +131,7 @@ def time_integration(
                 lambda figure: _draw_error(figure, frame),
             ),
         ),
-        tables=(Table("time_integration", "One row is one set-up.", frame, SHOWN),),
+        tables=(Table("time_integration", "One row is one set-up.", frame, COLUMNS),),
         failures=tuple(_failures(frame)),
         conclusions=tuple(_conclusions(frame, cost)),
     )
@@ -157,7 +153,7 @@ def measure(
         own = samples[name_of(stepper)]
         good = completed(own)
         bias = paired_difference(own, reference, "mean_radius_ratio")
-        objective = _objective_bias(campaign, own, reference)
+        objective = objective_bias(campaign, own, reference)
         rows.append(
             {
                 "method": stepper.family,
@@ -178,38 +174,38 @@ def measure(
     return pd.DataFrame(rows)
 
 
-def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
+def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
     """Bias of the objective, signed where it is a magnitude."""
     objective = campaign.objective.build(campaign.scene.particles)
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.linear(outcomes(rows))
+        deviations["value"] = objective.linear(summaries(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 
 
-SHOWN: Final = (
-    Shown("method", lambda row: row["method"]),
-    Shown("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
-    Shown("samples", lambda row: f"{row['samples']:.0f}"),
-    Shown("failed", lambda row: f"{row['failed']:.0f}"),
-    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
-    Shown(
+COLUMNS: Final = (
+    TableColumn("method", lambda row: row["method"]),
+    TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
+    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
+    TableColumn("failed", lambda row: f"{row['failed']:.0f}"),
+    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    TableColumn(
         "bias of b/b⁰",
         lambda row: format_mean(
             MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
         ),
     ),
-    Shown("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
-    Shown(
+    TableColumn("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
+    TableColumn(
         "bias of the objective",
         lambda row: format_mean(
             MeanEstimate(row["bias of objective"], row["standard error of that"], row["pairs"])
         ),
     ),
-    Shown("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
+    TableColumn("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
 )
 
 

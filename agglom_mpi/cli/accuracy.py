@@ -49,8 +49,7 @@ def accuracy(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.plan import Options
-        from agglom_mpi.accuracy.run import accuracy
+        from agglom_mpi.accuracy.run import Options, accuracy
 
         return accuracy(Options(**options), world)
 

@@ -5,12 +5,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
-from agglom_mpi.accuracy.trials import Trial
+from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
@@ -24,11 +21,9 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-Rows = NDArray[np.void]
-
 
 def name_of(string: int) -> str:
-    """Name of the trial that estimates a string again."""
+    """Name of the set-up that estimates a string again."""
     return f"string {string} again"
 
 
@@ -44,9 +39,9 @@ def campaign_of(history: CampaignData) -> Campaign:
     return Campaign.from_text(history.campaign_text, str(history.path), code)
 
 
-def trials(
+def setups(
     history: CampaignData, samples: int, allowed: UserFunction | None = None
-) -> dict[str, Trial]:
+) -> dict[str, Setup]:
     """Every string that was ever the best, on configurations that no decision has seen.
 
     Raises
@@ -62,7 +57,7 @@ def trials(
         campaign = replace(campaign, code=allowed)
     parameters = {int(row["string"]): row for row in history.string_rows()}
     return {
-        name_of(string): Trial(
+        name_of(string): Setup(
             campaign,
             np.array([parameters[string][name] for name in NAMES]),
             samples,
@@ -72,8 +67,8 @@ def trials(
     }
 
 
-def inversion(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
-    """Section on the history of a campaign; `samples` as for `trials`."""
+def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
+    """Section on the history of a campaign; `samples` as for `setups`."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
@@ -103,7 +98,9 @@ def inversion(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
             ),
         ),
         tables=(
-            Table("inversion", "One row is one generation that changed the best.", changes, SHOWN),
+            Table(
+                "inversion", "One row is one generation that changed the best.", changes, COLUMNS
+            ),
             Table("inversion_history", "One row is one generation.", frame),
         ),
         failures=(),
@@ -140,16 +137,16 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     return pd.DataFrame(rows)
 
 
-SHOWN: Final = (
-    Shown("generation", lambda row: f"{row['generation'] + 1:.0f}"),
-    Shown("seconds", lambda row: format_digits(row["seconds (s)"])),
-    Shown("string", lambda row: f"{row['string']:.0f}"),
-    Shown("its samples", lambda row: f"{row['its samples']:.0f}"),
-    Shown(
+COLUMNS: Final = (
+    TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
+    TableColumn("seconds", lambda row: format_digits(row["seconds (s)"])),
+    TableColumn("string", lambda row: f"{row['string']:.0f}"),
+    TableColumn("its samples", lambda row: f"{row['its samples']:.0f}"),
+    TableColumn(
         "objective, as searched",
         lambda row: format_mean(MeanEstimate(row["objective"], row["standard error"], 2)),
     ),
-    Shown(
+    TableColumn(
         "estimated again",
         lambda row: format_mean(
             MeanEstimate(row["estimated again"], row["standard error of that"], 2)

@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
+from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
-from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.formatting import format_digits, format_mean, format_seconds
 from agglom_mpi.report.picture import Picture
@@ -19,8 +17,6 @@ from agglom_mpi.statistics import MeanEstimate, mean_of
 if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
-
-Rows = NDArray[np.void]
 
 SIZES: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
 """Numbers of particles to compare, over the scene's own."""
@@ -39,19 +35,19 @@ def numbers(campaign: Campaign, quick: bool) -> list[int]:
 
 
 def name_of_number(number: int) -> str:
-    """Name of the trial with so many particles."""
+    """Name of the set-up with so many particles."""
     return f"{number} particles"
 
 
 def name_of_time(factor: float) -> str:
-    """Name of the trial that runs so many times as long."""
+    """Name of the set-up that runs so many times as long."""
     return f"{factor:g} × end time"
 
 
-def trials(
+def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
-) -> dict[str, Trial]:
-    """Return the trials of the section.
+) -> dict[str, Setup]:
+    """Return the setups of the section.
 
     With another number of particles the box is as much larger, so that grains, volume fraction and
     end time stay what they are, and only the control volume changes.
@@ -64,20 +60,20 @@ def trials(
         larger = with_scene(
             campaign, particles=number, half_width=half_width, end_time=end_time, engine=engine
         )
-        chosen[name_of_number(number)] = Trial(larger, parameters, samples)
+        chosen[name_of_number(number)] = Setup(larger, parameters, samples)
     for factor in QUICK_TIMES if quick else TIMES:
         longer = with_scene(campaign, end_time=factor * end_time, engine=engine)
-        chosen[name_of_time(factor)] = Trial(longer, parameters, samples)
+        chosen[name_of_time(factor)] = Setup(longer, parameters, samples)
     return chosen
 
 
-def box(
+def control_volume_section(
     campaign: Campaign,
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> Section:
-    """Section on the number of particles and the end time; `samples` as for `trials`."""
+    """Section on the number of particles and the end time; `samples` as for `setups`."""
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
     end_time = end_time_of(campaign, parameters)
@@ -109,8 +105,8 @@ def box(
             ),
         ),
         tables=(
-            Table("box_particles", "One row is one number of particles.", sizes, SHOWN),
-            Table("box_end_time", "One row is one end time.", times, SHOWN),
+            Table("box_particles", "One row is one number of particles.", sizes, COLUMNS),
+            Table("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
         failures=tuple(_failures(sizes)) + tuple(_failures(times)),
         conclusions=(
@@ -162,24 +158,24 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     }
 
 
-SHOWN: Final = (
-    Shown("N", lambda row: f"{row['particles']:.0f}"),
-    Shown("T", lambda row: f"{row['end time (s)']:.3g} s"),
-    Shown("samples", lambda row: f"{row['samples']:.0f}"),
-    Shown(
+COLUMNS: Final = (
+    TableColumn("N", lambda row: f"{row['particles']:.0f}"),
+    TableColumn("T", lambda row: f"{row['end time (s)']:.3g} s"),
+    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
+    TableColumn(
         "mean b/b⁰",
         lambda row: format_mean(
             MeanEstimate(row["mean b/b0"], row["standard error"], row["samples"])
         ),
     ),
-    Shown("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
-    Shown(
+    TableColumn("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
+    TableColumn(
         "objective",
         lambda row: format_mean(
             MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
         ),
     ),
-    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
 )
 
 
