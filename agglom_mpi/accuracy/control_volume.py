@@ -1,16 +1,16 @@
 """The control volume and the end time: what the published objective makes of them."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_digits, format_mean, format_seconds
+from agglom_mpi.formatting import format_mean, format_seconds
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -77,21 +77,23 @@ def control_volume_section(
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
     end_time = end_time_of(campaign, parameters)
+    sentences = Sentences(
+        "control_volume",
+        particles=own,
+        end_time=end_time,
+        changes=[
+            *_changes(sizes, own, "particles", unit="particles", what="the number of particles"),
+            *_changes(times, end_time, "end time (s)", unit="s", what="the end time"),
+        ],
+        failed=[
+            row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
+        ],
+    )
     return Section(
         title="Control volume and end time",
-        problem=(
-            "[A] calls its results very sensitive to the control volume. How much of the published "
-            "objective is the number of particles N that was chosen, and the time T?"
-        ),
-        reference=(
-            f"The scene itself, N = {own} and T = {end_time:.4g} s, with the event engine. There "
-            "is no right N or T: the table shows what the choice is worth."
-        ),
-        setups=(
-            "With another N the box is larger or smaller in proportion, so grains, volume fraction "
-            "and T stay the same; with another T everything else does. Samples of different N "
-            "start from different configurations, so differences are not paired there."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Picture(
                 "box_particles",
@@ -108,11 +110,8 @@ def control_volume_section(
             Table("box_particles", "One row is one number of particles.", sizes, COLUMNS),
             Table("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
-        failures=tuple(_failures(sizes)) + tuple(_failures(times)),
-        conclusions=(
-            *_conclusions(sizes, own, "particles", "particles", "the number of particles"),
-            *_conclusions(times, end_time, "end time (s)", "s", "the end time"),
-        ),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -189,34 +188,28 @@ def _draw(
     axes.minorticks_off()
 
 
-def _failures(frame: "pd.DataFrame") -> Iterator[str]:
-    for _, row in frame[frame["failed"] > 0].iterrows():
-        yield (
-            f"N = {row['particles']:.0f}, T = {row['end time (s)']:.3g} s: {row['failed']:.0f} of "
-            f"{row['samples']:.0f} samples failed."
-        )
-
-
-def _conclusions(
-    frame: "pd.DataFrame", own: float, column: str, unit: str, what: str
-) -> Iterator[str]:
+def _changes(
+    frame: "pd.DataFrame", own: float, column: str, **words: str
+) -> Iterator[dict[str, Any]]:
+    """Yield what the smallest and the largest value of a column change, against the scene's own."""
     home = frame[frame[column] == own].iloc[0]
-    for place in (frame.iloc[0], frame.iloc[-1]):
+    for row in (frame.iloc[0], frame.iloc[-1]):
         change = MeanEstimate(
-            place["mean b/b0"] - home["mean b/b0"],
-            float(np.hypot(place["standard error"], home["standard error"])),
-            int(place["samples"]),
+            row["mean b/b0"] - home["mean b/b0"],
+            float(np.hypot(row["standard error"], home["standard error"])),
+            int(row["samples"]),
         )
-        beyond = abs(change.value) > change.half_width
-        yield (
-            f"{place[column] / own:.3g} times {what} ({_plain(place[column])} {unit}) changes mean "
-            f"b/b⁰ by {format_mean(change)} ({100 * change.value / home['mean b/b0']:+.1f} %), "
-            f"{'beyond' if beyond else 'within'} the error, and the objective from "
-            f"{home['objective']:.3f} to {place['objective']:.3f}, at "
-            f"{format_digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} "
-            f"times the "
-            "time of a sample."
-        )
+        yield {
+            **words,
+            "factor": row[column] / own,
+            "value": _plain(row[column]),
+            "change": change,
+            "percentage": 100 * change.value / home["mean b/b0"],
+            "beyond": abs(change.value) > change.half_width,
+            "own_objective": home["objective"],
+            "objective": row["objective"],
+            "cost": row["seconds per sample (s)"] / home["seconds per sample (s)"],
+        }
 
 
 def _plain(value: float) -> str:

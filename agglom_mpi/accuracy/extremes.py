@@ -1,12 +1,12 @@
 """Stiff and extreme scenes: what the published method does with them, and what ours does."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import Section, Table, TableColumn
+from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
 from agglom_mpi.accuracy.published_method import as_published
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
@@ -15,6 +15,7 @@ from agglom_mpi.formatting import format_mean, format_percent, format_seconds
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
+METHODS: Final = ("ours", "published")
 CLOSED: Final = 1e-9
 """Energy error up to which a sample's ledger counts as closed."""
 
@@ -54,29 +55,16 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
         row |= {f"published: {key}": value for key, value in published.items()}
         rows.append(row)
     frame = pd.DataFrame(rows)
+    sentences = Sentences("extremes", closed=CLOSED, scenes=len(frame), **_findings(frame))
     return Section(
         title="Stiff and extreme scenes",
-        problem=(
-            "Where a method can break, does it, and does it say so? Each scene pushes one thing to "
-            "an extreme; its file says which and what is to be expected."
-        ),
-        reference=(
-            "What any sample must keep: every sample completes, the ledger closes (energy error "
-            f"up to {CLOSED:g} of what flowed), no temperature is sent below zero, no impact is "
-            "left unsolved, no grains overlap. But pieces are packed in heaps, which overlap what "
-            "is around them until they have parted: where aggregates break, only overlaps beyond "
-            "those of the event engine count, which lets no pair that overlaps approach."
-        ),
-        setups=(
-            "Ours: the event engine, the root finder, exact cooling. As published: the same scene "
-            "with the published impact iteration (cap 100), cooling by forward Euler, and time "
-            "steps: 200 equal ones [A], or adaptive ones with [B]'s limits in proportion to the "
-            "end time; the scene's own where it has some."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(),
         tables=(Table("extremes", "One row is one scene.", frame, COLUMNS),),
-        failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame)),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -103,7 +91,7 @@ def _summary(rows: Rows) -> dict[str, Any]:
 
 
 def _troubles(row: Any, whose: str) -> list[str]:
-    """Say what went wrong with a scene in one method."""
+    """Return in words what went wrong with a scene in one of `METHODS`."""
     troubles = []
     if row[f"{whose}: failed"]:
         troubles.append(
@@ -144,27 +132,23 @@ COLUMNS: Final = (
 )
 
 
-def _failures(frame: Any) -> Iterator[str]:
-    for _, row in frame.iterrows():
-        for whose in ("ours", "published"):
-            troubles = _troubles(row, whose)
-            if troubles:
-                yield f"`{row['scene']}`, {whose}: {'; '.join(troubles)}."
-
-
-def _conclusions(frame: Any) -> Iterator[str]:
-    for whose, name in (("ours", "Our method"), ("published", "The published method")):
-        sound = sum(not _troubles(row, whose) for _, row in frame.iterrows())
-        yield f"{name} is sound in {sound} of {len(frame)} extreme scenes."
-    yield (
-        f"As published, impacts are left unsolved in {_count(frame, 'impacts unsolved')} scenes, "
-        f"temperatures go below zero in {_count(frame, 'below zero')}, and spheres overlap that "
-        f"should not in {_count(frame, 'overlaps')}."
-    )
-    worst = frame["ours: energy error"].max()
-    yield f"The largest energy error of ours in any of them is {worst:.1g} of what flowed."
-
-
-def _count(frame: Any, trouble: str) -> int:
-    """Scenes in which the published method has a trouble."""
-    return sum(trouble in "; ".join(_troubles(row, "published")) for _, row in frame.iterrows())
+def _findings(frame: Any) -> dict[str, Any]:
+    """Return what the failures and the conclusions refer to."""
+    troubles = [
+        {"scene": row["scene"], "method": method, "troubles": "; ".join(_troubles(row, method))}
+        for _, row in frame.iterrows()
+        for method in METHODS
+    ]
+    troubled = [one for one in troubles if one["troubles"]]
+    published = [one["troubles"] for one in troubled if one["method"] == "published"]
+    return {
+        "troubled": troubled,
+        "sound": {
+            method: len(frame) - sum(one["method"] == method for one in troubled)
+            for method in METHODS
+        },
+        "unsolved": sum("impacts unsolved" in text for text in published),
+        "below_zero": sum("below zero" in text for text in published),
+        "overlaps": sum("overlaps" in text for text in published),
+        "energy_error": frame["ours: energy error"].max(),
+    }

@@ -1,12 +1,12 @@
 """The papers' numerical method for any scene, and its error in whole samples, end to end."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Section, Table, TableColumn
+from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
 from agglom_mpi.config.campaign import Campaign
@@ -73,35 +73,22 @@ def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
     """Section on the published method; `samples` as for `setups`, and of the event engine."""
     frame = measure(samples)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
+    sentences = Sentences(
+        "published_method",
+        growth=reference,
+        engine=as_published(campaign.scene).engine,
+        rows=[row for _, row in frame.iterrows()],
+    )
     return Section(
         title="The published method as a whole",
-        problem=(
-            "Impacts iterated as published, cooling by forward Euler and the published time steps "
-            "each make an error; what do whole samples become?"
-        ),
-        reference=(
-            f"The event engine with the root finder: mean b/b⁰ = {format_mean(reference)}. Samples "
-            "start from the same configurations, so the bias is a mean of paired differences."
-        ),
-        setups=(
-            "The scene's own physics with the published iteration (tolerance 1e-6, at most 100), "
-            "and with all of the published method, whose time steps are "
-            f"{_engine(campaign)}."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(),
         tables=(Table("whole_method", "One row is one method.", frame, COLUMNS),),
-        failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame, reference.value)),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
-
-
-def _engine(campaign: Campaign) -> str:
-    engine = as_published(campaign.scene).engine
-    if engine.law == "fixed":
-        return f"{engine.steps} equal ones [A]"
-    if engine.law == "adaptive":
-        return f"adaptive from {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
-    raise AssertionError(engine.law)
 
 
 def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
@@ -144,24 +131,3 @@ COLUMNS: Final = (
     TableColumn("unsolved impacts", lambda row: format_percent(row["unsolved impacts"])),
     TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
 )
-
-
-def _failures(frame: "pd.DataFrame") -> Iterator[str]:
-    for _, row in frame.iterrows():
-        if row["failed"]:
-            yield f"{row['method']}: {row['failed']} of {row['samples']} samples failed."
-        if row["unsolved impacts"] > 0.0:
-            yield (
-                f"{row['method']}: {format_percent(row['unsolved impacts'])} of all impacts end "
-                f"at the "
-                "iteration's cap, in a cycle."
-            )
-
-
-def _conclusions(frame: "pd.DataFrame", growth: float) -> Iterator[str]:
-    for _, row in frame.iterrows():
-        yield (
-            f"{row['method'].capitalize()}: mean b/b⁰ is off by "
-            f"{100.0 * row['bias of b/b0'] / growth:+.2f} ± "
-            f"{100.0 * row['half width'] / growth:.2f} % (95 %)."
-        )

@@ -1,17 +1,17 @@
 """The history of a campaign: what the search believed, and what its best strings are worth."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.formatting import format_digits, format_duration, format_mean
+from agglom_mpi.formatting import format_digits, format_mean
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
@@ -72,28 +72,26 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
+    sentences = Sentences(
+        "search_history",
+        file=history.path.name,
+        again=again,
+        generations=len(frame),
+        last=frame.iloc[-1],
+        best=frame.iloc[int(frame["estimated again"].argmin())],
+        bests=len(changes),
+        optimism=(changes["estimated again"] - changes["objective"]).mean(),
+        estimate=_again,
+    )
     return Section(
         title="Inversion",
-        problem=(
-            "A search keeps the strings whose ensembles were lucky. What did the campaign "
-            f"{history.path.name} believe of its best string after each generation, and what is "
-            "that string worth?"
-        ),
-        reference=(
-            f"Each string that was ever the best, estimated again on {again} fresh configurations "
-            "that no decision has seen; these estimates are unbiased."
-        ),
-        setups=(
-            f"{len(frame)} generations, {int(frame['samples simulated'].iloc[-1])} samples, "
-            f"{format_duration(float(frame['seconds (s)'].iloc[-1]))} of wall-clock time; "
-            f"ensemble and "
-            "search are the campaign's own."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Picture(
                 "inversion",
-                "Objective of the best string against time: as the search had it, and estimated "
-                "again, with 95 % bands.",
+                sentences.paragraph("caption"),
                 lambda figure: _draw(figure, frame),
             ),
         ),
@@ -104,7 +102,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
             Table("inversion_history", "One row is one generation.", frame),
         ),
         failures=(),
-        conclusions=tuple(_conclusions(frame)),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -137,6 +135,11 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     return pd.DataFrame(rows)
 
 
+def _again(row: Any) -> MeanEstimate:
+    """Return the fresh estimate of a row of `measure`."""
+    return MeanEstimate(row["estimated again"], row["standard error of that"], 2)
+
+
 COLUMNS: Final = (
     TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
     TableColumn("seconds", lambda row: format_digits(row["seconds (s)"])),
@@ -148,9 +151,7 @@ COLUMNS: Final = (
     ),
     TableColumn(
         "estimated again",
-        lambda row: format_mean(
-            MeanEstimate(row["estimated again"], row["standard error of that"], 2)
-        ),
+        lambda row: format_mean(_again(row)),
     ),
 )
 
@@ -166,28 +167,4 @@ def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
     ]
     draw_curves(
         figure, curves, "wall-clock time (s)", "objective of the best", scales=("linear", "linear")
-    )
-
-
-def _conclusions(frame: "pd.DataFrame") -> Iterator[str]:
-    last = frame.iloc[-1]
-    truth = MeanEstimate(last["estimated again"], last["standard error of that"], 2)
-    yield (
-        f"The search's last best, string {last['string']:.0f}, claims {last['objective']:.4f} ± "
-        f"{last['standard error']:.4f} and is worth {format_mean(truth)}."
-    )
-    best = frame.iloc[int(frame["estimated again"].argmin())]
-    truth = MeanEstimate(best["estimated again"], best["standard error of that"], 2)
-    yield (
-        f"Of all strings that were ever the best, string {best['string']:.0f} of generation "
-        f"{best['generation'] + 1:.0f} has the lowest objective when estimated again, "
-        f"{format_mean(truth)}, after {format_duration(float(best['seconds (s)']))}."
-    )
-    changes = frame[frame["string"] != frame["string"].shift()]
-    optimism = changes["estimated again"] - changes["objective"]
-    yield (
-        f"The {len(changes)} strings that were the best are worth {optimism.mean():.4f} more on "
-        "average (lower is better) than they claimed: the lucky survive."
-        if optimism.mean() > 0
-        else f"The {len(changes)} strings that were the best are worth no more than they claimed."
     )

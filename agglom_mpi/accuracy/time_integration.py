@@ -1,16 +1,16 @@
 """Time steps against exact times: the bias of growth and objective, and what it costs."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Curve, Section, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
-from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
+from agglom_mpi.formatting import format_mean, format_seconds
 from agglom_mpi.outcome import summaries
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -31,7 +31,6 @@ CAPS: Final = (1000.0, 10.0, 1.0)
 """Longest over shortest adaptive step; the first is published [B 6.14]."""
 TOLERANCES: Final = (0.05, 0.01, 0.002)
 """Relative errors of growth that the conclusions speak of."""
-CONFIDENCE: Final = "95 %"
 
 
 class Stepper(NamedTuple):
@@ -99,41 +98,36 @@ def time_integration_section(
     frame = measure(campaign, parameters, samples, quick)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
     cost = float(np.mean(samples[EVENT]["seconds"]))
+    sentences = Sentences(
+        "time_integration",
+        growth=reference,
+        cost=cost,
+        end_time=end_time_of(campaign, parameters),
+        reached=[(tolerance, list(_reached(frame, tolerance))) for tolerance in TOLERANCES],
+        finest=[rows.iloc[-1] for _, rows in frame.groupby("method", sort=False)],
+        failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
+        overlaps=list(_overlaps(frame)),
+    )
     return Section(
         title="Time integration",
-        problem=(
-            "How far from the truth is the mean growth b/b⁰ when time goes in steps, as both "
-            "papers have it, and what does a sample cost?"
-        ),
-        reference=(
-            "The event engine, which computes the time of every impact from a quadratic and makes "
-            f"no error in time: mean b/b⁰ = {format_mean(reference)} over {reference.samples} "
-            f"samples, {format_seconds(cost)} each. Every method starts from the same random "
-            f"configurations, "
-            "so the bias is a mean of paired differences; bands are 95 % t intervals of it."
-        ),
-        setups=(
-            f"`fixed` [A]: equal steps; `adaptive` [B 6.14]: steps to the next contact of nearest "
-            f"neighbours, between a floor and a cap. End time "
-            f"{end_time_of(campaign, parameters):.4g} s. Seconds are those of one core with all "
-            "cores of the machine at work."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Picture(
                 "time_integration",
-                "Bias of the mean growth against the time of a sample, with 95 % bands; the event "
-                "engine is the star on the zero line.",
+                sentences.paragraph("bias_caption"),
                 lambda figure: _draw_signed(figure, frame, cost),
             ),
             Picture(
                 "time_integration_error",
-                "The same as an error: the largest that the 95 % interval of the bias allows.",
+                sentences.paragraph("error_caption"),
                 lambda figure: _draw_error(figure, frame),
             ),
         ),
         tables=(Table("time_integration", "One row is one set-up.", frame, COLUMNS),),
-        failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame, cost)),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -236,51 +230,31 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> No
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
+    """Return the largest relative error that the 95 % interval of each bias allows."""
     return rows["relative bias"].abs() + rows["relative half width"]
 
 
-def _failures(frame: "pd.DataFrame") -> Iterator[str]:
-    for _, row in frame[frame["failed"] > 0].iterrows():
-        yield (
-            f"{row['method']} with steps from {row['shortest step (s)']:.2g} s: {row['failed']:.0f}"
-            f" of {row['samples']:.0f} samples failed."
-        )
-    for family, rows in frame.groupby("method", sort=False):
+def _overlaps(frame: "pd.DataFrame") -> Iterator[tuple[str, float]]:
+    """Yield the methods that leave overlapping pairs in a sample, and how many at most."""
+    for method, rows in frame.groupby("method", sort=False):
         worst = rows["overlaps per sample"].max()
         if worst >= 0.5:
-            yield f"{family} leaves up to {worst:.2g} overlapping pairs in a sample."
+            yield str(method), worst
 
 
-def _conclusions(frame: "pd.DataFrame", cost: float) -> Iterator[str]:
-    for tolerance in TOLERANCES:
-        found = [f"event {format_seconds(cost)}"]
-        for family, rows in frame.groupby("method", sort=False):
-            found.append(f"{family} {_reached(rows, tolerance)}")
-        yield f"At {100.0 * tolerance:g} % error of mean b/b⁰: {'; '.join(found)}."
-    for family, rows in frame.groupby("method", sort=False):
-        finest = rows.iloc[-1]
-        yield (
-            f"The finest steps of {family} are off by {100 * finest['relative bias']:+.2f} ± "
-            f"{100 * finest['relative half width']:.2f} % ({CONFIDENCE}) at "
-            f"{format_seconds(finest['seconds per sample (s)'])} a sample, "
-            f"{format_digits(finest['seconds per sample (s)'] / cost)} times the event engine's."
-        )
+def _reached(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]]:
+    """Yield of each method the cheapest set-up that is shown to be within a tolerance, or None.
 
-
-def _reached(rows: "pd.DataFrame", tolerance: float) -> str:
-    """Cheapest set-up that is shown to be within a tolerance, or why there is none.
-
-    One whose finer steps are shown to be outside is there by accident and does not count.
+    One whose finer steps are shown to be outside is there by accident and does not count. `outside`
+    is whether the finest steps are shown to be outside, `bound` the least error that is shown.
     """
-    outside = rows["relative bias"].abs() - rows["relative half width"] > tolerance
-    lasting = ~outside[::-1].cummax()[::-1].shift(-1, fill_value=False)
-    within = rows[(_bound(rows) <= tolerance) & lasting]
-    if len(within):
-        best = within.sort_values("seconds per sample (s)").iloc[0]
-        return (
-            f"{format_seconds(best['seconds per sample (s)'])} (steps of "
-            f"{best['shortest step (s)']:.2g} s)"
-        )
-    if outside.iloc[-1]:
-        return "does not reach it"
-    return f"is not shown to reach it (at best within {format_percent(float(_bound(rows).min()))})"
+    for method, rows in frame.groupby("method", sort=False):
+        outside = rows["relative bias"].abs() - rows["relative half width"] > tolerance
+        lasting = ~outside[::-1].cummax()[::-1].shift(-1, fill_value=False)
+        within = rows[(_bound(rows) <= tolerance) & lasting].sort_values("seconds per sample (s)")
+        yield {
+            "method": method,
+            "setup": within.iloc[0] if len(within) else None,
+            "outside": outside.iloc[-1],
+            "bound": float(_bound(rows).min()),
+        }
