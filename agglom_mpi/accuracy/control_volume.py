@@ -1,4 +1,4 @@
-"""The control volume and the end time: what the published objective makes of them."""
+"""How growth and the published objective change with the control volume and the end time."""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -25,29 +25,30 @@ TIMES: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
 """End times to compare, over the scene's own."""
 QUICK_TIMES: Final = (0.5, 2.0)
 FEWEST_PARTICLES: Final = 8
+"""Smaller numbers of particles are left out."""
 
 
 def numbers(campaign: Campaign, quick: bool) -> list[int]:
-    """Numbers of particles to compare with the scene's own."""
+    """Return the numbers of particles to compare with the scene's own, ascending."""
     own = campaign.scene.particles
     wanted = {round(own * factor) for factor in (QUICK_SIZES if quick else SIZES)}
     return sorted(number for number in wanted if number >= FEWEST_PARTICLES and number != own)
 
 
 def name_of_number(number: int) -> str:
-    """Name of the set-up with so many particles."""
+    """Return the name of the set-up with `number` particles."""
     return f"{number} particles"
 
 
 def name_of_time(factor: float) -> str:
-    """Name of the set-up that runs so many times as long."""
+    """Return the name of the set-up whose end time is `factor` times the scene's."""
     return f"{factor:g} × end time"
 
 
 def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
 ) -> dict[str, Setup]:
-    """Return the setups of the section.
+    """Return the set-ups of the section, by name.
 
     With another number of particles the box is as much larger, so that grains, volume fraction and
     end time stay what they are, and only the control volume changes.
@@ -73,7 +74,7 @@ def control_volume_section(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> Section:
-    """Section on the number of particles and the end time; `samples` as for `setups`."""
+    """Return the section on number of particles and end time; arguments as for `measure`."""
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
     end_time = end_time_of(campaign, parameters)
@@ -121,7 +122,17 @@ def measure(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> "tuple[pd.DataFrame, pd.DataFrame]":
-    """Growth, objective and cost against N, and against T."""
+    """Return growth, objective and cost against N, and against T: two frames.
+
+    Parameters
+    ----------
+    campaign, parameters
+        The scene and the string, shape (10,), SI units.
+    samples
+        Rows of each of `setups`, and of the event engine.
+    quick
+        Whether the quick set-ups ran.
+    """
     import pandas as pd
 
     own, end_time = campaign.scene.particles, end_time_of(campaign, parameters)

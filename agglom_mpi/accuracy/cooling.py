@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NEAR: Final = 1.01
-"""Temperature of a grain near its rest, over that."""
+"""Temperature of a grain near its rest temperature, over that."""
 HOT: Final = (2.0, 10.0, 30.0)
-"""Temperatures of hot grains, over that of the start or of the rest, whichever is higher."""
+"""Temperatures of hot grains, over the start or rest temperature, whichever is higher."""
 STEPS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 QUICK_STEPS: Final = (1, 10, 200)
 STIFF: Final = 10.0
@@ -41,7 +41,7 @@ FLOOR: Final = 1e-17
 
 
 def cooling_section(scene: Scene, quick: bool = False) -> Section:
-    """Section on cooling between impacts.
+    """Return the section on cooling between impacts.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _flaws(errors: "pd.DataFrame") -> Iterator[dict[str, Any]]:
 
 
 def starts(grain: Grain, scene: Scene, quick: bool) -> tuple[float, ...]:
-    """List starting temperatures in K: of the scene, near the rest, and hot ones; ascending."""
+    """Return starting temperatures in K, ascending: the scene's, near the rest, and hot ones."""
     base = max(grain.rest, scene.temperature) or 300.0
     found = [base * factor for factor in (HOT[1:2] if quick else HOT)]
     found += [NEAR * grain.rest] if grain.rest > 0.0 else []
@@ -142,7 +142,7 @@ def starts(grain: Grain, scene: Scene, quick: bool) -> tuple[float, ...]:
 
 
 def measure_limits(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
-    """Find from which step Euler steps fail, and what a step costs, one row for each start."""
+    """Return from which step Euler steps fail, and what a step costs, one row for each start."""
     import pandas as pd
 
     rows = []
@@ -164,7 +164,7 @@ def measure_limits(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
 
 
 def measure_errors(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
-    """Errors of Euler steps, one row for each start, end and number of steps."""
+    """Return errors of Euler steps, one row for each start, end and number of steps."""
     import pandas as pd
 
     rows = []
@@ -194,11 +194,12 @@ def measure_errors(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
 
 
 def span(seconds: float) -> str:
-    """Time in a unit that suits it, long ones in s with an exponent."""
+    """Return a time in a unit that suits it, long ones in s with an exponent."""
     return format_seconds(seconds) if seconds < 1e4 else f"{seconds:.2g} s"
 
 
 def _ratio(row: Any, column: str) -> str:
+    """Return the same for a cell of the table."""
     if math.isnan(row[column]):
         return "not found"
     return f"{span(row[column])} ({row[column] / row['estimated limit (s)']:.3g} ×)"
@@ -233,7 +234,7 @@ def _draw(figure: "matplotlib.figure.Figure", errors: "pd.DataFrame", cost: str)
 
 
 def _times(row: Any, column: str) -> str:
-    """Step with a flaw, and how it compares with the estimate."""
+    """Return the shortest step with a flaw, and its ratio to the estimate, in words."""
     if math.isnan(row[column]):
         return "no step that was tried"
     share = row[column] / row["estimated limit (s)"]

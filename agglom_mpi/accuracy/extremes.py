@@ -1,4 +1,4 @@
-"""Stiff and extreme scenes: what the published method does with them, and what ours does."""
+"""Stiff and extreme scenes, with this package's method and with the published one."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,22 +21,22 @@ CLOSED: Final = 1e-9
 
 
 def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign]:
-    """Scenes of a directory by file stem; a CampaignError if one is wrong."""
+    """Return the scenes of a directory by file stem; raise a CampaignError if one is wrong."""
     return {path.stem: load_campaign(path, allow_code) for path in sorted(directory.glob("*.yaml"))}
 
 
 def published_name(scene: str) -> str:
-    """Name of the set-up that runs a scene as published."""
+    """Return the name of the set-up that runs a scene as published."""
     return f"{scene}, as published"
 
 
 def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
-    """Every scene with our method, and with the published one."""
+    """Return two set-ups for every scene: this package's method, and the published one."""
     chosen = {}
     for name, campaign in scenes.items():
         parameters = campaign.parameters()
         published = with_scene(campaign, **dict(as_published(campaign.scene)))
-        if campaign.scene.engine.law != "event":  # the extreme is in the steps
+        if campaign.scene.engine.law != "event":  # the steps are what is extreme
             published = with_scene(published, engine=campaign.scene.engine)
         chosen[name] = Setup(campaign, parameters, samples, event_engine(campaign))
         chosen[published_name(name)] = Setup(published, parameters, samples)
@@ -44,7 +44,7 @@ def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
 
 
 def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
-    """Section on extreme scenes; `samples` as for `setups`."""
+    """Return the section on extreme scenes; `samples` are those of `setups`, by name."""
     import pandas as pd
 
     rows = []
@@ -69,6 +69,7 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
 
 
 def _summary(rows: Rows) -> dict[str, Any]:
+    """Return what the samples of one set-up amount to."""
     good = completed(rows)
     growth = mean_of(good["mean_radius_ratio"])
     failed = rows[rows["reason"] > 0]
@@ -90,22 +91,22 @@ def _summary(rows: Rows) -> dict[str, Any]:
     }
 
 
-def _troubles(row: Any, whose: str) -> list[str]:
+def _troubles(row: Any, method: str) -> list[str]:
     """Return in words what went wrong with a scene in one of `METHODS`."""
     troubles = []
-    if row[f"{whose}: failed"]:
+    if row[f"{method}: failed"]:
         troubles.append(
-            f"{row[f'{whose}: failed']} of {row[f'{whose}: samples']} samples failed "
-            f"({row[f'{whose}: reason']})"
+            f"{row[f'{method}: failed']} of {row[f'{method}: samples']} samples failed "
+            f"({row[f'{method}: reason']})"
         )
-    if row[f"{whose}: unsolved impacts"] > 0:
-        troubles.append(f"{format_percent(row[f'{whose}: unsolved impacts'])} of impacts unsolved")
-    if row[f"{whose}: temperatures below zero"] > 0:
+    if row[f"{method}: unsolved impacts"] > 0:
+        troubles.append(f"{format_percent(row[f'{method}: unsolved impacts'])} of impacts unsolved")
+    if row[f"{method}: temperatures below zero"] > 0:
         troubles.append("temperatures below zero")
-    if row[f"{whose}: energy error"] > CLOSED:
-        troubles.append(f"energy error {row[f'{whose}: energy error']:.1g}")
+    if row[f"{method}: energy error"] > CLOSED:
+        troubles.append(f"energy error {row[f'{method}: energy error']:.1g}")
     heaped = row["ours: overlaps per sample"] if row["ours: breakages per sample"] > 0 else 0.0
-    overlaps = row[f"{whose}: overlaps per sample"]
+    overlaps = row[f"{method}: overlaps per sample"]
     if overlaps - heaped >= 0.5:
         troubles.append(
             f"{overlaps:.0f} overlaps" if overlaps >= 10 else f"{overlaps:.2g} overlaps"
@@ -113,10 +114,10 @@ def _troubles(row: Any, whose: str) -> list[str]:
     return troubles
 
 
-def _growth(row: Any, whose: str) -> str:
-    good = row[f"{whose}: samples"] - row[f"{whose}: failed"]
+def _growth(row: Any, method: str) -> str:
+    good = row[f"{method}: samples"] - row[f"{method}: failed"]
     return format_mean(
-        MeanEstimate(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good)
+        MeanEstimate(row[f"{method}: mean b/b0"], row[f"{method}: standard error"], good)
     )
 
 

@@ -53,17 +53,21 @@ PAIR: Final = ContactPair(
 """Equal spheres, head on; X is set by the hardness, which alone differs between the impacts."""
 
 REPEATS: Final = 3
+"""Timed loops, of which the median counts."""
 
 ROOT: Final = "root finder"
+"""Name of the package's method."""
 TOLERANCES: Final = (1e-3, 1e-6, 1e-9)
 CAPS: Final = (10, 100, 1000)
 INITIAL: Final = (0.0, 0.01, 0.1, 1.0)
+"""Initial contact areas a₀ over the cross section."""
 QUICK_INITIAL: Final = (0.0, 0.01)
 SOFTENINGS: Final = {"none": (0.0, 0.0), "mild": (1.2, 1.0 / 3.0), "strong": (20.0, 1.0)}
 """U/(Rθ) before the impact, and rise of θ by a plastic impact over θ. Mild is as strong as the
 papers' search boxes allow; strong has several roots."""
 QUICK_SOFTENINGS: Final = ("none", "strong")
 LEAST_TIMED: Final = 2000
+"""Impacts of a timed loop, at least."""
 DEMANDED: Final = 1e-6
 """Error of e that the conclusions ask for."""
 ELSEWHERE: Final = 100.0
@@ -72,7 +76,7 @@ OUTCOMES: Final = ("bonds", "solved", "another root", "at the cap", "inaccurate"
 
 
 class Solutions(NamedTuple):
-    """Solved impacts, arrays of shape (n,): deficit 1 − e, whether it bonds, whether capped."""
+    """Solved impacts, shape (n,): deficit 1 − e, whether they bond, whether they end at the cap."""
 
     deficit: NDArray[np.float64]
     bonds: NDArray[np.bool_]
@@ -80,7 +84,7 @@ class Solutions(NamedTuple):
 
 
 def impact_laws(material: Material, solver: Any) -> ImpactLaws:
-    """Laws of a material for `PAIR`; the hardness is filled in by the kernels."""
+    """Return the laws of a material for `PAIR`; the kernels fill in the hardness."""
     energy = material.softening * GAS_CONSTANT * TEMPERATURE
     # Each sphere gets half of ½m*w², and m* is half its mass.
     heated = SPEED**2 / (8.0 * TEMPERATURE)
@@ -101,7 +105,7 @@ def impact_laws(material: Material, solver: Any) -> ImpactLaws:
 
 
 def hardness_of(material: Material, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """H₀ in Pa at which `PAIR` has these X, shape (n,)."""
+    """Return H₀ in Pa at which `PAIR` has these X, shape (n,)."""
     length = (1e-6 if material.mean_speed else 1.0) * RADIUS
     force = PAIR.reduced_mass * SPEED**2 / (2.0 * length)
     hardening = math.exp(material.softening / (1.0 + material.rise))
@@ -175,7 +179,7 @@ def published_iterations(laws: ImpactLaws, hardness: NDArray[np.float64]) -> NDA
 
 
 def seconds_per_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> float:
-    """Median time of an impact in s, over loops of at least `least` impacts at these H₀ in Pa."""
+    """Return the median time of an impact in s, of loops over at least `least` impacts."""
     repeats = -(-least // len(hardness))
     found = solve_all(laws, hardness)
     times = []
@@ -203,12 +207,12 @@ def methods() -> Iterator[Method]:
 
 
 def name_of(cap: int, tolerance: float) -> str:
-    """Name of the published iteration with these limits."""
+    """Return the name of the published iteration with these limits."""
     return f"published, cap {cap}, to {tolerance:g}"
 
 
 def materials(quick: bool) -> Iterator[tuple[str, Material]]:
-    """Materials to measure, each with the name of its softening."""
+    """Yield the materials to measure, each after the name of its softening."""
     names = QUICK_SOFTENINGS if quick else tuple(SOFTENINGS)
     initial = QUICK_INITIAL if quick else INITIAL
     for mean_speed, a, name in itertools.product((True, False), initial, names):
@@ -216,7 +220,7 @@ def materials(quick: bool) -> Iterator[tuple[str, Material]]:
 
 
 def measure(quick: bool) -> "pd.DataFrame":
-    """Solve every impact by every method; one row each."""
+    """Return the solution of every impact by every method, one row each."""
     import pandas as pd
 
     slow, fast = (6, 12) if quick else (21, 48)  # where there are several roots, X is near 1
@@ -229,7 +233,7 @@ def measure(quick: bool) -> "pd.DataFrame":
 
 
 def _solve(method: Method, softening: str, material: Material, x: Any, exact: list[Exact]) -> Any:
-    """Solve all impacts of one material by one method; a frame."""
+    """Return the impacts of one material solved by one method, one row each."""
     import pandas as pd
 
     laws, hardness = impact_laws(material, method.solver), hardness_of(material, x)
@@ -261,7 +265,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
 
 
 def outcomes(impacts: "pd.DataFrame") -> Any:
-    """Say what became of each impact, as indices of `OUTCOMES`, shape (n,)."""
+    """Return the outcome of each impact as an index of `OUTCOMES`, shape (n,)."""
     solved = impacts["error of e"] <= DEMANDED
     # An error of the size of the tolerance is what was asked for.
     another = ~impacts["capped"] & (impacts["error of e"] > ELSEWHERE * impacts["tolerance"])
@@ -270,7 +274,7 @@ def outcomes(impacts: "pd.DataFrame") -> Any:
 
 
 def summary(impacts: "pd.DataFrame") -> "pd.DataFrame":
-    """One row for each method, over the impacts that do not bond."""
+    """Return one row for each method, over the impacts that do not bond."""
     import pandas as pd
 
     rows = []

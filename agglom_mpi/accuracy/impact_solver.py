@@ -44,7 +44,7 @@ OUTCOME_COLOURS: Final = ("0.85", "#009E73", "#E69F00", "#D55E00", "#56B4E9")
 
 
 def impact_solver_section(quick: bool = False) -> Section:
-    """Section on how an impact is solved."""
+    """Return the section on how an impact is solved; `quick` measures fewer materials."""
     impacts = measure(quick)
     frame = summary(impacts)
     sentences = Sentences("impact_solver", **_findings(impacts, frame))

@@ -46,6 +46,7 @@ def as_published(scene: SceneSection) -> SceneSection:
 
 
 def _published_engine(scene: SceneSection) -> Engine:
+    """Return the paper's time steps for a scene; see `as_published`."""
     if scene.restitution.law == "pressure" and scene.duration.law == "mean_speed":
         return FixedEngine(steps=200)
     if isinstance(scene.end_time, str):
@@ -58,7 +59,7 @@ WHOLE: Final = "published iteration, cooling and time steps"
 
 
 def setups(campaign: Campaign, parameters: NDArray[np.float64], samples: int) -> dict[str, Setup]:
-    """Return the setups of the section; only what differs from the scene."""
+    """Return the set-ups of the section; only those that differ from the scene."""
     published = as_published(campaign.scene)
     chosen = {}
     if published.solver != campaign.scene.solver:
@@ -70,7 +71,14 @@ def setups(campaign: Campaign, parameters: NDArray[np.float64], samples: int) ->
 
 
 def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
-    """Section on the published method; `samples` as for `setups`, and of the event engine."""
+    """Return the section on the published method.
+
+    Parameters
+    ----------
+    campaign
+    samples
+        Rows of each of `setups`, and of the event engine.
+    """
     frame = measure(samples)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
     sentences = Sentences(
@@ -92,7 +100,7 @@ def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
 
 
 def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
-    """Bias, failures and cost of each method that ran, one row each."""
+    """Return bias, failures and cost of each method that ran, one row each."""
     import pandas as pd
 
     rows = []

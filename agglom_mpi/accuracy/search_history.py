@@ -1,4 +1,4 @@
-"""The history of a campaign: what the search believed, and what its best strings are worth."""
+"""The best strings of a finished campaign: the search's objectives and fresh, unbiased ones."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 
 def name_of(string: int) -> str:
-    """Name of the set-up that estimates a string again."""
+    """Return the name of the set-up that estimates a string again."""
     return f"string {string} again"
 
 
 def best_strings(history: CampaignData) -> list[int]:
-    """Strings that were the best after some generation, in the order they became so."""
+    """Return the strings that were the best after some generation, in the order they became so."""
     best = [int(row["best_string"]) for row in history.generation_rows()]
     return list(dict.fromkeys(best))
 
 
 def campaign_of(history: CampaignData) -> Campaign:
-    """Campaign of a file; if its objective is a function, without the code."""
+    """Return the campaign of a file; if its objective is a function, without the code."""
     code = recorded_function(history.identity)
     return Campaign.from_text(history.campaign_text, str(history.path), code)
 
@@ -42,12 +42,12 @@ def campaign_of(history: CampaignData) -> Campaign:
 def setups(
     history: CampaignData, samples: int, allowed: UserFunction | None = None
 ) -> dict[str, Setup]:
-    """Every string that was ever the best, on configurations that no decision has seen.
+    """Return a set-up for every string that was ever the best, on configurations not seen before.
 
     Raises
     ------
     CampaignError
-        If the objective is a function, and another one than is `allowed`.
+        If the objective is a function and `allowed` is none or another one.
     """
     campaign = campaign_of(history)
     if campaign.code is not None:
@@ -68,7 +68,7 @@ def setups(
 
 
 def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
-    """Section on the history of a campaign; `samples` as for `setups`."""
+    """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
@@ -107,7 +107,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
 
 
 def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame":
-    """One row for each generation: its best string as it was judged and as it is."""
+    """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
     campaign = campaign_of(history)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EVENT: Final = "event"
-"""The set-up that everything is measured against, also by other sections."""
+"""Name of the set-up that everything is measured against, also by other sections."""
 
 STEPS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 QUICK_STEPS: Final = (50, 200, 1000)
@@ -34,7 +34,7 @@ TOLERANCES: Final = (0.05, 0.01, 0.002)
 
 
 class Stepper(NamedTuple):
-    """A published way of stepping, with its shortest step in s."""
+    """A published stepper: name of its family, shortest step in s, and the engine."""
 
     family: str
     step: float
@@ -42,7 +42,7 @@ class Stepper(NamedTuple):
 
 
 def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
-    """Steppers to measure on a scene that ends at `end_time` in s, coarse ones first."""
+    """Yield the steppers to measure on a scene that ends at `end_time` in s, coarse ones first."""
     for steps in QUICK_STEPS if quick else STEPS:
         yield Stepper("fixed", end_time / steps, FixedEngine(steps=steps))
     for cap in CAPS[:1] if quick else CAPS:
@@ -53,19 +53,19 @@ def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
 
 
 def name_of(stepper: Stepper) -> str:
-    """Name of a stepper's set-up."""
+    """Return the name of a stepper's set-up."""
     return f"{stepper.family}, {stepper.step:.3g} s"
 
 
 def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
-    """End time of a campaign's scene in s."""
+    """Return the end time of a campaign's scene in s; `parameters` has shape (10,), SI units."""
     return campaign.scene.build(parameters).end_time
 
 
 def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
 ) -> dict[str, Setup]:
-    """Return the setups of the section: the event engine, and every stepper on its samples."""
+    """Return the set-ups of the section: the event engine, and every stepper on its samples."""
     chosen = {EVENT: Setup(campaign, parameters, samples, event_engine(campaign))}
     for stepper in steppers(end_time_of(campaign, parameters), quick):
         chosen[name_of(stepper)] = Setup(campaign, parameters, samples, stepper.engine)
@@ -73,7 +73,7 @@ def setups(
 
 
 def event_engine(campaign: Campaign) -> EventEngine:
-    """Event engine of a campaign, its own if it has one."""
+    """Return the event engine of a campaign, its own if it has one."""
     engine = campaign.scene.engine
     return engine if isinstance(engine, EventEngine) else EventEngine()
 
@@ -84,7 +84,7 @@ def time_integration_section(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> Section:
-    """Section on the error of time steps.
+    """Return the section on the error of time steps.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def measure(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> "pd.DataFrame":
-    """Work and precision of every stepper, one row each."""
+    """Return cost and bias of every stepper, one row each; arguments as for the section."""
     import pandas as pd
 
     reference = samples[EVENT]
@@ -169,7 +169,7 @@ def measure(
 
 
 def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
-    """Bias of the objective, signed where it is a magnitude."""
+    """Return the bias of the objective, signed where the objective is a magnitude."""
     objective = campaign.objective.build(campaign.scene.particles)
     pair = []
     for rows in (completed(own), completed(reference)):

@@ -1,4 +1,4 @@
-"""`agglom accuracy`: how much error for how much run time?"""
+"""`agglom accuracy`: measure error against run time."""
 
 import sys
 from typing import Any
@@ -42,10 +42,10 @@ from agglom_mpi.cli.options import (
 def accuracy(**options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
-    SOURCE is a scene or campaign, which is measured knob by knob (time steps, impact solver,
-    cooling, ensembles, box), or a directory of extreme scenes, which are run as they are and as
-    published. Variables that are ranges and not --set take the middle of their range. Started by
-    mpirun it uses all ranks; run again, it goes on.
+    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
+    solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
+    and as published. Variables that are ranges and not --set take the middle of their range.
+    Started by mpirun it uses all ranks; run again, it goes on.
     """
 
     def run(world: Any) -> int:

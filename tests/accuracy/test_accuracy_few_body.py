@@ -25,8 +25,10 @@ from agglom_mpi.accuracy.few_body_reference import (
 )
 from agglom_mpi.accuracy.few_body_study import (
     EDGE,
+    QUICK,
     StudySettings,
     convergence_order,
+    engines,
     orders,
     study,
 )
@@ -266,3 +268,38 @@ def test_section_says_what_it_found_and_can_be_drawn(monkeypatch):
     assert len(section.failures) == 1
     assert section.failures[0].startswith("Adaptive, two pairs: no convergence")
     assert not any("nan" in sentence for sentence in section.conclusions)
+
+
+def made_up_frame(cases, settings, random):
+    """Rows as `study` gives them: errors proportional to the step, but for one that never falls."""
+    import pandas as pd
+
+    rows = []
+    for case in cases:
+        for engine, step, _ in engines(settings):
+            stuck = (case.name, engine) == ("two pairs", "adaptive")
+            share = 1e-15 if engine == "event" else 0.05 if stuck else 100.0 * step
+            error = {f"{what} error": share for what in ("position", "velocity")}
+            error |= {f"{name}, standard error": 1e-3 * share for name in tuple(error)}
+            error |= {f"{what} error, largest": 2.0 * share for what in ("position", "velocity")}
+            rows.append({"scene": case.name, "engine": engine, "step (s)": step, "runs": 8} | error)
+            rows[-1] |= {"other bonds": int(stuck), "seconds per run (s)": 1e-3}
+    return pd.DataFrame(rows)
+
+
+def test_the_sentences_say_what_the_numbers_are(monkeypatch):
+    monkeypatch.setattr(section_module, "study", made_up_frame)
+    section = few_body_section(quick=True)
+    event, fixed, adaptive, _, costs = section.conclusions
+    assert "2.0e-15 box edges" in event
+    assert "48 runs of 6 scenes" in event
+    assert "fixed engine converges with order 1.00 to 1.00 in its step in 6 scenes" in fixed
+    assert "order 1.00 to 1.00 in its shortest step in 5 scenes" in adaptive
+    assert "event 1.0 ms, fixed – (not reached in 6 of 6)" in costs
+    assert "adaptive 1.0 ms (not reached in 1 of 6)" in costs
+    unconverged = [text for text in section.failures if "no convergence" in text]
+    assert len(unconverged) == 1
+    assert "the error is still 5.0e-02 box edges" in unconverged[0]
+    bonded = [text for text in section.failures if "other spheres bonded" in text]
+    assert len(bonded) == len(QUICK.floors)
+    assert "in 1 of 8 runs at a step of 1e-07 s" in bonded[-1]
