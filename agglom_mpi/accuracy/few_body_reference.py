@@ -14,19 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
-from agglom_mpi.physics.friction import ConstantFriction
-from agglom_mpi.physics.hardness import ConstantHardness
-from agglom_mpi.physics.impact_solvers import BracketedRoot
-from agglom_mpi.physics.restitution import (
-    ConstantRestitution,
-    ImpactLaws,
-    PressureRestitution,
-)
-from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import UniformX
-from agglom_mpi.simulation.scene import Scene
-
 Floats = NDArray[np.float64]
 
 HALF_WIDTH: Final = 0.01
@@ -279,37 +266,6 @@ def bonding() -> list[FewBodyCase]:
 def hardness() -> float:
     """Hardness in Pa for which X = m*w²/(4πβHb³) is 1 at `BONDING_SPEED`, β = 1."""
     return 0.5 * MASS * BONDING_SPEED**2 / (4.0 * math.pi * RADIUS**3)
-
-
-def scene_of(case: FewBodyCase, engine: Any) -> Scene:
-    """Return the scene of a case; constant restitution and pressure law give one type each."""
-    value = case.restitution
-    constant = value is not None
-    laws = ImpactLaws(
-        restitution=PressureRestitution() if value is None else ConstantRestitution(value),
-        duration=None if constant else CompressionRecoveryDuration(1.0),
-        contact_area=ContactArea(0.0, 1.0),
-        hardness=None if constant else ConstantHardness(hardness()),
-        friction=ConstantFriction(FRICTION) if constant else None,
-        heating=None,
-        reaction=None,
-        fragmentation=None,
-        solver=None if constant else BracketedRoot(),
-        heat_capacity=math.inf,
-    )
-    return Scene(
-        escape=Periodic(),
-        velocities=UniformX(0.0),
-        laws=laws,
-        cooling=None,
-        engine=engine,
-        particles=len(case.position),
-        half_width=HALF_WIDTH,
-        radius=RADIUS,
-        mass=MASS,
-        temperature=300.0,
-        end_time=END_TIME,
-    )
 
 
 def initial_states(case: FewBodyCase, delays: Floats) -> InitialStates:

@@ -11,17 +11,31 @@ import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi.accuracy.few_body_reference import (
     END_TIME,
+    FRICTION,
     HALF_WIDTH,
     LONGEST_DELAY,
+    MASS,
+    RADIUS,
     SPEED,
     FewBodyCase,
     Floats,
     InitialStates,
     exact_end,
+    hardness,
     initial_states,
-    scene_of,
 )
 from agglom_mpi.kernels import kernel
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
+from agglom_mpi.physics.friction import ConstantFriction
+from agglom_mpi.physics.hardness import ConstantHardness
+from agglom_mpi.physics.impact_solvers import BracketedRoot
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    ImpactLaws,
+    PressureRestitution,
+)
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, run_to_end
@@ -94,6 +108,37 @@ def _run(scene: Scene, starts: InitialStates) -> FinalStates:
     run_batch(scene, position, velocity, abort, left)
     seconds = time.perf_counter() - begin
     return FinalStates(position, velocity, left, seconds / len(position))
+
+
+def scene_of(case: FewBodyCase, engine: Any) -> Scene:
+    """Return the scene of a case; constant restitution and pressure law give one type each."""
+    value = case.restitution
+    constant = value is not None
+    laws = ImpactLaws(
+        restitution=PressureRestitution() if value is None else ConstantRestitution(value),
+        duration=None if constant else CompressionRecoveryDuration(1.0),
+        contact_area=ContactArea(0.0, 1.0),
+        hardness=None if constant else ConstantHardness(hardness()),
+        friction=ConstantFriction(FRICTION) if constant else None,
+        heating=None,
+        reaction=None,
+        fragmentation=None,
+        solver=None if constant else BracketedRoot(),
+        heat_capacity=math.inf,
+    )
+    return Scene(
+        escape=Periodic(),
+        velocities=UniformX(0.0),
+        laws=laws,
+        cooling=None,
+        engine=engine,
+        particles=len(case.position),
+        half_width=HALF_WIDTH,
+        radius=RADIUS,
+        mass=MASS,
+        temperature=300.0,
+        end_time=END_TIME,
+    )
 
 
 class ConvergenceOrder(NamedTuple):

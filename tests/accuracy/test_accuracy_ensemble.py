@@ -6,6 +6,7 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
+from agglom_mpi.accuracy import stopping_study
 from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.resampling import at_stop, pooled_moments, run_paths, stop
 from agglom_mpi.accuracy.stopping_study import (
@@ -26,7 +27,13 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference
+from agglom_mpi.search.stopping import (
+    STUDIED_RULES,
+    Moments,
+    StandardError,
+    StoppingRule,
+    SuccessiveDifference,
+)
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60
@@ -315,3 +322,29 @@ def test_sections_are_imported_without_the_libraries_of_the_report():
         "sys.exit(bool(absent & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+class NarrowMean(StoppingRule):
+    """A rule that the package does not have: a standard error below a share of the mean."""
+
+    relative_to = "mean_radius"
+
+    def __init__(self, tolerance):
+        self.tolerance = tolerance
+
+    @property
+    def label(self):
+        return "narrow mean"
+
+    def holds(self, before, after):
+        return after.standard_error <= self.tolerance * after.mean_radius_ratio
+
+
+def test_a_rule_that_is_added_is_studied_and_reported(monkeypatch):
+    monkeypatch.setattr(stopping_study, "STUDIED_RULES", (*STUDIED_RULES, ("narrow", NarrowMean)))
+    section = ensemble_section(Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=23), quick=True)
+    frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
+    rows = frame[frame["rule"] == "narrow"]
+    assert rows["tolerance"].tolist() == list(PUBLISHED_TOLERANCES)
+    assert rows["samples, mean"].is_monotonic_increasing
+    assert "narrow" in section.conclusions[0]
