@@ -1,4 +1,4 @@
-"""`agglom accuracy`: error against run time."""
+"""`agglom accuracy`: measure error against run time."""
 
 import sys
 from typing import Any
@@ -40,15 +40,14 @@ from agglom_mpi.cli.common import (
 def accuracy(**options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
-    SOURCE is a scene or campaign, of which time steps, impact solver, cooling, ensembles and
-    control volume are varied one at a time, or a directory of extreme scenes, which are simulated
-    as they are and by the published method. A range that is not --set takes its middle. Uses all
-    ranks when started by mpirun; run it again to continue.
+    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
+    solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
+    and as published. Variables that are ranges and not --set take the middle of their range.
+    Started by mpirun it uses all ranks; run again, it goes on.
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.plan import Options
-        from agglom_mpi.accuracy.run import accuracy
+        from agglom_mpi.accuracy.run import Options, accuracy
 
         return accuracy(Options(**options), world)
 

@@ -2,7 +2,15 @@ import math
 
 import pytest
 
-from agglom_mpi.formatting import format_duration, value_with_error
+from agglom_mpi.formatting import (
+    format_digits,
+    format_duration,
+    format_mean,
+    format_percent,
+    format_seconds,
+    value_with_error,
+)
+from agglom_mpi.statistics import mean_of
 
 
 @pytest.mark.parametrize(
@@ -43,3 +51,25 @@ def test_a_value_has_two_digits_of_its_error(value, error, text):
 )
 def test_a_duration_has_three_digits_in_the_unit_that_suits_it(seconds, text):
     assert format_duration(seconds) == text
+
+
+def test_no_sample_is_no_measurement():
+    assert format_mean(mean_of([])) == "none"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(4.5e-4, "450 µs"), (9.4e-3, "9.4 ms"), (12.34, "12 s"), (3e-8, "30 ns"), (math.nan, "none")],
+)
+def test_times_are_in_the_unit_that_suits_them(value, text):
+    assert format_seconds(value) == text
+
+
+def test_numbers_have_so_many_digits_and_no_exponent():
+    assert [format_digits(value) for value in (0.0456, 1.26, 12.6, 1234.0)] == [
+        "0.046",
+        "1.3",
+        "13",
+        "1200",
+    ]
+    assert format_percent(0.0478) == "4.8 %"

@@ -13,13 +13,7 @@ from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, 
 from agglom_mpi.report.picture import COLOURS, Picture
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
-from agglom_mpi.search.stopping import (
-    FixedNumber,
-    Moments,
-    StandardError,
-    StoppingRule,
-    SuccessiveDifference,
-)
+from agglom_mpi.search.stopping import COMPARED_RULES, FixedNumber, StoppingRule
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -34,14 +28,6 @@ SHOWN: Final = 3
 WIDE: Final = 9
 """First samples whose intervals need not fit."""
 MARKERS: Final = "osD^vP"
-
-RULES: Final[tuple[tuple[str, StoppingRule], ...]] = (
-    ("mean radius within 1e-5 [A 27]", SuccessiveDifference(1e-5, "mean_radius")),
-    ("objective within 5e-4 [B 8.1]", SuccessiveDifference(5e-4, "objective")),
-    ("four moments within 1e-3 [A 25]", Moments(1e-3, 4)),
-    ("half-width ≤ 0.01", StandardError(0.01)),
-)
-"""Rules to compare: the papers' own with their tolerances, and two that look at more."""
 
 
 class Course(NamedTuple):
@@ -92,13 +78,13 @@ def own_rule(data: CampaignData) -> StoppingRule:
 
 
 def stops(data: CampaignData, string: int) -> list[Stop]:
-    """Return where the campaign's own rule, and each of `RULES`, ends the samples of a string."""
+    """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
     outcomes = summaries(data.sample_rows(string))
     own, fewest = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
     particles = int(data.identity["scene.particles"])
-    tried = [(name, rule, 2) for name, rule in RULES if rule != own]
+    tried = [(name, rule, 2) for name, rule in COMPARED_RULES if rule != own]
     if not isinstance(own, FixedNumber):
-        tried.insert(0, (f"this campaign's: {in_words(own)}", own, fewest))
+        tried.insert(0, (f"this campaign's: {own.label}", own, fewest))
     return [
         Stop(name, stop(outcomes, rule, objective_of(data), particles, fewest))
         for name, rule, fewest in tried
@@ -119,23 +105,6 @@ def stop(
         if ensemble.finished:
             return ensemble.completed
     return None
-
-
-def in_words(rule: StoppingRule) -> str:
-    """Say a rule in a few words."""
-    return _said(rule).replace("e-0", "e-")
-
-
-def _said(rule: StoppingRule) -> str:
-    match rule:
-        case SuccessiveDifference():
-            return f"{rule.quantity.replace('_', ' ')} within {rule.tolerance:g}"
-        case Moments():
-            return f"{rule.order} moments within {rule.tolerance:g}"
-        case StandardError():
-            return f"half-width ≤ {rule.tolerance:g}"
-        case _:
-            return "a fixed number of samples"
 
 
 def draw_ensembles(

@@ -1,20 +1,17 @@
-"""The history of a campaign: what the search believed, and what its best strings are worth."""
+"""The best strings of a finished campaign: the search's objectives and fresh, unbiased ones."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
-from agglom_mpi.accuracy.trials import Trial
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.formatting import format_digits, format_duration, format_mean
+from agglom_mpi.formatting import format_digits, format_mean
 from agglom_mpi.report.picture import Picture
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
@@ -24,35 +21,33 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-Rows = NDArray[np.void]
-
 
 def name_of(string: int) -> str:
-    """Name of the trial that estimates a string again."""
+    """Return the name of the set-up that estimates a string again."""
     return f"string {string} again"
 
 
 def best_strings(history: CampaignData) -> list[int]:
-    """Strings that were the best after some generation, in the order they became so."""
+    """Return the strings that were the best after some generation, in the order they became so."""
     best = [int(row["best_string"]) for row in history.generation_rows()]
     return list(dict.fromkeys(best))
 
 
 def campaign_of(history: CampaignData) -> Campaign:
-    """Campaign of a file; if its objective is a function, without the code."""
+    """Return the campaign of a file; if its objective is a function, without the code."""
     code = recorded_function(history.identity)
     return Campaign.from_text(history.campaign_text, str(history.path), code)
 
 
-def trials(
+def setups(
     history: CampaignData, samples: int, allowed: UserFunction | None = None
-) -> dict[str, Trial]:
-    """Every string that was ever the best, on configurations that no decision has seen.
+) -> dict[str, Setup]:
+    """Return a set-up for every string that was ever the best, on configurations not seen before.
 
     Raises
     ------
     CampaignError
-        If the objective is a function, and another one than is `allowed`.
+        If the objective is a function and `allowed` is none or another one.
     """
     campaign = campaign_of(history)
     if campaign.user_function is not None:
@@ -62,7 +57,7 @@ def trials(
         campaign = replace(campaign, user_function=allowed)
     parameters = {int(row["string"]): row for row in history.string_rows()}
     return {
-        name_of(string): Trial(
+        name_of(string): Setup(
             campaign,
             np.array([parameters[string][name] for name in NAMES]),
             samples,
@@ -72,47 +67,47 @@ def trials(
     }
 
 
-def inversion(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
-    """Section on the history of a campaign; `samples` as for `trials`."""
+def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
+    """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
+    sentences = Sentences(
+        "search_history",
+        file=history.path.name,
+        again=again,
+        generations=len(frame),
+        last=frame.iloc[-1],
+        best=frame.iloc[int(frame["estimated again"].argmin())],
+        bests=len(changes),
+        optimism=(changes["estimated again"] - changes["objective"]).mean(),
+        estimate=_again,
+    )
     return Section(
         title="Inversion",
-        problem=(
-            "A search keeps the strings whose ensembles were lucky. What did the campaign "
-            f"{history.path.name} believe of its best string after each generation, and what is "
-            "that string worth?"
-        ),
-        reference=(
-            f"Each string that was ever the best, estimated again on {again} fresh configurations "
-            "that no decision has seen; these estimates are unbiased."
-        ),
-        setups=(
-            f"{len(frame)} generations, {int(frame['samples simulated'].iloc[-1])} samples, "
-            f"{format_duration(float(frame['seconds (s)'].iloc[-1]))} of wall-clock time; "
-            f"ensemble and "
-            "search are the campaign's own."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Picture(
                 "inversion",
-                "Objective of the best string against time: as the search had it, and estimated "
-                "again, with 95 % bands.",
+                sentences.paragraph("caption"),
                 lambda figure: _draw(figure, frame),
             ),
         ),
         tables=(
-            Table("inversion", "One row is one generation that changed the best.", changes, SHOWN),
+            Table(
+                "inversion", "One row is one generation that changed the best.", changes, COLUMNS
+            ),
             Table("inversion_history", "One row is one generation.", frame),
         ),
         failures=(),
-        conclusions=tuple(_conclusions(frame)),
+        conclusions=sentences.items("conclusions"),
     )
 
 
 def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame":
-    """One row for each generation: its best string as it was judged and as it is."""
+    """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
     campaign = campaign_of(history)
@@ -140,20 +135,23 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     return pd.DataFrame(rows)
 
 
-SHOWN: Final = (
-    Shown("generation", lambda row: f"{row['generation'] + 1:.0f}"),
-    Shown("seconds", lambda row: format_digits(row["seconds (s)"])),
-    Shown("string", lambda row: f"{row['string']:.0f}"),
-    Shown("its samples", lambda row: f"{row['its samples']:.0f}"),
-    Shown(
+def _again(row: Any) -> MeanEstimate:
+    """Return the fresh estimate of a row of `measure`."""
+    return MeanEstimate(row["estimated again"], row["standard error of that"], 2)
+
+
+COLUMNS: Final = (
+    TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
+    TableColumn("seconds", lambda row: format_digits(row["seconds (s)"])),
+    TableColumn("string", lambda row: f"{row['string']:.0f}"),
+    TableColumn("its samples", lambda row: f"{row['its samples']:.0f}"),
+    TableColumn(
         "objective, as searched",
         lambda row: format_mean(MeanEstimate(row["objective"], row["standard error"], 2)),
     ),
-    Shown(
+    TableColumn(
         "estimated again",
-        lambda row: format_mean(
-            MeanEstimate(row["estimated again"], row["standard error of that"], 2)
-        ),
+        lambda row: format_mean(_again(row)),
     ),
 )
 
@@ -169,28 +167,4 @@ def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
     ]
     draw_curves(
         figure, curves, "wall-clock time (s)", "objective of the best", scales=("linear", "linear")
-    )
-
-
-def _conclusions(frame: "pd.DataFrame") -> Iterator[str]:
-    last = frame.iloc[-1]
-    truth = MeanEstimate(last["estimated again"], last["standard error of that"], 2)
-    yield (
-        f"The search's last best, string {last['string']:.0f}, claims {last['objective']:.4f} ± "
-        f"{last['standard error']:.4f} and is worth {format_mean(truth)}."
-    )
-    best = frame.iloc[int(frame["estimated again"].argmin())]
-    truth = MeanEstimate(best["estimated again"], best["standard error of that"], 2)
-    yield (
-        f"Of all strings that were ever the best, string {best['string']:.0f} of generation "
-        f"{best['generation'] + 1:.0f} has the lowest objective when estimated again, "
-        f"{format_mean(truth)}, after {format_duration(float(best['seconds (s)']))}."
-    )
-    changes = frame[frame["string"] != frame["string"].shift()]
-    optimism = changes["estimated again"] - changes["objective"]
-    yield (
-        f"The {len(changes)} strings that were the best are worth {optimism.mean():.4f} more on "
-        "average (lower is better) than they claimed: the lucky survive."
-        if optimism.mean() > 0
-        else f"The {len(changes)} strings that were the best are worth no more than they claimed."
     )
