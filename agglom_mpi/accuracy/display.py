@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from agglom_mpi.display.display import Display
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.inversion import GenerationSummary
+    from agglom_mpi.search.decisions import GenerationSummary
 
 
 class StudyDisplay(Display):

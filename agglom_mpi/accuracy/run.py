@@ -12,8 +12,7 @@ from agglom_mpi.accuracy.plan import Options, Plan, make_plan
 from agglom_mpi.accuracy.sections import extreme_sections, scene_sections
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.runtime.file_setup import OutputError, check_writable
-from agglom_mpi.runtime.request import Order
-from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -29,18 +28,18 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
     display = StudyDisplay(options.quiet)
     plans: list[Plan] = []
 
-    def read() -> Order:
+    def read() -> RunRequest:
         check_libraries()
         plans.append(make_plan(options))
         directory = Path(options.out)
         directory.mkdir(parents=True, exist_ok=True)
         check_writable(directory / SAMPLES)
         path = directory / SAMPLES
-        return Order(plans[0].study, path, options.accept_code_change, options.database)
+        return RunRequest(plans[0].study, path, options.accept_code_change, options.database)
 
-    def finish(order: Order) -> None:
+    def finish(request: RunRequest) -> None:
         display.message("writing the report")
-        path = report(plans[0], options, read_campaign(order.path))
+        path = report(plans[0], options, read_campaign(request.path))
         display.message(f"{path} with its figures and tables")
 
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)

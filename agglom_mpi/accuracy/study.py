@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.accuracy.trials import Quota, Trial
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage, TableSizes
-from agglom_mpi.search.inversion import Inversion, Observer
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import STUDY
@@ -93,13 +93,11 @@ class Study(Experiment):
         for string, trial in enumerate(self._listed):
             yield self.setup(string), trial.parameters
 
-    def inversion(
-        self, restore: Restore, observer: Observer, background: bool = False
-    ) -> Inversion:
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Set up the trials as strings of one generation."""
         quotas = (Quota(trial, min(FEWEST, trial.samples), self._budget) for trial in self._listed)
         parameters = np.array([trial.parameters for trial in self._listed])
-        return Inversion(Listed(parameters), quotas.__next__, 1, None, restore, observer)
+        return Inversion(Listed(parameters), quotas.__next__, 1, restore=restore)
 
     def stage(self, inversion: Inversion) -> Stage:
         """Count the set-ups, which are all measured at the same time."""

@@ -185,7 +185,7 @@ def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstim
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.linear(outcomes(rows))
+        deviations["value"] = objective.influence_values(outcomes(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 

@@ -81,7 +81,7 @@ def numbered(law: Objective, rows: NDArray[np.void]) -> SampleValues:
 
     Of a magnitude the sign is that of the mean, so that the mean of the values is the objective.
     """
-    values = law.linear(list(summaries(rows)))
+    values = law.influence_values(list(summaries(rows)))
     return SampleValues(rows["sample"].astype(np.int64), math.copysign(1.0, values.mean()) * values)
 
 

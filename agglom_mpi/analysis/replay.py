@@ -1,6 +1,6 @@
 """Decisions made again from stored samples, and `agglom check FILE.h5`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,9 +14,10 @@ from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.exit_codes import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import FAILED_SUMMARY, SampleSummary, summaries
+from agglom_mpi.outcome import FAILED
+from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.search.inversion import GenerationSummary, Inversion
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals, restored
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_digests, check_numbers
@@ -36,26 +37,21 @@ class Replayed(NamedTuple):
 
 
 class ReplayLog:
-    """Observer of an inversion that remembers everything."""
+    """The decisions of an inversion: its proposals, results and generations."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], Proposals]] = []
         self.results: dict[int, EnsembleResult] = {}
         self.summaries: dict[int, GenerationSummary] = {}
 
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take strings of a coming generation."""
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take new strings."""
-
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take a result."""
-        self.results[string] = result
-
-    def generation_done(self, summary: GenerationSummary) -> None:
-        """Take a generation."""
-        self.summaries[summary.generation] = summary
+    def record(self, decisions: Iterable[Decision]) -> None:
+        """Keep results and generations; strings are kept as they were proposed, not as restored."""
+        for decision in decisions:
+            match decision:
+                case StringEvaluated(string, result):
+                    self.results[string] = result
+                case GenerationSummary():
+                    self.summaries[decision.generation] = decision
 
 
 def replay(contents: VerificationReport) -> Replayed:
@@ -122,14 +118,15 @@ def _rerun_decisions(
         recorder.batches.append((np.arange(first, first + len(batch.parameters)), batch))
         return restored(batch, first, known)
 
-    inversion = inversion_of(campaign, _given(campaign, contents), restore, recorder)
-    inversion.start()
+    inversion = inversion_of(campaign, _given(campaign, contents), restore)
+    recorder.record(inversion.start())
     stored, ahead = contents.searched, contents.room["generations"]
-    for string, first, outcomes in stored_outcomes(stored, contents.timed_out):
-        while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
+    for samples in stored_outcomes(stored, contents.timed_out):
+        # A run may have simulated strings ahead of their generation.
+        while inversion.propose_ahead(ahead) is not None:
             pass
-        inversion.accept(string, first, outcomes)
-    while inversion.announce(ahead):
+        recorder.record(inversion.complete(*samples))
+    while inversion.propose_ahead(ahead) is not None:
         pass
     return recorder, inversion
 
@@ -150,21 +147,28 @@ def _given(campaign: Campaign, contents: VerificationReport) -> NDArray[np.float
 
 def stored_outcomes(
     samples: NDArray[np.void], late: list[tuple[int, int]]
-) -> Iterator[tuple[int, int, list[SampleSummary]]]:
-    """Read rows of `/samples`, and add samples that took too long: string, first sample, outcomes.
+) -> Iterator[tuple[int, int, NDArray[np.void]]]:
+    """Yield samples as `Inversion.complete` takes them: string, first sample, rows.
 
-    What follows each other in a string comes together.
+    Parameters
+    ----------
+    samples
+        Rows of `/samples`, (n,); consecutive samples of a string are yielded together.
+    late
+        Samples, as (string, sample), that have no row because they took too long.
     """
     for rows in consecutive_samples(samples):
-        yield int(rows["string"][0]), int(rows["sample"][0]), summaries(rows)
+        yield int(rows["string"][0]), int(rows["sample"][0]), rows
+    failed = np.zeros(1, samples.dtype)
+    failed["state"] = FAILED
     for string, sample in late:
-        yield string, sample, [FAILED_SUMMARY]
+        yield string, sample, failed
 
 
 def _compare_strings(recorder: ReplayLog, contents: VerificationReport) -> int:
     stored = {int(row["string"]): row for row in contents.rows["strings"]}
     same: set[int] = set()
-    other: set[int] = set()  # some strings are announced before they are proposed
+    other: set[int] = set()  # some strings are proposed ahead, and again
     for ids, batch in recorder.batches:
         believed = contents.ranked_by_model and MODEL in batch.origin
         for i, string in enumerate(ids.tolist()):
@@ -234,7 +238,7 @@ def _check_end(inversion: Inversion, recorder: ReplayLog, contents: Verification
     """Where the replay ends there must be nothing stored beyond, unless something is lost."""
     if any(contents.lost.values()):
         return
-    beyond = set(inversion.live) & contents.numbers("results")
+    beyond = set(inversion.open_strings) & contents.numbers("results")
     if contents.settled:  # a proposal need not wait until the samples behind it are written
         proposed = {int(i) for ids, _ in recorder.batches for i in ids}
         beyond |= contents.numbers("strings") - proposed

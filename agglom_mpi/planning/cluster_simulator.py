@@ -3,18 +3,17 @@
 import heapq
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.planning.saturation import Forecast
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.search.inversion import GenerationSummary, Inversion, Observer
-from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING, Proposals
+from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
 
 LATENCY: Final = 2e-3
 """Seconds until a message is read: a rank looks at its mail every 4 ms, more often if there is."""
@@ -23,7 +22,7 @@ MESSAGE_SECONDS: Final = 150e-6
 """Time that rank 0 needs to send or to take a message, s."""
 
 SAMPLE_SECONDS: Final = 40e-6
-"""Time that rank 0 needs to judge and to store a sample, s."""
+"""Time that rank 0 needs to evaluate and to store a sample, s."""
 
 MOST_SIMULATED: Final = 2_000_000
 """Samples after which a forecast is given up, some minutes."""
@@ -67,8 +66,8 @@ class SimulatedRank:
         self.free = self.end
         return self.batches.popleft()[1]
 
-    def withdraw(self, now: float, strings: Collection[int]) -> None:
-        """Let it do no more of some strings from then on."""
+    def cancel(self, now: float, strings: Collection[int]) -> None:
+        """Leave out what is not done of some strings from then on."""
         for samples, place, end in list(self.schedule()):
             sample = samples[place]
             if sample.string in strings and end > now:
@@ -90,8 +89,11 @@ class Workload(Protocol):
 
     def sample(
         self, string: int, parameters: NDArray[np.float64], sample: int
-    ) -> tuple[SampleSummary, float]:
-        """Outcome of a sample and its time in s; the same whenever it is asked for."""
+    ) -> tuple[np.void, float]:
+        """Return a row with the columns of `OUTCOME`, and the time of the sample in s.
+
+        They are the same whenever they are asked for.
+        """
 
 
 class MessageCosts(NamedTuple):
@@ -104,7 +106,7 @@ class MessageCosts(NamedTuple):
     message
         Time that rank 0 needs to send or to take a message.
     sample
-        Time that rank 0 needs to judge and to store a sample.
+        Time that rank 0 needs to evaluate and to store a sample.
     """
 
     latency: float = LATENCY
@@ -121,12 +123,19 @@ class TooManySamples(Exception):  # noqa: N818  (it says what is the matter, lik
 
 
 class CriticalPath:
-    """Observer that remembers which strings had to wait for results of generations before theirs.
+    """Strings that had to wait for results of earlier generations, and samples that all used.
 
     Parameters
     ----------
     lag
         They had to wait for all generations but the last `lag` - 1 before their own.
+
+    Attributes
+    ----------
+    waiting
+        Those strings, by generation.
+    used
+        Number of samples that each evaluated string used.
     """
 
     def __init__(self, lag: int) -> None:
@@ -142,20 +151,16 @@ class CriticalPath:
             decided.append(max([begin + seconds, *decided[-1:]]))
         return decided[-1]
 
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """They wait for nothing."""
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take a generation."""
-        learnt = np.isin(batch.origin, (OFFSPRING, MODEL, AGAIN)) | (batch.generation == 0)
-        self.waiting.append(ids[learnt].tolist())
-
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take the number of samples of a string."""
-        self.used[string] = result.samples_used
-
-    def generation_done(self, summary: GenerationSummary) -> None:
-        """Nothing is to be remembered."""
+    def record(self, decisions: Iterable[Decision]) -> None:
+        """Keep what decisions say of both."""
+        for decision in decisions:
+            match decision:
+                case StringsProposed(proposals, strings):
+                    learnt = np.isin(proposals.origin, (OFFSPRING, MODEL, AGAIN))
+                    learnt |= proposals.generation == 0
+                    self.waiting.append(strings[learnt].tolist())
+                case StringEvaluated(string, result):
+                    self.used[string] = result.samples_used
 
 
 class ClusterSimulator:
@@ -165,8 +170,8 @@ class ClusterSimulator:
 
     Parameters
     ----------
-    make_inversion
-        Sets up the decisions, which are told to an observer.
+    inversion
+        The decisions, at their start.
     workload
         What the samples give.
     ranks
@@ -178,20 +183,22 @@ class ClusterSimulator:
 
     Attributes
     ----------
+    chain
+        What decided how long the campaign took at least.
     inversion
         The decisions.
     """
 
     def __init__(
         self,
-        make_inversion: Callable[[Observer], Inversion],
+        inversion: Inversion,
         workload: Workload,
         ranks: int,
         costs: MessageCosts = FREE,
         lag: int = 1,
     ) -> None:
         self.chain = CriticalPath(lag)
-        self.inversion = make_inversion(self.chain)
+        self.inversion = inversion
         self._workload = workload
         self._costs = costs
         self._ranks = [SimulatedRank() for _ in range(ranks)]
@@ -199,7 +206,7 @@ class ClusterSimulator:
         self._expected = [0] * ranks  # numbers of those that are still true
         self._number = 0
         self._seconds: dict[int, list[float]] = {}
-        self._outcomes: dict[int, list[SampleSummary]] = {}
+        self._rows: dict[int, list[np.void]] = {}
         self._handed_out = 0
         self._simulated = 0
         self._work = 0.0
@@ -207,9 +214,9 @@ class ClusterSimulator:
 
     def run(self) -> Forecast:
         """Let time pass until all is decided; raises TooManySamples."""
-        self.inversion.start()
-        scheduler = Scheduler(self.inversion, len(self._ranks))
-        scheduler.pace.turnround = 2.0 * (self._costs.latency + self._costs.message)
+        self.chain.record(self.inversion.start())
+        scheduler = Scheduler(self.inversion, self._propose_ahead, len(self._ranks))
+        scheduler.batch_sizer.round_trip = 2.0 * (self._costs.latency + self._costs.message)
         now = 0.0
         while not self.inversion.finished:
             arrival, rank = self._next_arrival()
@@ -218,6 +225,10 @@ class ClusterSimulator:
                 arrival, rank = self._next_arrival()
             now = self._take(scheduler, max(now, arrival), rank)
         return self._forecast(now)
+
+    def _propose_ahead(self, generations: int) -> Sequence[int]:
+        proposed = self.inversion.propose_ahead(generations)
+        return () if proposed is None else proposed.strings.tolist()
 
     def _next_arrival(self) -> tuple[float, int]:
         """When the next batch arrives, s, and of which rank; never, if there is none."""
@@ -238,9 +249,9 @@ class ClusterSimulator:
 
     def _hand_out(self, scheduler: Scheduler, now: float) -> float:
         """Let rank 0 send what ranks are to do and what they need not; when it is done."""
-        for rank, strings in scheduler.withdrawals():
+        for rank, strings in scheduler.cancellations():
             now = self._serve(now, self._costs.message)
-            self._ranks[rank].withdraw(now + self._costs.latency, strings.tolist())
+            self._ranks[rank].cancel(now + self._costs.latency, strings.tolist())
             self._expect(rank)
         for rank, tasks in scheduler.assignments(now):
             now = self._serve(now, self._costs.message)
@@ -259,19 +270,20 @@ class ClusterSimulator:
         return now + seconds
 
     def _take(self, scheduler: Scheduler, now: float, rank: int) -> float:
-        """Let rank 0 judge what a rank has simulated; when it is done."""
+        """Let rank 0 evaluate what a rank has simulated; return the time when it is done."""
         samples = self._ranks[rank].take()
         spent = sum(sample.seconds for sample in samples)
         self._expect(rank)
         done = [sample for sample in samples if sample.needed]
-        scheduler.heard(rank, now)
-        scheduler.pace.learn([sample.seconds for sample in done])
-        for piece, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
-            taken, samples = samples[: piece.size], samples[piece.size :]
+        scheduler.heartbeat(rank, now)
+        scheduler.batch_sizer.learn([sample.seconds for sample in done])
+        for part, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
+            taken, samples = samples[: part.size], samples[part.size :]
             count = sum(sample.needed for sample in taken)
-            outcomes = self._outcomes[piece.string][piece.first : piece.first + count]
-            self.inversion.accept(piece.string, piece.first, outcomes)
-            scheduler.judged(piece.string)
+            if count:
+                rows = np.array(self._rows[part.string][part.first : part.first + count])
+                self.chain.record(self.inversion.complete(part.string, part.first, rows))
+            scheduler.update(part.string)
         self._simulated += len(done)
         self._work += spent
         return self._serve(now, self._costs.message + self._costs.sample * len(done))
@@ -279,11 +291,11 @@ class ClusterSimulator:
     def _samples(self, string: int, first: int, count: int) -> list[Sample]:
         """Simulate samples of a string, the next ones."""
         parameters = self.inversion.parameters(string)
-        outcomes = self._outcomes.setdefault(string, [])
+        rows = self._rows.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
         for number in range(first, first + count):
-            outcome, duration = self._workload.sample(string, parameters, number)
-            outcomes.append(outcome)
+            row, duration = self._workload.sample(string, parameters, number)
+            rows.append(row)
             seconds.append(duration)
         self._handed_out += count
         if self._handed_out > MOST_SIMULATED:

@@ -23,7 +23,6 @@ from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import Proposals
 
 WELL_USED: Final = 0.5
 """Share of the ranks' time that has to go into needed samples for so many ranks to be advised."""
@@ -152,13 +151,8 @@ def forecasts(
     )
     for ranks in options.ranks:
         tell(f"forecasting {ranks} ranks")
-        cluster = ClusterSimulator(
-            lambda observer: work.inversion(_as_proposed, observer),
-            rehearsal,
-            ranks,
-            costs,
-            campaign.search.lag,
-        )
+        inversion = work.inversion(restore=None)
+        cluster = ClusterSimulator(inversion, rehearsal, ranks, costs, campaign.search.lag)
         try:
             forecast = cluster.run()
             again = fresh_seconds(work, cluster.inversion, rehearsal, ranks)
@@ -181,11 +175,6 @@ def fresh_seconds(work: Experiment, inversion: Inversion, workload: Workload, ra
         for sample in range(first, first + samples)
     ]
     return max(sum(seconds) / ranks, max(seconds, default=0.0))
-
-
-def _as_proposed(batch: Proposals, first: int) -> Proposals:
-    """Take strings as they are: there is no earlier leg."""
-    return batch
 
 
 def basis(recorded: PilotSamples, source: str | None) -> Basis:

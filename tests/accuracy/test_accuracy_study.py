@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from summary_rows import rows_of
 
 from agglom_mpi.accuracy import plan as planning
 from agglom_mpi.accuracy.plan import Options, make_plan
@@ -15,7 +16,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.scene import FixedEngine
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
 
 JOB = "jobs/quickstart.yaml"
@@ -28,12 +29,10 @@ def campaign():
 
 def done(simulator, task):
     """Return what comes of one task."""
-    batch = Batch([], [], [], [])
     job = simulator.begin(task)
-    while job.go_on():
+    while job.simulate_next():
         pass
-    job.take(batch)
-    return batch
+    return job.collect()
 
 
 def outcome(steps=10, state=COMPLETED):
@@ -69,31 +68,18 @@ def test_a_trial_that_mostly_fails_is_given_up(campaign):
     assert quota.samples_used == 10
 
 
-class Unread:
-    """An observer that forgets everything."""
-
-    def proposed(self, batch, ids):
-        pass
-
-    def judged(self, string, result):
-        pass
-
-    def generation_done(self, summary):
-        pass
-
-
 def test_every_trial_of_a_study_has_its_own_quota(campaign):
     wanted = {"a": 3, "b": 5, "c": 7}
     parameters = campaign.parameters()
     trials = {name: Trial(campaign, parameters, count) for name, count in wanted.items()}
-    inversion = Study(campaign, trials, 1e9).inversion(None, Unread())
-    inversion.start()
-    assert inversion.announce(4) == ()
-    assert [progress.max_samples for progress in inversion.live.values()] == [3, 5, 7]
+    inversion = Study(campaign, trials, 1e9).inversion(None)
+    list(inversion.start())
+    assert inversion.propose_ahead(4) is None
+    assert [progress.max_samples for progress in inversion.open_strings.values()] == [3, 5, 7]
     for string in range(3):
-        inversion.accept(string, 0, [outcome()] * 9)
+        list(inversion.complete(string, 0, rows_of([outcome()] * 9)))
     assert inversion.finished
-    assert [inversion.used(string) for string in range(3)] == [3, 5, 7]
+    assert [inversion.samples_used(string) for string in range(3)] == [3, 5, 7]
 
 
 def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
@@ -128,7 +114,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     tasks = np.zeros(2, TASK)
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
-    plain, stepped = (done(simulator, task).results[0] for task in tasks)
+    plain, stepped = (done(simulator, task).results for task in tasks)
     expected = campaign.simulate(parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
     assert plain["objective"] == expected.objective

@@ -72,7 +72,7 @@ def course(material: Material, string: int) -> Course:
     rows = material.samples_of(string)
     used = int(material.result_of[string]["samples_used"])
     completed = rows[rows["state"] == 1]
-    tally, values, errors = material.objective.tally(), [], []
+    tally, values, errors = material.objective.accumulator(), [], []
     for outcome in summaries(completed):
         tally.add(outcome)
         values.append(tally.value)
