@@ -155,7 +155,7 @@ class CriticalPath:
         """Keep what decisions say of both."""
         for decision in decisions:
             match decision:
-                case StringsProposed(proposals, strings):
+                case StringsProposed(proposals, strings, ahead=False):
                     learnt = np.isin(proposals.origin, (OFFSPRING, MODEL, AGAIN))
                     learnt |= proposals.generation == 0
                     self.waiting.append(strings[learnt].tolist())

@@ -191,17 +191,8 @@ def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longe
 
 @pytest.mark.parametrize("ranks", [1, 30])
 def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
-    def inversion(observer):
-        search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
-        return Inversion(
-            search,
-            lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1),
-            6,
-            None,
-            None,
-            observer,
-        )
-
+    search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
+    inversion = Inversion(search, lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1), 6)
     same = Drawn()  # all samples take 0.01 s
     run = ClusterSimulator(inversion, same, ranks, FREE, lag=2)
     forecast = run.run()

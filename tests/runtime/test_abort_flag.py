@@ -162,7 +162,7 @@ def test_time_between_samples_does_not_count(campaign, clock, simulator, monkeyp
     job = simulator.begin(task(campaign, 2)[0])
     assert job.simulate_next()
     later(clock)
-    simulator.abort_flag.look()
+    simulator.abort_flag.check_time()
     assert not simulator.abort_flag.abort[0]
     assert not job.simulate_next()
     assert scenes.seen == 2
@@ -232,7 +232,7 @@ def test_pictures_are_whole_however_long_ago_the_last_sample_was(
     Scenes(monkeypatch)
     done(simulator, task(campaign, 1))
     later(clock)
-    simulator.abort_flag.look()
+    simulator.abort_flag.check_time()
     for act in (None, lambda: simulator.abort_flag.abort.fill(1)):
         scenes = Scenes(monkeypatch, act)
         [rows] = done(simulator, task(campaign, 1, frames=3)).frames
