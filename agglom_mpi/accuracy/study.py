@@ -61,7 +61,7 @@ class Study(Experiment):
         self._budget = budget
 
     @property
-    def room(self) -> TableSizes:
+    def table_sizes(self) -> TableSizes:
         """Room for one generation of all trials."""
         count = len(self._listed)
         return TableSizes(count, max(trial.samples for trial in self._listed), 1, count)
@@ -88,7 +88,7 @@ class Study(Experiment):
         trial = self._listed[string]
         return SampleSetup(trial.campaign, trial.engine, trial.first_sample)
 
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """All trials; those of one kind cost nothing after the first."""
         for string, trial in enumerate(self._listed):
             yield self.setup(string), trial.parameters
@@ -101,9 +101,9 @@ class Study(Experiment):
 
     def stage(self, inversion: Inversion) -> Stage:
         """Count the set-ups, which are all measured at the same time."""
-        return Stage(len(inversion.results), self.room.strings, "set-ups")
+        return Stage(len(inversion.results), self.table_sizes.strings, "set-ups")
 
-    def finished_because(self, inversion: Inversion) -> str:
+    def end_reason(self, inversion: Inversion) -> str:
         """Nothing ends a study but its end."""
         return "all set-ups are measured"
 

@@ -144,31 +144,33 @@ def forecasts(
     campaign: Campaign, recorded: PilotSamples, options: Options, tell: Callable[[str], None]
 ) -> ForecastReport:
     """Let the campaign run on every number of ranks that was asked for."""
-    work = InversionExperiment(campaign, warm_start_strings(campaign))
+    experiment = InversionExperiment(campaign, warm_start_strings(campaign))
     rehearsal, costs = EmpiricalWorkload(recorded, campaign), MessageCosts()
     made = ForecastReport(
         campaign, options.campaign, basis(recorded, options.source), costs, [], []
     )
     for ranks in options.ranks:
         tell(f"forecasting {ranks} ranks")
-        inversion = work.inversion(restore=None)
+        inversion = experiment.inversion(restore=None)
         cluster = ClusterSimulator(inversion, rehearsal, ranks, costs, campaign.search.lag)
         try:
             forecast = cluster.run()
-            again = fresh_seconds(work, cluster.inversion, rehearsal, ranks)
+            again = fresh_seconds(experiment, cluster.inversion, rehearsal, ranks)
             made.forecasts.append(forecast._replace(again=again))
         except TooManySamples:
             made.refused.append(ranks)
     return made
 
 
-def fresh_seconds(work: Experiment, inversion: Inversion, workload: Workload, ranks: int) -> float:
+def fresh_seconds(
+    experiment: Experiment, inversion: Inversion, workload: Workload, ranks: int
+) -> float:
     """Time that the fresh samples of the best strings take when the search is over, s.
 
     They are all known then: nothing but their number and the longest of them limits it.
     """
-    strings, samples = work.finalists(inversion)
-    first = work.room.max_samples
+    strings, samples = experiment.reestimation_plan(inversion)
+    first = experiment.table_sizes.max_samples
     seconds = [
         workload.sample(string, inversion.parameters(string), sample)[1]
         for string in strings

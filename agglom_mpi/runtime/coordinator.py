@@ -74,7 +74,7 @@ class Coordinator:
         self._failures = FailureLog(writer, listener)
         self.silent: set[int] = set()
         self.recorder = RunRecorder(
-            writer, self._stored, listener, experiment.top, experiment.room.generations
+            writer, self._stored, listener, experiment.top, experiment.table_sizes.generations
         )
         self.inversion = experiment.inversion(self._stored.restore, background=True)
 
@@ -82,14 +82,14 @@ class Coordinator:
     def reestimation(self) -> ReestimationStage:
         """The fresh samples of the best strings; only after the last decision."""
         assert self.inversion.finished
-        plan, known = self._experiment.finalists(self.inversion), self._stored.estimated
+        plan, known = self._experiment.reestimation_plan(self.inversion), self._stored.estimated
         return ReestimationStage(plan, *self._fresh, known, self.inversion.parameters)
 
     @cached_property
     def frame_stage(self) -> FrameStage:
         """The frames that are asked for; only after the last decision."""
         assert self.inversion.finished
-        plan = self._experiment.pictures(self.inversion)
+        plan = self._experiment.frame_plan(self.inversion)
         return FrameStage(plan, self._writer, self.inversion.parameters)
 
     def replay(self) -> bool:
@@ -129,7 +129,7 @@ class Coordinator:
     @property
     def end_reason(self) -> str:
         """Why the search ended, in words."""
-        return self._experiment.finished_because(self.inversion)
+        return self._experiment.end_reason(self.inversion)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""

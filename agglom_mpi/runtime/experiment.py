@@ -104,7 +104,7 @@ class Experiment(ABC):
 
     @property
     @abstractmethod
-    def room(self) -> TableSizes:
+    def table_sizes(self) -> TableSizes:
         """Sizes that the campaign file must have."""
 
     @abstractmethod
@@ -120,7 +120,7 @@ class Experiment(ABC):
         """Return how the samples of a string are simulated."""
 
     @abstractmethod
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """Yield set-ups and strings, (10,), that together need every kernel of the experiment."""
 
     @abstractmethod
@@ -132,21 +132,21 @@ class Experiment(ABC):
         """Return how many of the decisions are made."""
 
     @abstractmethod
-    def finished_because(self, inversion: Inversion) -> str:
+    def end_reason(self, inversion: Inversion) -> str:
         """Return in words why there is nothing left to do."""
 
-    def finalists(self, inversion: Inversion) -> ReestimationPlan:
+    def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return what to estimate again after the last decision."""
         return ReestimationPlan()
 
-    def pictures(self, inversion: Inversion) -> FramePlan:
+    def frame_plan(self, inversion: Inversion) -> FramePlan:
         """Return of what to store frames after the last decision."""
         return FramePlan()
 
     @property
     def largest(self) -> str:
         """The most that there is to do, in words."""
-        return f"at most {self.room.strings} strings"
+        return f"at most {self.table_sizes.strings} strings"
 
 
 class InversionExperiment(Experiment):
@@ -171,7 +171,7 @@ class InversionExperiment(Experiment):
         self.top = target.top if target else campaign.search.kept
 
     @property
-    def room(self) -> TableSizes:
+    def table_sizes(self) -> TableSizes:
         """Sizes for all generations that the campaign allows."""
         campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
         strings, samples = campaign.most_framed
@@ -198,7 +198,7 @@ class InversionExperiment(Experiment):
         """Return the campaign's scene, the same for every string."""
         return SampleSetup(self.campaign, first_sample=self.campaign.first_sample(string))
 
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """Yield the only scene."""
         yield SampleSetup(self.campaign), self.campaign.parameters()
 
@@ -212,7 +212,7 @@ class InversionExperiment(Experiment):
         sooner = stopping.target is not None
         return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
 
-    def finalists(self, inversion: Inversion) -> ReestimationPlan:
+    def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return the best strings; of those with the same parameters, hence samples, the first."""
         final = self.campaign.final
         if final is None:
@@ -224,7 +224,7 @@ class InversionExperiment(Experiment):
             best.setdefault(inversion.parameters(string).tobytes(), string)
         return ReestimationPlan(tuple(best.values()), final.samples)
 
-    def pictures(self, inversion: Inversion) -> FramePlan:
+    def frame_plan(self, inversion: Inversion) -> FramePlan:
         """Return the first samples of the best strings."""
         frames = self.campaign.output.frames
         if frames is None:
@@ -235,7 +235,7 @@ class InversionExperiment(Experiment):
             tuple((i, sample) for i in best for sample in range(samples)), frames.count
         )
 
-    def finished_because(self, inversion: Inversion) -> str:
+    def end_reason(self, inversion: Inversion) -> str:
         """Return in words whether the target was reached."""
         stopping = self.campaign.stopping
         if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:

@@ -49,16 +49,16 @@ class SampleRunner:
         self.abort_flag = AbortFlag(experiment.max_seconds)
         self.experiment = experiment
         self.rank = rank
-        self.stores_particles = experiment.room.final_particles
-        self.grains = experiment.room.grains
+        self.stores_particles = experiment.table_sizes.final_particles
+        self.grains = experiment.table_sizes.grains
         self._scene: tuple[tuple[int, bytes], Scene] | None = None
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, every kernel that samples of this experiment need."""
-        for setup, parameters in self.experiment.kinds():
+        for setup, parameters in self.experiment.kernel_cases():
             scene = scene_of(setup, parameters)._replace(particles=2)
             views: list[Frames | None] = [None]
-            if self.experiment.room.frames:  # with frames there is a kernel of its own
+            if self.experiment.table_sizes.frames:  # with frames there is a kernel of its own
                 views.append(new_frames(np.zeros(1), scene.particles))
             for frames in views:
                 random = sample_stream(0, parameters, 0)

@@ -33,8 +33,8 @@ class Idle(SampleRunner):
     """A simulator that has nothing to do."""
 
     def __init__(self, rank):
-        room = SimpleNamespace(final_particles=False, grains=1)
-        super().__init__(SimpleNamespace(max_seconds=None, room=room), rank)
+        sizes = SimpleNamespace(final_particles=False, grains=1)
+        super().__init__(SimpleNamespace(max_seconds=None, table_sizes=sizes), rank)
 
     def begin(self, task):
         return Nothing(self, task)

@@ -245,3 +245,22 @@ def test_a_campaign_in_which_everything_fails_still_ends():
     assert all(result.objective == np.inf for result in book.results.values())
     assert book.summaries[-1].objective == np.inf
     assert book.summaries[-1].best == 0
+
+
+def test_decisions_come_in_order_and_none_is_made_before_it_is_asked_for():
+    process, book = inversion(generations=2)
+    whole = []
+    book.record = lambda decisions: whole.extend(decisions)
+    serve_in_order(process, book)
+    kinds = [type(decision) for decision in whole]
+    first = [StringsProposed, *[StringEvaluated] * 8, GenerationSummary]
+    assert kinds == [*first, StringsProposed, *[StringEvaluated] * 6, GenerationSummary]
+    resumed, replayed = inversion(generations=2)
+    for string in range(8):
+        outcomes = [simulate(process.parameters(string), sample) for sample in range(12)]
+        replayed.complete(resumed, string, 0, outcomes)
+    started = resumed.start()
+    assert [type(next(started)) for _ in first] == first
+    assert resumed.generation == 0, "the next generation is not proposed yet"
+    assert type(next(started)) is StringsProposed
+    assert resumed.generation == 1
