@@ -10,6 +10,9 @@ from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 from agglom_mpi.search.decisions import (
     GENERATIONS_DONE,
     TARGET_REACHED,
+    GenerationSummary,
+    StringEvaluated,
+    StringsProposed,
     Target,
 )
 from agglom_mpi.search.ensemble import Ensemble
