@@ -162,9 +162,9 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = 1, study.trials["event"].parameters
-    [result], *others = done(SampleRunner(study, 0), task[0])
-    assert others == [[], [], []]
-    assert result["state"] == COMPLETED
+    message = done(SampleRunner(study, 0), task[0])
+    assert (len(message.failures), message.final_particles, message.frames) == (0, None, ())
+    assert message.results["state"].tolist() == [COMPLETED]
     quota = Quota(study.trials["event"], 2, 1e9)
     quota.add(outcome())
     assert quota.result().mean_radius_ratio == 2.0

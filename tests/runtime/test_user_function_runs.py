@@ -202,13 +202,13 @@ def test_a_function_that_fails_makes_a_failed_sample_with_its_text(tmp_path, fau
     source = f"seen = []\ndef worth(sample):\n    seen.append(0)\n    if len(seen) == 2: {fault}\n"
     path = write_own(tmp_path, f"{source}    return 0.5\n")
     batch = simulated(load_campaign(path, allow_code=True))
-    [rows] = batch.results
+    rows = batch.results
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
     assert rows["reason"].tolist() == [0, EXCEPTION, 0]
     assert rows["objective"].tolist() == [0.5, 0.0, 0.5]
     [failure] = batch.failures
-    text = failure["text"][0].decode()
-    assert failure["sample"][0] == 1
+    text = failure["text"].decode()
+    assert failure["sample"] == 1
     assert said in text
     assert "shape.py" in text or "must be" in text
 
@@ -255,7 +255,7 @@ def worth(sample):
     return float(sample.collisions)
 """
     batch = simulated(load_campaign(write_own(tmp_path, source), allow_code=True))
-    [rows] = batch.results
+    rows = batch.results
     assert rows["state"].tolist() == [COMPLETED] * 3
     assert rows["objective"].tolist() == rows["collisions"].tolist()
 
@@ -276,8 +276,8 @@ def test_particles_are_stored_as_they_were_beside_a_function(tmp_path):
     plain = simulated(load_campaign(path, allow_code=True)).results
     path.write_text(path.read_text() + "\noutput: {final_particles: true}\n")
     batch = simulated(load_campaign(path, allow_code=True))
-    assert batch.results[0]["objective"].tobytes() == plain["objective"].tobytes()
-    for row, worth in zip(np.concatenate(batch.finals), plain["objective"], strict=True):
+    assert batch.results["objective"].tobytes() == plain["objective"].tobytes()
+    for row, worth in zip(batch.final_particles, plain["objective"], strict=True):
         radii = row["radius"][: int(row["particles"])]
         size = load_campaign(path, allow_code=True).parameters()[NAMES.index("size_ratio")]
         # The function divides b/b0, the file holds b: each rounds once.
