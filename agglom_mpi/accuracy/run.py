@@ -28,8 +28,7 @@ from agglom_mpi.display.display import Display
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.runtime.file_setup import check_writable
-from agglom_mpi.runtime.request import Order
-from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 from agglom_mpi.variables import NAMES, VARIABLES
 
@@ -114,7 +113,7 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
     display = StudyDisplay(options.quiet)
     plans: list[StudyPlan] = []
 
-    def read() -> Order:
+    def read() -> RunRequest:
         for library, purpose in LIBRARIES.items():
             require_library(library, "report", purpose)
         plans.append(make_plan(options))
@@ -122,11 +121,11 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
         directory.mkdir(parents=True, exist_ok=True)
         check_writable(directory / SAMPLES)
         path = directory / SAMPLES
-        return Order(plans[0].study, path, options.accept_code_change, options.database)
+        return RunRequest(plans[0].study, path, options.accept_code_change, options.database)
 
-    def finish(order: Order) -> None:
+    def finish(request: RunRequest) -> None:
         display.message("writing the report")
-        path = write_report(plans[0], options, read_campaign(order.path))
+        path = write_report(plans[0], options, read_campaign(request.path))
         display.message(f"{path} with its figures and tables")
 
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)

@@ -15,7 +15,7 @@ from agglom_mpi.config.scene import Engine, SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage, TableSizes
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.inversion import Inversion, Observer
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -163,7 +163,7 @@ class Study(Experiment):
         self._budget = budget
 
     @property
-    def room(self) -> TableSizes:
+    def table_sizes(self) -> TableSizes:
         """Sizes of the tables: one generation of all set-ups."""
         count = len(self._by_string)
         return TableSizes(count, max(setup.samples for setup in self._by_string), 1, count)
@@ -190,28 +190,25 @@ class Study(Experiment):
         setup = self._by_string[string]
         return SampleSetup(setup.campaign, setup.engine, setup.first_sample)
 
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """Yield all set-ups; those of one kind cost nothing after the first."""
         for string, setup in enumerate(self._by_string):
             yield self.setup(string), setup.parameters
 
-    def inversion(
-        self, restore: Restore, observer: Observer, background: bool = False
-    ) -> Inversion:
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Return an inversion of one generation whose strings are the set-ups."""
         ensembles = (
             BudgetedEnsemble(setup, min(FEWEST_SAMPLES, setup.samples), self._budget)
             for setup in self._by_string
         )
         parameters = np.array([setup.parameters for setup in self._by_string])
-        search = FixedProposals(parameters)
-        return Inversion(search, ensembles.__next__, 1, None, restore, observer)
+        return Inversion(FixedProposals(parameters), ensembles.__next__, 1, restore=restore)
 
     def stage(self, inversion: Inversion) -> Stage:
         """Return how many set-ups are done; all are measured at the same time."""
-        return Stage(len(inversion.results), self.room.strings, "set-ups")
+        return Stage(len(inversion.results), self.table_sizes.strings, "set-ups")
 
-    def finished_because(self, inversion: Inversion) -> str:
+    def end_reason(self, inversion: Inversion) -> str:
         """Return why the study is over."""
         return "all set-ups are measured"
 

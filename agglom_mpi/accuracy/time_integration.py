@@ -175,7 +175,7 @@ def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstima
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.linear(summaries(rows))
+        deviations["value"] = objective.influence_values(summaries(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 

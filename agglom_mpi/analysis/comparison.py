@@ -81,7 +81,7 @@ def sample_values(law: Objective, rows: NDArray[np.void]) -> SampleValues:
     An objective that is the magnitude of a mean has the sign of that mean put on the values, so
     that their mean is the objective.
     """
-    values = law.linear(list(summaries(rows)))
+    values = law.influence_values(list(summaries(rows)))
     return SampleValues(rows["sample"].astype(np.int64), math.copysign(1.0, values.mean()) * values)
 
 

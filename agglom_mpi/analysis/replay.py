@@ -1,6 +1,6 @@
 """Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,9 +13,10 @@ from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import FAILED_SUMMARY, SampleSummary, summaries
+from agglom_mpi.outcome import FAILED
+from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.search.inversion import GenerationSummary, Inversion
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_digests, check_numbers
@@ -35,26 +36,21 @@ class Replayed(NamedTuple):
 
 
 class ReplayLog:
-    """Observer of an inversion that keeps all decisions."""
+    """The decisions of an inversion: its proposals, results and generations."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], Proposals]] = []
         self.results: dict[int, EnsembleResult] = {}
         self.summaries: dict[int, GenerationSummary] = {}
 
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Ignore strings of a coming generation."""
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Ignore new strings: `restore` has kept them."""
-
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Keep a result."""
-        self.results[string] = result
-
-    def generation_done(self, summary: GenerationSummary) -> None:
-        """Keep a generation."""
-        self.summaries[summary.generation] = summary
+    def record(self, decisions: Iterable[Decision]) -> None:
+        """Keep results and generations; strings are kept as they were proposed, not as restored."""
+        for decision in decisions:
+            match decision:
+                case StringEvaluated(string, result):
+                    self.results[string] = result
+                case GenerationSummary():
+                    self.summaries[decision.generation] = decision
 
 
 def replay(report: VerificationReport) -> Replayed:
@@ -124,14 +120,15 @@ def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[Re
         log.batches.append((np.arange(first, first + len(batch.parameters)), batch))
         return report.data.restore(batch, first)
 
-    inversion = inversion_of(campaign, _given(campaign, report), restore, log)
-    inversion.start()
+    inversion = inversion_of(campaign, _given(campaign, report), restore)
+    log.record(inversion.start())
     stored, ahead = report.data.searched_samples, report.room["generations"]
-    for string, first, outcomes in stored_outcomes(stored, report.data.judged_timed_out):
-        while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
+    for samples in stored_outcomes(stored, report.data.judged_timed_out):
+        # A run may have simulated strings ahead of their generation.
+        while inversion.propose_ahead(ahead) is not None:
             pass
-        inversion.accept(string, first, outcomes)
-    while inversion.announce(ahead):
+        log.record(inversion.complete(*samples))
+    while inversion.propose_ahead(ahead) is not None:
         pass
     return log, inversion
 
@@ -153,26 +150,28 @@ def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64
 
 def stored_outcomes(
     samples: NDArray[np.void], late: list[tuple[int, int]]
-) -> Iterator[tuple[int, int, list[SampleSummary]]]:
-    """Yield string, number of the first sample and outcomes of consecutive stored samples.
+) -> Iterator[tuple[int, int, NDArray[np.void]]]:
+    """Yield samples as `Inversion.complete` takes them: string, first sample, rows.
 
     Parameters
     ----------
-    samples : (n,) structured array
-        Rows of `/samples`.
+    samples
+        Rows of `/samples`, (n,); consecutive samples of a string are yielded together.
     late
-        Samples, as (string, sample), without a row because they took too long: they come last.
+        Samples, as (string, sample), that have no row because they took too long.
     """
     for rows in consecutive_samples(samples):
-        yield int(rows["string"][0]), int(rows["sample"][0]), summaries(rows)
+        yield int(rows["string"][0]), int(rows["sample"][0]), rows
+    failed = np.zeros(1, samples.dtype)
+    failed["state"] = FAILED
     for string, sample in late:
-        yield string, sample, [FAILED_SUMMARY]
+        yield string, sample, failed
 
 
 def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
     stored = {int(row["string"]): row for row in report.data.string_rows()}
     same: set[int] = set()
-    other: set[int] = set()  # some strings are announced before they are proposed
+    other: set[int] = set()  # some strings are proposed ahead, and again
     for ids, batch in log.batches:
         believed = report.ranked_by_model and MODEL in batch.origin
         for i, string in enumerate(ids.tolist()):
@@ -238,7 +237,7 @@ def _check_end(inversion: Inversion, log: ReplayLog, report: VerificationReport)
     """Add a fault if there are results beyond the end of the replay, unless rows are lost."""
     if any(report.lost.values()):
         return
-    beyond = set(inversion.live) & report.numbers("results")
+    beyond = set(inversion.open_strings) & report.numbers("results")
     if report.settled:  # a proposal need not wait until the samples behind it are written
         proposed = {int(i) for ids, _ in log.batches for i in ids}
         beyond |= report.numbers("strings") - proposed

@@ -15,7 +15,7 @@ from rich.table import Table
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
-from agglom_mpi.search.surrogate import spread
+from agglom_mpi.search.surrogate import best_and_spread
 from agglom_mpi.storage.reader import CampaignData, parameters_of
 
 POINTS: Final = 2048
@@ -74,7 +74,7 @@ def sensitivity(
 
     if len(points) < FEWEST or np.ptp(objectives) == 0.0:
         return None
-    some = spread(objectives, FITTED)
+    some = best_and_spread(objectives, FITTED)
     known = points[some], objectives[some], samples[some]
     model = GaussianProcess(fit_covariance(*known), *known)
     indices = stats.sobol_indices(
@@ -84,7 +84,7 @@ def sensitivity(
         random_state=search_stream(0, SENSITIVITY),
     )
     variance = objectives[some].var()
-    missed = objectives[some] - model.left_out()
+    missed = objectives[some] - model.leave_one_out()
     return Sensitivity(
         first_order=np.clip(indices.first_order, 0.0, 1.0),
         total=np.clip(indices.total_order, 0.0, None),

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.search import SearchInputs
+from agglom_mpi.search.decisions import Target
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
-from agglom_mpi.search.inversion import Inversion, Observer, Target
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import Proposals
 
 Restore = Callable[[Proposals, int], Proposals]
@@ -18,8 +19,7 @@ Restore = Callable[[Proposals, int], Proposals]
 def inversion_of(
     campaign: Campaign,
     given: NDArray[np.float64],
-    restore: Restore,
-    observer: Observer,
+    restore: Restore | None,
     background: bool = False,
 ) -> Inversion:
     """Return the inversion of a campaign before its first generation.
@@ -31,9 +31,7 @@ def inversion_of(
     given
         Strings to start with, in SI units, shape (n, 10).
     restore
-        Replaces proposals by those an earlier leg has stored.
-    observer
-        Notified of every decision.
+        Replaces proposals by those an earlier leg has stored; None keeps them.
     background
         Whether long computations of the search may run in a thread.
     """
@@ -59,10 +57,9 @@ def inversion_of(
         campaign.search.build(inputs),
         lambda: Ensemble(rule, objective, particles, ensemble.min_samples, ensemble.max_samples),
         stopping.generations,
-        None if target is None else Target(target.top, target.objective),
-        restore,
-        observer,
-        signed,
-        None if race is None else race.build(campaign.search.kept),
-        campaign.more_samples or 1,
+        target=None if target is None else Target(target.top, target.objective),
+        restore=restore,
+        signed=signed,
+        racing=None if race is None else race.build(campaign.search.kept),
+        more_samples=campaign.more_samples or 1,
     )

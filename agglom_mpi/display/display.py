@@ -13,7 +13,7 @@ from agglom_mpi.formatting import value_with_error
 from agglom_mpi.launcher import launched_size
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.inversion import GenerationSummary
+    from agglom_mpi.search.decisions import GenerationSummary
 
 
 WIDEST: Final = 88

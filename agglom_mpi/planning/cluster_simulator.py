@@ -3,18 +3,17 @@
 import heapq
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.planning.forecast import MAX_SIMULATED, Forecast
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.search.inversion import GenerationSummary, Inversion, Observer
-from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING, Proposals
+from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
 
 LATENCY: Final = 2e-3
 """Time until a message is read, s: a rank polls every 4 ms, more often while messages arrive."""
@@ -64,7 +63,7 @@ class SimulatedRank:
         self.free_at = self.end
         return self.batches.popleft()[1]
 
-    def withdraw(self, now: float, strings: Collection[int]) -> None:
+    def cancel(self, now: float, strings: Collection[int]) -> None:
         """Drop samples of some strings that are not finished at time `now`, s."""
         for samples, place, end in list(self.schedule()):
             sample = samples[place]
@@ -87,8 +86,11 @@ class Workload(Protocol):
 
     def sample(
         self, string: int, parameters: NDArray[np.float64], sample: int
-    ) -> tuple[SampleSummary, float]:
-        """Return outcome and time (s) of a sample; always the same for the same sample."""
+    ) -> tuple[np.void, float]:
+        """Return a row with the columns of `OUTCOME`, and the time of the sample in s.
+
+        Both are always the same for the same sample.
+        """
 
 
 class MessageCosts(NamedTuple):
@@ -118,7 +120,7 @@ class TooManySamples(Exception):  # noqa: N818  (a condition, as StopIteration)
 
 
 class CriticalPath:
-    """Observer that records which strings depend on results of earlier generations.
+    """Strings that depend on results of earlier generations, and samples that all strings used.
 
     Parameters
     ----------
@@ -146,20 +148,16 @@ class CriticalPath:
             decided.append(max([begin + seconds, *decided[-1:]]))
         return decided[-1]
 
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Ignore strings announced ahead: they depend on nothing."""
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Record the dependent strings of a generation."""
-        learnt = np.isin(batch.origin, (OFFSPRING, MODEL, AGAIN)) | (batch.generation == 0)
-        self.dependent.append(ids[learnt].tolist())
-
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Record the number of samples of a string."""
-        self.used[string] = result.samples_used
-
-    def generation_done(self, summary: GenerationSummary) -> None:
-        """Ignore the end of a generation."""
+    def record(self, decisions: Iterable[Decision]) -> None:
+        """Record the dependent strings of a generation, and samples used of evaluated strings."""
+        for decision in decisions:
+            match decision:
+                case StringsProposed(proposals, strings, ahead=False):
+                    learnt = np.isin(proposals.origin, (OFFSPRING, MODEL, AGAIN))
+                    learnt |= proposals.generation == 0
+                    self.dependent.append(strings[learnt].tolist())
+                case StringEvaluated(string, result):
+                    self.used[string] = result.samples_used
 
 
 class ClusterSimulator:
@@ -169,8 +167,8 @@ class ClusterSimulator:
 
     Parameters
     ----------
-    make_inversion
-        Returns the inversion that notifies an observer.
+    inversion
+        The inversion, before its first generation.
     workload
         Results and durations of samples.
     ranks
@@ -190,14 +188,14 @@ class ClusterSimulator:
 
     def __init__(
         self,
-        make_inversion: Callable[[Observer], Inversion],
+        inversion: Inversion,
         workload: Workload,
         ranks: int,
         costs: MessageCosts = FREE,
         lag: int = 1,
     ) -> None:
         self.path = CriticalPath(lag)
-        self.inversion = make_inversion(self.path)
+        self.inversion = inversion
         self._workload = workload
         self._costs = costs
         self._ranks = [SimulatedRank() for _ in range(ranks)]
@@ -205,7 +203,7 @@ class ClusterSimulator:
         self._expected = [0] * ranks  # number of the valid arrival of each rank
         self._number = 0
         self._seconds: dict[int, list[float]] = {}
-        self._outcomes: dict[int, list[SampleSummary]] = {}
+        self._rows: dict[int, list[np.void]] = {}
         self._assigned = 0
         self._simulated = 0
         self._work = 0.0
@@ -213,9 +211,9 @@ class ClusterSimulator:
 
     def run(self) -> Forecast:
         """Run the campaign to its end and return the forecast; may raise TooManySamples."""
-        self.inversion.start()
-        scheduler = Scheduler(self.inversion, len(self._ranks))
-        scheduler.pace.turnround = 2.0 * (self._costs.latency + self._costs.message)
+        self.path.record(self.inversion.start())
+        scheduler = Scheduler(self.inversion, self._propose_ahead, len(self._ranks))
+        scheduler.batch_sizer.round_trip = 2.0 * (self._costs.latency + self._costs.message)
         now = 0.0
         while not self.inversion.finished:
             arrival, rank = self._next_arrival()
@@ -224,6 +222,10 @@ class ClusterSimulator:
                 arrival, rank = self._next_arrival()
             now = self._receive(scheduler, max(now, arrival), rank)
         return self._forecast(now)
+
+    def _propose_ahead(self, generations: int) -> Sequence[int]:
+        proposed = self.inversion.propose_ahead(generations)
+        return () if proposed is None else proposed.strings.tolist()
 
     def _next_arrival(self) -> tuple[float, int]:
         """Return time (s) and rank of the next arrival at rank 0; infinity if there is none."""
@@ -243,10 +245,10 @@ class ClusterSimulator:
             heapq.heappush(self._arrivals, (arrival, self._number, rank))
 
     def _assign(self, scheduler: Scheduler, now: float) -> float:
-        """Send withdrawals and assignments from rank 0; return the time when all are sent, s."""
-        for rank, strings in scheduler.withdrawals():
+        """Send cancellations and assignments from rank 0; return the time when all are sent, s."""
+        for rank, strings in scheduler.cancellations():
             now = self._serve(now, self._costs.message)
-            self._ranks[rank].withdraw(now + self._costs.latency, strings.tolist())
+            self._ranks[rank].cancel(now + self._costs.latency, strings.tolist())
             self._expect(rank)
         for rank, tasks in scheduler.assignments(now):
             now = self._serve(now, self._costs.message)
@@ -270,14 +272,15 @@ class ClusterSimulator:
         spent = sum(sample.seconds for sample in samples)
         self._expect(rank)
         done = [sample for sample in samples if sample.needed]
-        scheduler.heard(rank, now)
-        scheduler.pace.learn([sample.seconds for sample in done])
-        for piece, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
-            taken, samples = samples[: piece.size], samples[piece.size :]
+        scheduler.heartbeat(rank, now)
+        scheduler.batch_sizer.learn([sample.seconds for sample in done])
+        for part, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
+            taken, samples = samples[: part.size], samples[part.size :]
             count = sum(sample.needed for sample in taken)
-            outcomes = self._outcomes[piece.string][piece.first : piece.first + count]
-            self.inversion.accept(piece.string, piece.first, outcomes)
-            scheduler.judged(piece.string)
+            if count:
+                rows = np.array(self._rows[part.string][part.first : part.first + count])
+                self.path.record(self.inversion.complete(part.string, part.first, rows))
+            scheduler.update(part.string)
         self._simulated += len(done)
         self._work += spent
         return self._serve(now, self._costs.message + self._costs.sample * len(done))
@@ -285,11 +288,11 @@ class ClusterSimulator:
     def _samples(self, string: int, first: int, count: int) -> list[Sample]:
         """Return the next `count` samples of a string, with their outcomes recorded."""
         parameters = self.inversion.parameters(string)
-        outcomes = self._outcomes.setdefault(string, [])
+        rows = self._rows.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
         for number in range(first, first + count):
-            outcome, duration = self._workload.sample(string, parameters, number)
-            outcomes.append(outcome)
+            row, duration = self._workload.sample(string, parameters, number)
+            rows.append(row)
             seconds.append(duration)
         self._assigned += count
         if self._assigned > MAX_SIMULATED:

@@ -13,10 +13,9 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.random_streams import RANDOM_STRING, search_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.messages import RESULT
-from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.runtime.messages import RankMessage, merged
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
-from agglom_mpi.storage.table import concatenated
 
 STRINGS_PER_SAMPLE: Final = 4
 """Ratio of strings to samples per string: times differ more between strings than within one."""
@@ -41,32 +40,33 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
     CampaignError
         If no sample is complete within the time.
     """
-    simulator = SampleRunner(InversionExperiment(campaign), 0)
+    runner = SampleRunner(InversionExperiment(campaign), 0)
     show("loading or compiling the simulation")
-    simulator.warm_up()
+    runner.warm_up()
     # A timer thread, because a single sample may take longer than the time limit.
-    alarm = Timer(seconds, simulator.watch.stop)
+    alarm = Timer(seconds, runner.abort_flag.stop)
     alarm.start()
     begin, rows = time.monotonic(), 0
     strings: list[NDArray[np.float64]] = []
-    batch = Batch([], [], [], [])
+    finished: list[RankMessage] = []
     try:
         for string, first, count in pilot_tasks(
             campaign.max_strings, campaign.ensemble.max_samples
         ):
             if string == len(strings):
                 strings.append(_random_string(campaign, string))
-            rows += _simulate(simulator, _task(string, first, count, strings[string]), batch)
+            finished.append(_simulate(runner, _task(string, first, count, strings[string])))
+            rows += len(finished[-1].results)
             spent = time.monotonic() - begin
             show(f"simulating: {rows} samples of {len(strings)} strings, {spent:.0f} s")
-            if simulator.watch.stopped:
+            if runner.abort_flag.stopped:
                 break
     finally:
         alarm.cancel()
     if not rows:
         message = f"no sample is done within {seconds:g} s; allow more with --seconds"
         raise CampaignError(Problem(campaign.name, None, "", message))
-    return PilotSamples(concatenated(batch.results, RESULT), np.array(strings))
+    return PilotSamples(merged(0, finished).results, np.array(strings))
 
 
 def pilot_tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
@@ -102,10 +102,9 @@ def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) 
     return task[0]
 
 
-def _simulate(simulator: SampleRunner, task: np.void, batch: Batch) -> int:
-    """Simulate samples into `batch` until the time is over; return how many are complete."""
-    job, before = simulator.begin(task), len(batch.results)
-    while job.go_on():
+def _simulate(runner: SampleRunner, record: np.void) -> RankMessage:
+    """Simulate the samples of a `TASK` record, as many as the time allows."""
+    task = runner.begin(record)
+    while task.simulate_next():
         pass
-    job.take(batch)
-    return sum(map(len, batch.results[before:]))
+    return task.collect()

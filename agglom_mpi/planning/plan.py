@@ -19,7 +19,6 @@ from agglom_mpi.planning.forecast import ForecastReport, PilotSummary
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import Proposals
 
 
 class Options(NamedTuple):
@@ -67,22 +66,17 @@ def forecast_all(
     campaign: Campaign, samples: PilotSamples, options: Options, show: Callable[[str], None]
 ) -> ForecastReport:
     """Return the forecasts for all numbers of ranks in `options`."""
-    work = InversionExperiment(campaign, warm_start_strings(campaign))
+    experiment = InversionExperiment(campaign, warm_start_strings(campaign))
     workload, costs = EmpiricalWorkload(samples, campaign), MessageCosts()
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
     for ranks in options.ranks:
         show(f"forecasting {ranks} ranks")
-        cluster = ClusterSimulator(
-            lambda observer: work.inversion(_as_proposed, observer),
-            workload,
-            ranks,
-            costs,
-            campaign.search.lag,
-        )
+        inversion = experiment.inversion(restore=None)
+        cluster = ClusterSimulator(inversion, workload, ranks, costs, campaign.search.lag)
         try:
             forecast = cluster.run()
-            again = reestimation_seconds(work, cluster.inversion, workload, ranks)
+            again = reestimation_seconds(experiment, cluster.inversion, workload, ranks)
             report.forecasts.append(forecast._replace(again=again))
         except TooManySamples:
             report.not_forecast.append(ranks)
@@ -90,25 +84,20 @@ def forecast_all(
 
 
 def reestimation_seconds(
-    work: Experiment, inversion: Inversion, workload: Workload, ranks: int
+    experiment: Experiment, inversion: Inversion, workload: Workload, ranks: int
 ) -> float:
     """Return the time for the fresh samples of the best strings after the search, s.
 
     All of them are known then, so that their sum and the longest of them bound it.
     """
-    strings, samples = work.finalists(inversion)
-    first = work.room.max_samples
+    strings, samples = experiment.reestimation_plan(inversion)
+    first = experiment.table_sizes.max_samples
     seconds = [
         workload.sample(string, inversion.parameters(string), sample)[1]
         for string in strings
         for sample in range(first, first + samples)
     ]
     return max(sum(seconds) / ranks, max(seconds, default=0.0))
-
-
-def _as_proposed(batch: Proposals, first: int) -> Proposals:
-    """Return proposals unchanged: no earlier leg has stored any."""
-    return batch
 
 
 def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:

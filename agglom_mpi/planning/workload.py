@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.outcome import SampleSummary, summaries
 
 LEAST_SAMPLES: Final = 5
 """Samples that a string needs for others to draw from it, if any has that many: two that happen to
@@ -67,7 +66,7 @@ class EmpiricalWorkload:
         self._width = (upper - lower)[self._searched]
         rows = recorded.rows
         rows = rows[np.lexsort((rows["sample"], rows["string"]))]
-        self._outcomes, self._seconds = summaries(rows), rows["seconds"].tolist()
+        self._rows, self._seconds = rows, rows["seconds"].tolist()
         self._samples = rows["sample"].tolist()
         counts = np.bincount(rows["string"], minlength=len(recorded.parameters))
         self._first = np.concatenate(([0], np.cumsum(counts)))
@@ -79,8 +78,8 @@ class EmpiricalWorkload:
 
     def sample(
         self, string: int, parameters: NDArray[np.float64], sample: int
-    ) -> tuple[SampleSummary, float]:
-        """Return outcome and time (s) of a sample, independent of the string's number."""
+    ) -> tuple[np.void, float]:
+        """Return a row of `/samples` and its time in s; the string's number plays no part."""
         name = parameters.tobytes()
         pool = self._pools.get(name)
         if pool is None:
@@ -88,7 +87,7 @@ class EmpiricalWorkload:
         row = pool.own.get(sample)
         if row is None:
             row = pool.first + splitmix64(pool.key, sample) % pool.size
-        return self._outcomes[row], self._seconds[row]
+        return self._rows[row], self._seconds[row]
 
     def _in_unit_box(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points - self._lower) / self._width

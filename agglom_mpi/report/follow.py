@@ -17,7 +17,7 @@ from agglom_mpi.display.remaining_time import (
 )
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
-from agglom_mpi.search.inversion import GenerationSummary
+from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import CampaignData
 
 CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}

@@ -1,4 +1,4 @@
-"""What a run simulates: strings with samples, and a rule that says when each has enough."""
+"""What a run executes: its strings and their samples, and the sizes of its file."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -11,61 +11,63 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.config.scene import Engine
-from agglom_mpi.search.inversion import TARGET_REACHED, Inversion, Observer
+from agglom_mpi.search.decisions import TARGET_REACHED
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.schema import INVERSION
 
 
 class SampleSetup(NamedTuple):
     """How the samples of a string are simulated.
 
-    `engine` replaces the campaign's own; the string's sample 0 is the campaign's `first_sample`.
+    The string's sample 0 is the campaign's sample `first_sample`.
     """
 
     campaign: Campaign
     engine: Engine | None = None
+    """Replaces that of the campaign."""
     first_sample: int = 0
 
 
 class TableSizes(NamedTuple):
-    """Sizes of the tables of a campaign file.
-
-    `fresh` samples of a string come after its `max_samples`; `frames` is a number of pictures in
-    all.
-    """
+    """Sizes of the tables of a campaign file."""
 
     strings: int
     max_samples: int
+    """Of each string, without fresh ones."""
     generations: int
     population: int
     fresh: int = 0
+    """Fresh samples of each string, which have the numbers from `max_samples` on."""
     grains: int = 0
+    """Particles of a sample in the tables of particles."""
     final_particles: bool = False
     frames: int = 0
+    """Frames of all samples together."""
 
 
 class FramePlan(NamedTuple):
-    """Samples to take pictures of, as (string, sample), and how many frames of each."""
+    """Samples, as (string, sample), of which frames are stored, and the number of each."""
 
     samples: tuple[tuple[int, int], ...] = ()
     frames: int = 0
 
 
 class ReestimationPlan(NamedTuple):
-    """Strings to estimate again, the best first, on so many fresh samples each."""
+    """Strings to estimate again, the best first, and the number of fresh samples of each."""
 
     strings: tuple[int, ...] = ()
     samples: int = 0
 
 
 class Stage(NamedTuple):
-    """How far a phase of a run is.
+    """How much of a phase of a run is done.
 
     Attributes
     ----------
     done, total, unit
         `12` of `100` `generations`, say.
     in_turns
-        Whether one is done after the other, and each is about as much work.
+        Whether they are done one after the other, each about as much work.
     may_end_sooner
         Whether it may end before all are done.
     """
@@ -78,18 +80,18 @@ class Stage(NamedTuple):
 
 
 class Experiment(ABC):
-    """Everything that a run needs to know of what it runs; it travels to all ranks.
+    """What a run executes; it is broadcast to all ranks.
 
     Attributes
     ----------
     campaign
         Gives the file its title, text, seed and search box.
     max_failures
-        Samples that may raise or take too long before the run is given up.
+        Number of samples that raise or take too long at which the run ends.
     max_seconds
-        Time that a sample may take, None for ever.
+        Longest time of a sample in s; None without a limit.
     top
-        Strings in the mean of the best.
+        Number of strings in the mean of the best.
     purpose
         What the strings are for, in words.
     """
@@ -102,51 +104,49 @@ class Experiment(ABC):
 
     @property
     @abstractmethod
-    def room(self) -> TableSizes:
-        """Room that the campaign file must have."""
+    def table_sizes(self) -> TableSizes:
+        """Sizes that the campaign file must have."""
 
     @abstractmethod
     def identity(self) -> dict[str, object]:
-        """Everything that decides results, flat; a resume compares it."""
+        """Return everything that decides results, flat; a resume compares it."""
 
     @abstractmethod
     def sha256(self) -> str:
-        """Digest of `identity`."""
+        """Return the digest of `identity`."""
 
     @abstractmethod
     def setup(self, string: int) -> SampleSetup:
-        """How the samples of a string are simulated."""
+        """Return how the samples of a string are simulated."""
 
     @abstractmethod
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Set-ups and parameter strings that between them need every kernel of the work."""
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield set-ups and strings, (10,), that together need every kernel of the experiment."""
 
     @abstractmethod
-    def inversion(
-        self, restore: Restore, observer: Observer, background: bool = False
-    ) -> Inversion:
-        """Set up the decisions, at their very beginning; they may think in the background."""
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
+        """Return the decisions at their start, with long computations in a thread if asked for."""
 
     @abstractmethod
     def stage(self, inversion: Inversion) -> Stage:
-        """How far the decisions are."""
+        """Return how many of the decisions are made."""
 
     @abstractmethod
-    def finished_because(self, inversion: Inversion) -> str:
-        """Why there is nothing left to do, in words."""
+    def end_reason(self, inversion: Inversion) -> str:
+        """Return in words why there is nothing left to do."""
 
-    def finalists(self, inversion: Inversion) -> ReestimationPlan:
-        """Choose what to estimate again when all is decided."""
+    def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
+        """Return what to estimate again after the last decision."""
         return ReestimationPlan()
 
-    def pictures(self, inversion: Inversion) -> FramePlan:
-        """Choose what to take pictures of when all is decided."""
+    def frame_plan(self, inversion: Inversion) -> FramePlan:
+        """Return of what to store frames after the last decision."""
         return FramePlan()
 
     @property
     def largest(self) -> str:
-        """How much there is to do at most, in words."""
-        return f"at most {self.room.strings} strings"
+        """The most that there is to do, in words."""
+        return f"at most {self.table_sizes.strings} strings"
 
 
 class InversionExperiment(Experiment):
@@ -157,7 +157,7 @@ class InversionExperiment(Experiment):
     campaign
         The campaign.
     given
-        Strings to begin with, shape (n, 10), where they are the best of an earlier campaign.
+        Strings to begin with, shape (n, 10); by default those that the campaign gives.
     """
 
     purpose = INVERSION
@@ -171,8 +171,8 @@ class InversionExperiment(Experiment):
         self.top = target.top if target else campaign.search.kept
 
     @property
-    def room(self) -> TableSizes:
-        """Room for all generations that the campaign allows."""
+    def table_sizes(self) -> TableSizes:
+        """Sizes for all generations that the campaign allows."""
         campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
         strings, samples = campaign.max_framed
         return TableSizes(
@@ -198,15 +198,13 @@ class InversionExperiment(Experiment):
         """Return the campaign's scene, the same for every string."""
         return SampleSetup(self.campaign, first_sample=self.campaign.first_sample(string))
 
-    def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """One scene is all there is."""
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield the only scene."""
         yield SampleSetup(self.campaign), self.campaign.parameters()
 
-    def inversion(
-        self, restore: Restore, observer: Observer, background: bool = False
-    ) -> Inversion:
-        """Set up the search with its ensembles."""
-        return inversion_of(self.campaign, self.given, restore, observer, background)
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
+        """Return the search with its ensembles."""
+        return inversion_of(self.campaign, self.given, restore, background)
 
     def stage(self, inversion: Inversion) -> Stage:
         """Count the generations."""
@@ -214,8 +212,8 @@ class InversionExperiment(Experiment):
         sooner = stopping.target is not None
         return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
 
-    def finalists(self, inversion: Inversion) -> ReestimationPlan:
-        """Choose the best strings; of those with the same parameters, hence samples, the first."""
+    def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
+        """Return the best strings; of those with the same parameters, hence samples, the first."""
         final = self.campaign.final
         if final is None:
             return ReestimationPlan()
@@ -226,8 +224,8 @@ class InversionExperiment(Experiment):
             best.setdefault(inversion.parameters(string).tobytes(), string)
         return ReestimationPlan(tuple(best.values()), final.samples)
 
-    def pictures(self, inversion: Inversion) -> FramePlan:
-        """Choose the first samples of the best strings."""
+    def frame_plan(self, inversion: Inversion) -> FramePlan:
+        """Return the first samples of the best strings."""
         frames = self.campaign.output.frames
         if frames is None:
             return FramePlan()
@@ -237,8 +235,8 @@ class InversionExperiment(Experiment):
             tuple((i, sample) for i in best for sample in range(samples)), frames.count
         )
 
-    def finished_because(self, inversion: Inversion) -> str:
-        """Say whether the target was reached."""
+    def end_reason(self, inversion: Inversion) -> str:
+        """Return in words whether the target was reached."""
         stopping = self.campaign.stopping
         if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:
             top, objective = stopping.target.top, stopping.target.objective
@@ -246,11 +244,11 @@ class InversionExperiment(Experiment):
         return f"all {stopping.generations} generations are done"
 
     def _best(self, inversion: Inversion) -> list[int]:
-        """Judged strings with a finite objective, the best first as the search has them."""
+        """Return evaluated strings with a finite objective, as the search ranks them."""
         results = inversion.results.items()
         finite = sorted((r.objective, i) for i, r in results if np.isfinite(r.objective))
         order = [string for _, string in finite]
         if not ranks_itself(self.campaign.identity()):
             return order
-        judged = set(order)
-        return [string for string in inversion.ranked() if string in judged]
+        usable = set(order)
+        return [string for string in inversion.ranked() if string in usable]

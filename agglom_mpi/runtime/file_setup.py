@@ -26,11 +26,11 @@ _SOURCES = Path(__file__).parents[2]
 
 
 def git_revision(folder: Path = _SOURCES) -> str:
-    """Commit that is checked out in a folder; empty if the folder is no checkout.
+    """Return the commit checked out in a folder; empty if the folder is no checkout.
 
-    Read from the repository's files: a process that speaks MPI had better not start another.
     Edits since are not seen; the digest of the sources, stored beside, shows them.
     """
+    # Read from the repository's files: a process under MPI should not start another.
     try:
         found = _resolve(folder / ".git")
     except (OSError, UnicodeDecodeError):
@@ -71,15 +71,15 @@ DECIDING: Final = (
     "analysis/ranking.py",
     "analysis/warm_start.py",
 )
-"""Files of the package that decide what a sample computes or what is made of it."""
+"""Files of the package that decide what a sample computes, and what is decided by it."""
 WORDING: Final = ("config/describe.py",)
-"""Those among them that only tell of it."""
+"""Files among them that only describe it."""
 _NO_MEANING: Final = ("ctx", "kind", "type_comment")
 
 
 @functools.cache
 def sources_digest(package: Path = PACKAGE) -> str:
-    """Return a digest of all that decides, as 64 hexadecimal digits.
+    """Return the SHA-256 digest of the deciding sources, 64 hexadecimal digits.
 
     It is over the syntax without docstrings and comments, so that a better sentence changes
     nothing; and the same with any version of Python that reads the same syntax.
@@ -94,7 +94,7 @@ def sources_digest(package: Path = PACKAGE) -> str:
 
 
 def _words(node: Any) -> Iterator[str]:
-    """Yield the parts of a syntax tree in order, without what is absent or only said."""
+    """Yield the parts of a syntax tree in order, without absent ones and docstrings."""
     if isinstance(node, ast.AST):
         yield type(node).__name__
         for name, value in ast.iter_fields(node):
@@ -123,7 +123,7 @@ class OutputError(UserError, ValueError):
 
 
 def output_path(campaign: Campaign, output: str | None) -> Path:
-    """File that a run of this campaign writes: the option, the campaign's own, or its stem.
+    """Return the file that a run writes: the option, else the campaign's own, else its stem.
 
     Raises
     ------
@@ -147,8 +147,8 @@ def check_writable(path: Path) -> None:
         raise OutputError(f"{path}: is read-only; --output names another file")
 
 
-def prepare(path: Path, work: Experiment, accept_code_change: bool) -> CampaignData:
-    """Open the campaign's file for a resume, or make it.
+def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> CampaignData:
+    """Open the campaign's file for a resume, or create it.
 
     Raises
     ------
@@ -157,25 +157,25 @@ def prepare(path: Path, work: Experiment, accept_code_change: bool) -> CampaignD
     OutputError
         If it belongs to other work or to other simulation sources.
     """
-    room, campaign = work.room, work.campaign
+    sizes, campaign = experiment.table_sizes, experiment.campaign
     if not path.exists():
         create_campaign_file(
             path,
             campaign_text=campaign.text,
-            campaign_sha256=work.sha256(),
-            identity=work.identity(),
+            campaign_sha256=experiment.sha256(),
+            identity=experiment.identity(),
             seed=campaign.seed,
             title=campaign.title,
-            purpose=work.purpose,
+            purpose=experiment.purpose,
             code_version=__version__,
             sources_sha256=sources_digest(),
             lower=campaign.variables.lower,
             upper=campaign.variables.upper,
-            **room._asdict(),
+            **sizes._asdict(),
         )
         return read_campaign(path)
     stored = read_campaign(path)
-    check_same_campaign(path, stored.identity, work.identity())
+    check_same_campaign(path, stored.identity, experiment.identity())
     if last_sources(stored) != sources_digest() and not accept_code_change:
         raise OutputError(
             f"{path}: was computed by other simulation sources (version "
@@ -184,18 +184,18 @@ def prepare(path: Path, work: Experiment, accept_code_change: bool) -> CampaignD
         )
     enlarge_campaign_file(
         path,
-        room.strings,
-        room.generations,
-        grains=room.grains,
-        final_particles=room.final_particles,
-        frames=room.frames,
+        sizes.strings,
+        sizes.generations,
+        grains=sizes.grains,
+        final_particles=sizes.final_particles,
+        frames=sizes.frames,
     )
     return stored
 
 
-def lacking_room(path: Path, file: CampaignData, work: Experiment) -> str:
-    """Say that there is less room for fresh samples than asked for; nothing if there is enough."""
-    room, wanted = file.max_samples - file.fresh_from, work.room.fresh
+def lacking_room(path: Path, file: CampaignData, experiment: Experiment) -> str:
+    """Return a message if there is too little room for fresh samples, else an empty one."""
+    room, wanted = file.max_samples - file.fresh_from, experiment.table_sizes.fresh
     if room >= wanted:
         return ""
     return (
@@ -205,7 +205,7 @@ def lacking_room(path: Path, file: CampaignData, work: Experiment) -> str:
 
 
 def last_sources(stored: CampaignData) -> str:
-    """Hash of the sources that the last leg of a campaign, or its creation, ran with."""
+    """Return the digest of the sources of the last leg, or of the creation of the file."""
     legs = stored.legs()
     if len(legs):
         return str(legs[-1]["sources_sha256"].decode())
@@ -227,7 +227,7 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a leg ran with."""
+    """Return the versions of Python, HDF5 and libraries of this process."""
     found = {"python": platform.python_version(), "hdf5": h5py.version.hdf5_version}
     for package in ("numpy", "scipy", "numba", "h5py", "mpi4py"):
         try:
@@ -240,7 +240,7 @@ def versions() -> dict[str, str]:
 def leg_fields(
     ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
 ) -> dict[str, Any]:
-    """Collect what is recorded of a start of the program."""
+    """Return the columns of `/legs` that are known at the start."""
     return {
         "started": time.time(),
         "ranks": ranks,
@@ -256,7 +256,7 @@ def leg_fields(
 
 
 def processor() -> str:
-    """Kind of processor that this is, as far as the system says."""
+    """Return the model of the processor, as far as the system says."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
             for line in file:

@@ -1,4 +1,4 @@
-"""The MPI world, if there is one, its machines, and who writes the campaign file."""
+"""The MPI world, if there is one, its nodes, and who writes the campaign file."""
 
 import os
 import warnings
@@ -25,28 +25,28 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
     Raises
     ------
     LaunchError
-        If no MPI library loads, or the world is not as large as the launcher promised: it then
-        belongs to another MPI, and every process would run the campaign for itself.
+        If no MPI library loads, or the size of the world is not that of the launch: launcher and
+        library are then of different MPIs, and every process would run the campaign for itself.
     """
-    promised = launched_size(environment)
-    if promised is None:
+    launched = launched_size(environment)
+    if launched is None:
         return None
     import mpi4py
 
     mpi4py.rc.thread_level = "funneled"
-    # It warns on every rank of what is said below once.
+    # It warns on every rank; the error below is shown once.
     warnings.filterwarnings("ignore", "suspicious MPI execution", RuntimeWarning)
     try:
         from mpi4py import MPI
     except (ImportError, RuntimeError) as error:
         raise LaunchError(
-            f"launched as {promised} MPI rank(s), but no MPI library can be loaded ({error}); "
+            f"launched as {launched} MPI rank(s), but no MPI library can be loaded ({error}); "
             "install one, for example: pip install 'agglom_mpi[mpi]'"
         ) from None
     world = MPI.COMM_WORLD
-    if promised != world.size:
+    if launched != world.size:
         raise LaunchError(
-            f"the launcher started {promised} processes, but {MPI.get_vendor()[0]}"
+            f"the launcher started {launched} processes, but {MPI.get_vendor()[0]}"
             f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
             "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
         )
@@ -58,7 +58,7 @@ PARALLEL: Final = "parallel"
 
 
 def choose_database(asked: str | None, world: "Intracomm | None") -> str:
-    """Choose what is asked, or `parallel` if HDF5 can and there are several ranks.
+    """Return what is asked for, or `parallel` if HDF5 can and there are several ranks.
 
     Raises
     ------
@@ -80,18 +80,16 @@ def choose_database(asked: str | None, world: "Intracomm | None") -> str:
 
 
 class Nodes(NamedTuple):
-    """Machines that the ranks are on.
-
-    `syncs` says whether this rank has to put on the disc what ranks of its node have written:
-    one of each node does, but rank 0 for its own.
-    """
+    """Nodes that the ranks are on."""
 
     number: int
     syncs: bool
+    """Whether this rank has to put on the disc what ranks of its node have written: one of each
+    node does, except on that of rank 0, which does so itself."""
 
 
 def find_nodes(world: "Intracomm | None") -> Nodes:
-    """Count the machines; all ranks call this together."""
+    """Count the nodes; collective."""
     if world is None:
         return Nodes(1, False)
     from mpi4py import MPI

@@ -1,31 +1,34 @@
 """What travels between ranks: fixed-size typed records, never pickles."""
 
 import socket
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.outcome import TIMED_OUT
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
+from agglom_mpi.storage.table import concatenated
 
-TASKS: Final = 1
-RESULTS: Final = 2
-FAILURE: Final = 3
-STOP: Final = 4
-WRITTEN: Final = 5
-UNWRITTEN: Final = 6
-SYNC: Final = 7
-FINALS: Final = 8
-FRAMES: Final = 9
-ALIVE: Final = 10
-WITHDRAWN: Final = 11
+TASKS: Final = 1  # to a worker: tasks to simulate, records of `scheduling.interface.TASK`
+RESULTS: Final = 2  # from a worker: results of samples, `RESULT`
+FAILURE: Final = 3  # from a worker: the traceback of a sample, `FAILED_SAMPLE`
+STOP: Final = 4  # to a worker: its exit code, int32; from a worker: `GOODBYE`
+WRITTEN: Final = 5  # from a worker: number of samples that it has written since the last, int64
+UNWRITTEN: Final = 6  # from a worker: why it cannot write the campaign file, `FAILED_SAMPLE`
+SYNC: Final = 7  # to a worker: write everything to the disc
+FINALS: Final = 8  # from a worker: rows of `/final_particles`
+FRAMES: Final = 9  # from a worker: one row of `/frames`
+ALIVE: Final = 10  # both ways: `HEARTBEAT`
+CANCEL: Final = 11  # to a worker: strings that need no more samples, int64
 """Message tags."""
 
 RESULT: Final = sample_dtype
 """One simulated sample, as it stands in the campaign file."""
 
 NOT_NEEDED: Final = 255
-"""The `reason` of a result that is none: its string needs no more samples, and was `WITHDRAWN`."""
+"""The `reason` of a sample that was left out, as its string was cancelled."""
 
 _NOT_FINAL: Final = frozenset((TIMED_OUT, NOT_NEEDED))
 
@@ -42,26 +45,132 @@ FAILED_SAMPLE: Final = np.dtype(
 """The traceback of a sample that raised, `frames` as in its task."""
 
 HEARTBEAT: Final = np.dtype([("host", "S64"), ("wakeup", "S64")])
-"""A sign of life: the machine of a rank, and the name that it is woken by. Rank 0 sends its own to
-those that it can wake."""
+"""The host of a rank, and the name that it is woken by. Rank 0 answers with its own to those that
+it can wake."""
 
 ALIVE_EVERY: Final = 5.0
-"""Seconds after which a rank that has nothing to say gives a sign of life."""
+"""Seconds without another message after which a worker sends a heartbeat."""
 
 SILENT_AFTER: Final = 30.0
-"""Seconds without a sign of life after which a rank's work is given to others, too."""
+"""Seconds without a message after which a rank's work is given to others, too."""
 
 GOODBYE: Final = np.dtype([("database_seconds", "f8")])
-"""The last word of a rank that has stopped: time that it spent on the campaign file, s."""
+"""Last message of a rank that has stopped: time that it spent on the campaign file, in s."""
+
+NO_RESULTS: Final = np.zeros(0, RESULT)
+NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 
 
-def heartbeat(wakeup: bytes) -> np.ndarray:
-    """Make the record, shape (1,), by which this rank shows that it is there."""
+class RankMessage(NamedTuple):
+    """What a rank reports; without any content a heartbeat.
+
+    The simulating thread of a rank makes one of all that it has finished; what comes from another
+    rank is several, one a record type.
+    """
+
+    rank: int
+    results: NDArray[np.void] = NO_RESULTS
+    """Rows of `/samples` in execution order, (n,)."""
+    failures: NDArray[np.void] = NO_FAILURES
+    """Records of `FAILED_SAMPLE`, (n,)."""
+    final_particles: NDArray[np.void] | None = None
+    """Rows of `/final_particles`, (n,); None if there are none."""
+    frames: tuple[NDArray[np.void], ...] = ()
+    """Consecutive rows of `/frames` of one sample each, (n,)."""
+    written: int = 0
+    """Number of samples that the rank has written itself since it reported that last."""
+    stopped: bool = False
+    """Whether this is the last message of the rank."""
+    database_seconds: float = 0.0
+    """Time that a rank which has stopped spent on the campaign file, in s."""
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is reported of samples."""
+        return (
+            not (len(self.results) or len(self.failures) or self.frames)
+            and self.final_particles is None
+        )
+
+    def records(self) -> Iterator[tuple[int, NDArray[np.void]]]:
+        """Yield the messages, each a tag and records, (n,), that tell rank 0 of samples.
+
+        Final particles come before the results that they belong to, and each frame alone, as it
+        may be large.
+        """
+        if self.final_particles is not None:
+            yield FINALS, self.final_particles
+        if len(self.failures):
+            yield FAILURE, self.failures
+        for rows in self.frames:
+            for frame in rows.reshape(-1, 1):
+                yield FRAMES, frame
+        if len(self.results):
+            yield RESULTS, self.results
+
+
+def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
+    """Return one message of what several of the same rank report of samples, in order."""
+    final = [each.final_particles for each in messages if each.final_particles is not None]
+    return RankMessage(
+        rank,
+        concatenated([each.results for each in messages if len(each.results)], RESULT),
+        concatenated([each.failures for each in messages if len(each.failures)], FAILED_SAMPLE),
+        concatenated(final, final[0].dtype) if final else None,
+        tuple(rows for each in messages for rows in each.frames),
+    )
+
+
+def record_types(grains: int) -> dict[int, np.dtype]:
+    """Return the record type by tag of what rank 0 receives; `grains` is the most of a sample."""
+    return {
+        RESULTS: RESULT,
+        FAILURE: FAILED_SAMPLE,
+        UNWRITTEN: FAILED_SAMPLE,
+        WRITTEN: np.dtype(np.int64),
+        ALIVE: HEARTBEAT,
+        STOP: GOODBYE,
+        FINALS: final_particles_schema(grains).dtype,
+        FRAMES: frames_schema(grains).dtype,
+    }
+
+
+def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
+    """Return what `rank` has reported by records, (n,), under a tag.
+
+    Raises
+    ------
+    OSError
+        If it reports that it cannot write the campaign file.
+    """
+    if tag == RESULTS:
+        return RankMessage(rank, results=records)
+    if tag == FAILURE:
+        return RankMessage(rank, failures=records)
+    if tag == FINALS:
+        return RankMessage(rank, final_particles=records)
+    if tag == FRAMES:
+        return RankMessage(rank, frames=(records,))
+    if tag == WRITTEN:
+        return RankMessage(rank, written=int(records[0]))
+    if tag == STOP:
+        seconds = float(records["database_seconds"][0])
+        return RankMessage(rank, stopped=True, database_seconds=seconds)
+    if tag == UNWRITTEN:
+        host, text = (records[name][0].decode() for name in ("host", "text"))
+        raise OSError(f"rank {rank} on {host}: {text}")
+    return RankMessage(rank)
+
+
+def heartbeat(wakeup: bytes) -> NDArray[np.void]:
+    """Return the `HEARTBEAT` record, shape (1,), of this rank."""
     return np.array([(_host(), wakeup)], HEARTBEAT)
 
 
-def failed_sample(string: int, sample: int, rank: int, text: str, frames: int = 0) -> np.ndarray:
-    """Make the record, shape (1,), that tells of an exception; of a long text the end is kept."""
+def failed_sample(
+    string: int, sample: int, rank: int, text: str, frames: int = 0
+) -> NDArray[np.void]:
+    """Return the `FAILED_SAMPLE` record, shape (1,), of an exception; of a long text the end."""
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["frames"] = frames
@@ -76,10 +185,10 @@ def _host() -> bytes:
     return socket.gethostname().encode()[:64]
 
 
-def storable(results: np.ndarray) -> np.ndarray:
-    """Return those results, (n,), that are kept.
+def storable(results: NDArray[np.void]) -> NDArray[np.void]:
+    """Return those results that are stored.
 
-    A sample that took too long may be tried again, and one that was left out is none.
+    A sample that took too long may be tried again, and one that was left out has no result.
     """
     if _NOT_FINAL.isdisjoint(results["reason"].tolist()):
         return results

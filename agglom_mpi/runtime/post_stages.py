@@ -14,14 +14,14 @@ from agglom_mpi.storage.writer import CampaignWriter
 
 
 class PostStage(ABC):
-    """Something to be done for the best strings after the search, once and for all.
+    """Work on the best strings after the search.
 
     Attributes
     ----------
     scheduler
-        Who does which of its tasks; there when it has begun.
+        Of its tasks, once it has begun.
     done_before
-        What was done of its stage when it began.
+        What was done before it began, as `Stage.done`.
     """
 
     scheduler: StaticScheduler
@@ -30,28 +30,28 @@ class PostStage(ABC):
     @property
     @abstractmethod
     def stage(self) -> Stage:
-        """How far it is."""
+        """How much of it is done."""
 
     @property
     @abstractmethod
     def complete(self) -> bool:
-        """Whether a run would have nothing to do."""
+        """Whether the file holds everything, so that a run has nothing to do."""
 
     @property
     @abstractmethod
     def done(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether nothing more is expected."""
 
     @abstractmethod
     def open(self) -> NDArray[np.void]:
-        """Make ready; the tasks, (n,) of `TASK`, for what is missing."""
+        """Prepare the file; return the tasks, (n,) of `TASK`, for what is missing."""
 
     @abstractmethod
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Say what is to be done."""
+        """Return in words what is to be done."""
 
     def begin(self, ranks: int) -> str:
-        """Make ready for so many ranks; what they have to do, in words, nothing if nothing."""
+        """Begin on that many ranks; return in words what is to be done, empty if nothing is."""
         tasks = self.open()
         self.scheduler = StaticScheduler(tasks, ranks)
         self.done_before = self.stage.done
@@ -59,29 +59,29 @@ class PostStage(ABC):
 
 
 class FrameStage(PostStage):
-    """What is to be stored in `/frames`, sample by sample in the order of `pictures`.
+    """Frames of samples of the best strings, stored in `/frames` in the order of the plan.
 
     Parameters
     ----------
-    pictures
+    plan
         Samples and number of frames of each.
     writer
-        Of the campaign file, which may hold pictures of an earlier end of the campaign.
+        Of the campaign file, which may hold frames of an earlier end of the campaign.
     parameters
-        Parameter string, (10,), of a number.
+        Returns the parameter string, (10,), of a number.
     """
 
     def __init__(
         self,
-        pictures: FramePlan,
+        plan: FramePlan,
         writer: CampaignWriter,
         parameters: Callable[[int], NDArray[np.float64]],
     ) -> None:
-        self._pictures = pictures
+        self._plan = plan
         self._writer = writer
         self._parameters = parameters
-        self._places = {pair: place for place, pair in enumerate(pictures.samples)}
-        wanted, stored = self._keys(), writer.frame_keys() if pictures.samples else {}
+        self._places = {pair: place for place, pair in enumerate(plan.samples)}
+        wanted, stored = self._keys(), writer.frame_keys() if plan.samples else {}
         self._same = all(wanted.get(place) == key for place, key in stored.items())
         self._missing = set(wanted)
         if self._same:
@@ -89,55 +89,55 @@ class FrameStage(PostStage):
 
     @property
     def complete(self) -> bool:
-        """Whether the file holds exactly what is asked for; whatever it holds if nothing is."""
+        """Whether the file holds exactly what is asked for, or nothing is asked for."""
         return self._same and not self._missing
 
     @property
     def done(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether nothing more is expected."""
         return not self._missing
 
     @property
     def stage(self) -> Stage:
-        """Count the pictures that are asked for."""
-        total = len(self._places) * self._pictures.frames
+        """Count the frames that are asked for."""
+        total = len(self._places) * self._plan.frames
         return Stage(total - len(self._missing), total, "pictures")
 
     def open(self) -> NDArray[np.void]:
-        """Drop pictures of other samples; the tasks, (n,) of `TASK`, for those that are missing."""
+        """Drop frames of other samples; return the tasks, (n,) of `TASK`, for missing ones."""
         if not self._same:
             self._writer.forget_frames()
             self._same = True
-        count = max(1, self._pictures.frames)
+        count = max(1, self._plan.frames)
         lacking = sorted({row // count for row in self._missing})
         tasks = np.zeros(len(lacking), TASK)
         for task, place in zip(tasks, lacking, strict=True):
-            task["string"], task["first"] = self._pictures.samples[place]
+            task["string"], task["first"] = self._plan.samples[place]
             task["count"], task["frames"] = 1, count
             task["parameters"] = self._parameters(int(task["string"]))
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Say what is to be done."""
+        """Return in words what is to be done."""
         return f"taking pictures of {pluralise(len(tasks), 'sample')}, {tasks['frames'][0]} of each"
 
     def store(self, rows: NDArray[np.void]) -> bool:
-        """Store rows of `/frames` of one sample, consecutive ones; whether all of it are there."""
+        """Write consecutive rows of `/frames` of one sample; return True once it is complete."""
         first = rows[0]
         place = self._places[int(first["string"]), int(first["sample"])]
-        count = self._pictures.frames
+        count = self._plan.frames
         at = place * count + int(first["frame"])
         self._writer.put_frames(at, rows)
         self._missing -= set(range(at, at + len(rows)))
         return self._missing.isdisjoint(range(place * count, (place + 1) * count))
 
     def give_up(self, string: int, sample: int) -> None:
-        """Expect no more of a sample that raised when it was looked at."""
-        at = self._places[string, sample] * self._pictures.frames
-        self._missing -= set(range(at, at + self._pictures.frames))
+        """Expect no more frames of a sample that raised."""
+        at = self._places[string, sample] * self._plan.frames
+        self._missing -= set(range(at, at + self._plan.frames))
 
     def _keys(self) -> dict[int, tuple[int, int, int]]:
-        count = self._pictures.frames
+        count = self._plan.frames
         return {
             place * count + frame: (*pair, frame)
             for pair, place in self._places.items()
@@ -146,53 +146,53 @@ class FrameStage(PostStage):
 
 
 class ReestimationStage(PostStage):
-    """Fresh samples of the best strings, those numbers of `/samples` that no decision sees.
+    """Fresh samples of the best strings, which no decision sees.
 
     Parameters
     ----------
-    finalists
-        Strings, the best first, and how many samples are asked for of each.
+    plan
+        Strings, the best first, and the number of samples of each.
     fresh_from, max_samples
         Numbers of the first fresh sample of a string, and of the first that there is no room for.
     known
         (string, sample) that need no simulation, from an earlier leg.
     parameters
-        Parameter string, (10,), of a number.
+        Returns the parameter string, (10,), of a number.
     """
 
     def __init__(
         self,
-        finalists: ReestimationPlan,
+        plan: ReestimationPlan,
         fresh_from: int,
         max_samples: int,
         known: Collection[tuple[int, int]],
         parameters: Callable[[int], NDArray[np.float64]],
     ) -> None:
-        self._finalists = finalists
-        self._numbers = range(fresh_from, min(fresh_from + finalists.samples, max_samples))
+        self._plan = plan
+        self._numbers = range(fresh_from, min(fresh_from + plan.samples, max_samples))
         self._parameters = parameters
-        pairs = {(string, sample) for string in finalists.strings for sample in self._numbers}
+        pairs = {(string, sample) for string in plan.strings for sample in self._numbers}
         self._missing = pairs.difference(known)
 
     @property
     def complete(self) -> bool:
-        """Whether all are there that are asked for and that there is room for."""
+        """Whether the file holds all that are asked for and that it has room for."""
         return not self._missing
 
     @property
     def done(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether nothing more is expected."""
         return not self._missing
 
     @property
     def stage(self) -> Stage:
         """Count the samples that are asked for."""
-        total = len(self._finalists.strings) * len(self._numbers)
+        total = len(self._plan.strings) * len(self._numbers)
         return Stage(total - len(self._missing), total, "fresh samples")
 
     def open(self) -> NDArray[np.void]:
-        """Return the tasks, (n,) of `TASK`, for samples that are missing; the best string first."""
-        pairs = [(i, j) for i in self._finalists.strings for j in self._numbers]
+        """Return the tasks, (n,) of `TASK`, for missing samples, the best string first."""
+        pairs = [(i, j) for i in self._plan.strings for j in self._numbers]
         tasks = np.zeros(len(self._missing), TASK)
         lacking = [pair for pair in pairs if pair in self._missing]
         for task, (string, sample) in zip(tasks, lacking, strict=True):
@@ -201,10 +201,10 @@ class ReestimationStage(PostStage):
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Say what is to be done."""
+        """Return in words what is to be done."""
         strings = pluralise(len(set(tasks["string"].tolist())), "string")
         return f"estimating {strings} again, on {pluralise(len(tasks), 'fresh sample')}"
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Take samples, (n,), completed or failed."""
+        """Take samples, rows of `/samples`, (n,), completed or failed."""
         self._missing.difference_update(rows[["string", "sample"]].tolist())

@@ -1,7 +1,7 @@
-"""Record decisions in the campaign file, and notify progress listeners."""
+"""Record samples and decisions in the campaign file, and notify progress listeners."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Protocol
 
@@ -10,35 +10,49 @@ from numpy.typing import NDArray
 
 from agglom_mpi.display.progress import Best, Progress
 from agglom_mpi.display.remaining_time import DurationStatistics
-from agglom_mpi.outcome import EXCEPTION, FAILED
-from agglom_mpi.runtime.generation_digest import DigestAccumulator, result_row
+from agglom_mpi.outcome import FAILED
 from agglom_mpi.runtime.messages import storable
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
+from agglom_mpi.search.decisions import (
+    Decision,
+    GenerationSummary,
+    StringEvaluated,
+    StringsProposed,
+)
 from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.search.inversion import GenerationSummary
-from agglom_mpi.search.proposals import Proposals
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.table import runs_of
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, sample_dtype
+from agglom_mpi.storage.table import concatenated, generation_digest, runs_of, used_samples
 from agglom_mpi.storage.writer import CampaignWriter
+from agglom_mpi.variables import COUNT
 
 
 class ProgressListener(Protocol):
-    """Somebody who is shown how a run goes."""
+    """Shows the progress of a run."""
 
     def generation(self, summary: GenerationSummary, total: int, samples: int, rate: float) -> None:
-        """Show a finished generation, one of `total` at most.
+        """Show a closed generation.
 
-        `samples` are simulated so far; `rate` is that of this leg in samples/s.
+        Parameters
+        ----------
+        summary
+            The generation.
+        total
+            Largest number of generations.
+        samples
+            Samples simulated so far.
+        rate
+            Samples per second of this leg.
         """
 
     def tick(self, progress: Progress) -> None:
-        """Show how it goes; called from time to time."""
+        """Show the progress; called twice a second."""
 
     def message(self, text: str) -> None:
         """Show one line."""
 
     def error(self, text: str) -> None:
-        """Show what went wrong, however quiet the run is."""
+        """Show an error, even in a quiet run."""
 
 
 def _seconds_of_legs(data: CampaignData) -> float:
@@ -48,8 +62,50 @@ def _seconds_of_legs(data: CampaignData) -> float:
     return max(ended, float(generations["seconds"].max()) if len(generations) else 0.0)
 
 
+class DigestAccumulator:
+    """Collect what the decisions of a generation rest on, for the digest stored with it.
+
+    These are the rows that the decisions were made from, not what the file returns.
+
+    Parameters
+    ----------
+    samples
+        Rows of `/samples` of earlier legs, (n,).
+    version
+        Format version of the file.
+    """
+
+    def __init__(self, samples: NDArray[np.void], version: int = FORMAT_VERSION) -> None:
+        self._version = version
+        self._parameters = np.empty((0, COUNT))
+        self._results: dict[int, NDArray[np.void]] = {}
+        self._samples = [samples]
+
+    def begin(self, parameters: NDArray[np.float64]) -> None:
+        """Begin a generation with its strings, shape (n, 10)."""
+        self._parameters = parameters
+        self._results.clear()
+
+    def add_samples(self, rows: NDArray[np.void]) -> None:
+        """Add samples of any strings."""
+        self._samples.append(rows)
+
+    def add_result(self, string: int, row: NDArray[np.void]) -> None:
+        """Add the result of a string, a row of `/results` of shape (1,)."""
+        self._results[string] = row
+
+    def digest(self) -> int:
+        """Return the digest of the generation, and forget its samples and earlier ones."""
+        strings = sorted(self._results)
+        results = concatenated([self._results[string] for string in strings], RESULTS.dtype)
+        samples = concatenated(self._samples, sample_dtype)
+        self._samples = [samples[samples["string"] > strings[-1]]]
+        used = used_samples(samples, results)
+        return generation_digest(self._parameters, results, used, self._version)
+
+
 class RunRecorder:
-    """Observer of the inversion: stores what it decides, once, and shows it.
+    """Store samples and decisions once each, and count what the progress display needs.
 
     Parameters
     ----------
@@ -57,32 +113,28 @@ class RunRecorder:
         Of the campaign file.
     stored
         What the file holds already, and is not written again.
-    watcher
+    listener
         Shown every generation.
     top
         Number of strings in the mean of the best.
     generations
-        Most generations there are.
+        Largest number of generations.
 
     Attributes
     ----------
     samples, busy_seconds
-        Samples of this leg, and the time that they took, s.
-    failures, failed
-        Samples of all legs that raised or took too long, and that failed for any reason.
-    best
-        What the last generation found.
-    laps
-        How long generations of this leg took, s.
-    fresh_costs
-        What fresh samples of this leg took, s.
+        Samples of this leg, and the time that they took, in s.
+    generation_times, fresh_times
+        How long generations and fresh samples of this leg took, in s.
+    synced
+        Called when a generation is on the disc.
     """
 
     def __init__(
         self,
         writer: CampaignWriter,
         stored: CampaignData,
-        watcher: ProgressListener,
+        listener: ProgressListener,
         top: int,
         generations: int,
     ) -> None:
@@ -91,11 +143,10 @@ class RunRecorder:
         rows, searched = stored.all_sample_rows(), stored.searched_samples
         judged = stored.judged_timed_out
         timed_out = len(judged) + len(stored.fresh_timed_out)
-        self.failures = int((rows["reason"] == EXCEPTION).sum()) + timed_out
-        self.failed = int((rows["state"] == FAILED).sum()) + timed_out
-        self.best: Best | None = None
-        self.laps = DurationStatistics()
-        self.fresh_costs = DurationStatistics()
+        self._failed = int((rows["state"] == FAILED).sum()) + timed_out
+        self._best: Best | None = None
+        self.generation_times = DurationStatistics()
+        self.fresh_times = DurationStatistics()
         self._generations = generations
         self.begin()
         self._writer = writer
@@ -106,135 +157,150 @@ class RunRecorder:
         self._stored_generations = set(stored.generation_rows()["generation"].tolist())
         self._stored_samples, self._stored_searched = len(rows), len(searched) + len(judged)
         self._stored_seconds = _seconds_of_legs(stored)
-        self._watcher = watcher
+        self._listener = listener
         self._top = top
-        self._evidence = DigestAccumulator(searched, stored.format_version)
-        self._backlog = WriteOrderBarrier()
+        self._digest = DigestAccumulator(searched, stored.format_version)
+        self._barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
 
     def begin(self) -> None:
-        """Let this leg begin now."""
-        self._begun = self._turned = time.monotonic()
+        """Start the clock of this leg."""
+        self._begun = self._generation_begun = time.monotonic()
 
     @property
-    def elapsed(self) -> float:
-        """Seconds of this leg."""
+    def generation_seconds(self) -> float:
+        """Time of the generation under way so far, in s."""
+        return time.monotonic() - self._generation_begun
+
+    def progress(self, ranks: int, in_flight: int) -> Progress:
+        """Return what is known in every phase, with that many samples in flight on the ranks."""
+        elapsed = self._elapsed
+        return Progress(
+            done=0,
+            total=0,
+            unit="",
+            elapsed=elapsed,
+            samples=self._stored_samples + self.samples,
+            rate=self._rate if self.samples else None,
+            busy=self.busy_seconds / (elapsed * ranks) if self.samples else None,
+            in_flight=in_flight,
+            failed=self._failed,
+            best=self._best,
+        )
+
+    def store_samples(
+        self,
+        results: NDArray[np.void],
+        final_particles: NDArray[np.void] | None = None,
+        writer: int | None = None,
+    ) -> None:
+        """Store samples of one message, unless the rank `writer` does so itself.
+
+        Parameters
+        ----------
+        results
+            Rows of `/samples`, (n,).
+        final_particles
+            Rows of `/final_particles`; they may come before or without their samples.
+        writer
+            The rank that writes them; None if it is this one.
+        """
+        if writer is None:
+            self._writer.put_samples(results, final_particles)
+        else:
+            self._barrier.delivered(writer, results)
+
+    def count(self, results: NDArray[np.void]) -> None:
+        """Count samples that decisions are made from, (n,), each once."""
+        self._digest.add_samples(storable(results))
+        self._count(results)
+
+    def count_fresh(self, results: NDArray[np.void]) -> None:
+        """Count samples that no decision is made from, (n,), each once."""
+        self._count(results)
+        for seconds in results["seconds"].tolist():
+            self.fresh_times.add(seconds)
+
+    def _count(self, results: NDArray[np.void]) -> None:
+        self.samples += len(results)
+        self.busy_seconds += sum(results["seconds"].tolist())
+        self._failed += results["state"].tolist().count(FAILED)
+
+    def count_skipped(self, results: NDArray[np.void]) -> None:
+        """Count the time of samples, (n,), that were begun at most, being unnecessary."""
+        self.busy_seconds += sum(results["seconds"].tolist())
+
+    def record(self, decisions: Iterable[Decision]) -> None:
+        """Store decisions in their order, each before the next one is made."""
+        for decision in decisions:
+            match decision:
+                case StringsProposed():
+                    self._store_strings(decision)
+                case StringEvaluated(string, result):
+                    self._store_result(string, result)
+                case GenerationSummary():
+                    self._store_generation(decision)
+
+    def written(self, rank: int, count: int) -> None:
+        """Count `count` more samples of a rank as written, and store what waited for them."""
+        self._barrier.written(rank, count)
+
+    def take_over(self, rank: int) -> None:
+        """Store what a silent rank has sent and was to write itself."""
+        for rows in self._barrier.take_over(rank):
+            self._writer.put_samples(rows)
+        self._writer.flush()
+        self._barrier.taken_over()
+
+    def finish(self) -> None:
+        """Store what waits: all ranks have stopped, and written what they had."""
+        self._barrier.finish()
+
+    @property
+    def _elapsed(self) -> float:
         return max(1e-9, time.monotonic() - self._begun)
 
     @property
-    def lap(self) -> float:
-        """Seconds of the generation that is under way."""
-        return time.monotonic() - self._turned
+    def _rate(self) -> float:
+        return self.samples / self._elapsed
 
-    @property
-    def rate(self) -> float:
-        """Samples per second of this leg."""
-        return self.samples / self.elapsed
-
-    @property
-    def all_samples(self) -> int:
-        """Samples of all legs, fresh ones included."""
-        return self._stored_samples + self.samples
-
-    @property
-    def seconds(self) -> float:
-        """Wall-clock seconds of all legs."""
-        return self._stored_seconds + self.elapsed
-
-    def simulated(
-        self,
-        results: NDArray[np.void],
-        finals: NDArray[np.void] | None = None,
-        writes: int | None = None,
-    ) -> None:
-        """Store the samples of one batch, unless the rank `writes` does so itself.
-
-        Particles may come before or without their samples.
-        """
-        if writes is None:
-            self._writer.put_samples(results, finals)
-        else:
-            self._backlog.delivered(writes, results)
-
-    def counted(self, results: NDArray[np.void]) -> None:
-        """Take samples that decisions are made from, each once."""
-        self._evidence.simulated(storable(results))
-        self._took(results)
-
-    def estimated(self, results: NDArray[np.void]) -> None:
-        """Take samples that no decision is made from, each once."""
-        self._took(results)
-        for seconds in results["seconds"].tolist():
-            self.fresh_costs.add(seconds)
-
-    def _took(self, results: NDArray[np.void]) -> None:
-        self.samples += len(results)
-        self.busy_seconds += sum(results["seconds"].tolist())
-        self.failed += results["state"].tolist().count(FAILED)
-
-    def left_out(self, results: NDArray[np.void]) -> None:
-        """Take samples that were begun at most, as they turned out not to be needed."""
-        self.busy_seconds += sum(results["seconds"].tolist())
-
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Store strings of a coming generation before any of their samples is handed out."""
-        self._store_strings(batch, ids)
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Store new strings before any of their samples is handed out."""
-        self._evidence.proposed(batch.parameters)
-        self._store_strings(batch, ids)
-
-    def _store_strings(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Store those that are not in the file yet; announced ones end a generation."""
-        new = np.array([string not in self._strings for string in ids.tolist()])
+    def _store_strings(self, decision: StringsProposed) -> None:
+        """Store strings that are not in the file yet; those proposed ahead end a generation."""
+        proposals, numbers = decision.proposals, decision.strings
+        if not decision.ahead:
+            self._digest.begin(proposals.parameters)
+        new = np.array([string not in self._strings for string in numbers.tolist()])
         for first, count in runs_of(new):
             self._writer.mark_running()
             some = slice(first, first + count)
             self._writer.put_strings(
-                int(ids[first]),
-                batch.generation,
-                batch.slot[some],
-                batch.origin[some],
-                batch.parents[some],
-                batch.parameters[some],
+                int(numbers[first]),
+                proposals.generation,
+                proposals.slot[some],
+                proposals.origin[some],
+                proposals.parents[some],
+                proposals.parameters[some],
             )
-        self._strings.update(ids.tolist())
+        self._strings.update(numbers.tolist())
 
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Store the result of a string."""
+    def _store_result(self, string: int, result: EnsembleResult) -> None:
         row = self._stored_results.get(string)
         if row is None:
             row = result_row(string, result)
             self._writer.mark_running()
-            self._backlog.store(partial(self._writer.put_result, row))
-        self._evidence.judged(string, row)
+            self._barrier.store(partial(self._writer.put_result, row))
+        self._digest.add_result(string, row)
 
-    def written(self, rank: int, count: int) -> None:
-        """Take note that so many more samples of a rank are in the file."""
-        self._backlog.written(rank, count)
-
-    def take_over(self, rank: int) -> None:
-        """Store what a rank has sent that was to write it itself, and is not heard any more."""
-        for rows in self._backlog.take_over(rank):
-            self._writer.put_samples(rows)
-        self._writer.flush()
-        self._backlog.taken_over()
-
-    def finish(self) -> None:
-        """Store what waits: all ranks have stopped, and written what they had."""
-        self._backlog.finish()
-
-    def generation_done(self, summary: GenerationSummary) -> None:
+    def _store_generation(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
-        self.best = Best(
+        self._best = Best(
             summary.best, summary.objective, summary.standard_error, summary.mean_of_top
         )
         if summary.generation in self._stored_generations:
             return
-        self.laps.add(self.lap)
-        self._turned = time.monotonic()
+        self.generation_times.add(self.generation_seconds)
+        self._generation_begun = time.monotonic()
         simulated = self._stored_searched + self.samples
         store = partial(
             self._writer.put_generation,
@@ -247,15 +313,24 @@ class RunRecorder:
             evaluations=summary.evaluations,
             samples_used=summary.samples_used,
             samples_simulated=simulated,
-            seconds=self.seconds,
+            seconds=self._stored_seconds + self._elapsed,
             population=summary.population,
-            digest=self._evidence.digest(),
+            digest=self._digest.digest(),
         )
-        self._backlog.store(lambda: self._seal(store))
-        self._watcher.generation(summary, self._generations, simulated, self.rate)
+        self._barrier.store(lambda: self._commit(store))
+        self._listener.generation(summary, self._generations, simulated, self._rate)
 
-    def _seal(self, store: Callable[[], None]) -> None:
+    def _commit(self, store: Callable[[], None]) -> None:
         self._writer.mark_running()
         store()
         self._writer.sync()
         self.synced()
+
+
+def result_row(string: int, result: EnsembleResult) -> NDArray[np.void]:
+    """Return a row of `/results`, shape (1,), without its checksum."""
+    row = np.zeros(1, RESULTS.dtype)
+    row["string"] = string
+    for name, value in result._asdict().items():
+        row[name] = value
+    return row

@@ -1,4 +1,4 @@
-"""A run on all ranks: its request, signals and walltime, the exit code."""
+"""A run on all ranks: its request, one leg of it, the exit code."""
 
 import os
 import sys
@@ -7,26 +7,29 @@ import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display.display import Display
+from agglom_mpi.display.progress import Progress
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text
+from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import (
     lacking_room,
+    leg_fields,
     output_path,
     prepare,
 )
 from agglom_mpi.runtime.launch import PARALLEL, Nodes, choose_database, find_nodes
-from agglom_mpi.runtime.leg import run_leg, warm_up
-from agglom_mpi.runtime.request import Order
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
-from agglom_mpi.runtime.worker import serve_coordinator as serve
+from agglom_mpi.runtime.worker import serve_coordinator
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.files import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
@@ -38,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class Options(NamedTuple):
-    """What `agglom-invert` was asked for."""
+    """Options of `agglom-invert`."""
 
     campaign: str
     output: str | None = None
@@ -50,53 +53,69 @@ class Options(NamedTuple):
     allow_code: bool = False
 
 
+class RunRequest(NamedTuple):
+    """What a run executes, and the file that records it."""
+
+    experiment: Experiment
+    path: Path
+    accept_code_change: bool
+    """Whether samples of other sources may be in the file."""
+    database: str | None = None
+    """Who writes samples, `gathered` or `parallel`; None chooses."""
+
+
 def invert(options: Options, world: "Intracomm | None") -> int:
-    """Run a campaign on all ranks; the exit code."""
+    """Run a campaign on all ranks; return the exit code."""
     display = Display(options.quiet)
 
-    def finish(order: Order) -> None:
+    def finish(request: RunRequest) -> None:
         if not options.quiet:
-            display.table(summary_table(read_campaign(order.path)))
+            display.table(summary_table(read_campaign(request.path)))
 
     return run_on_all_ranks(
-        lambda: read_order(options), display, finish, world, max_walltime=options.max_walltime
+        lambda: read_request(options), display, finish, world, max_walltime=options.max_walltime
     )
 
 
-def read_order(options: Options) -> Order:
-    """Campaign and output file that the options name; raises the user's mistakes."""
+def read_request(options: Options) -> RunRequest:
+    """Load the campaign that the options name; raise the user's mistakes."""
     campaign = load_campaign(options.campaign, options.allow_code)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     campaign.check_libraries()
     path = output_path(campaign, options.output)
-    work = InversionExperiment(campaign, warm_start_strings(campaign, path))
-    return Order(work, path, options.accept_code_change, options.database)
+    experiment = InversionExperiment(campaign, warm_start_strings(campaign, path))
+    return RunRequest(experiment, path, options.accept_code_change, options.database)
 
 
 def run_on_all_ranks(
-    read: Callable[[], Order],
+    read: Callable[[], RunRequest],
     display: Display,
-    finish: Callable[[Order], None],
+    finish: Callable[[RunRequest], None],
     world: "Intracomm | None",
     *,
     max_walltime: float | None = None,
 ) -> int:
-    """Run an order on all ranks; the exit code. Any error but the user's ends the whole job.
+    """Run an experiment on all ranks; any error but the user's ends the whole job.
 
     Parameters
     ----------
     read
-        Says what to run; called on rank 0 only, may raise the user's mistakes.
+        Returns what to run; called on rank 0 only, may raise the user's mistakes.
     display
-        Shows how it goes.
+        Shows the progress.
     finish
         Called on rank 0 when all is done.
     world
         The MPI world; None for a plain run.
     max_walltime
-        Seconds after which to stop cleanly.
+        Time in s after which to stop cleanly.
+
+    Returns
+    -------
+    int
+        The exit code.
     """
     try:
         if world is not None and world.rank > 0:
@@ -111,23 +130,23 @@ def run_on_all_ranks(
 
 
 def run_worker(world: "Intracomm") -> int:
-    """Be a worker."""
+    """Run a rank other than 0; return the exit code that rank 0 sends."""
     ignore_signals()
-    code, work, path = world.bcast(None, root=0)
-    if work is None:
+    code, experiment, path = world.bcast(None, root=0)
+    if experiment is None:
         return int(code)
-    simulator = SampleRunner(work, world.rank)
-    warm_up(simulator, world)
+    runner = SampleRunner(experiment, world.rank)
+    warm_up(runner, world)
     nodes = find_nodes(world)
-    file = None if path is None else join(path, world, nodes)
-    code = serve(world, simulator, file)
+    file = None if path is None else open_with_rank_zero(path, world, nodes)
+    code = serve_coordinator(world, runner, file)
     if file is not None:
         file.close()
     return int(code)
 
 
-def join(path: Path, world: "Intracomm", nodes: Nodes) -> RankWriter:
-    """Open the campaign file together with rank 0."""
+def open_with_rank_zero(path: Path, world: "Intracomm", nodes: Nodes) -> RankWriter:
+    """Open the campaign file for writing, all ranks together."""
     try:
         return RankWriter(path, world, syncs=nodes.syncs)
     except (OSError, NotACampaign):
@@ -136,32 +155,35 @@ def join(path: Path, world: "Intracomm", nodes: Nodes) -> RankWriter:
 
 
 def broadcast_start(
-    world: "Intracomm | None", code: int, work: Experiment | None = None, path: Path | None = None
+    world: "Intracomm | None",
+    code: int,
+    experiment: Experiment | None = None,
+    path: Path | None = None,
 ) -> None:
-    """Let the workers begin, or go home with an exit code before anything began.
+    """Let the workers begin with an experiment, or exit with a code if there is none.
 
     With a `path` they write their samples there themselves.
     """
     if world is not None:
-        world.bcast((code, work, path), root=0)
+        world.bcast((code, experiment, path), root=0)
 
 
 def run_rank_zero(
-    read: Callable[[], Order],
+    read: Callable[[], RunRequest],
     display: Display,
-    finish: Callable[[Order], None],
+    finish: Callable[[RunRequest], None],
     stop: StopRequest,
     world: "Intracomm | None",
 ) -> int:
-    """Be rank 0."""
+    """Run rank 0; return the exit code."""
     stop.listen()
     with ExitStack() as stack:
         try:
-            order = read()
-            work, path = order.work, Path(os.path.realpath(order.path))
-            database = choose_database(order.database, world)
+            request = read()
+            experiment, path = request.experiment, Path(os.path.realpath(request.path))
+            database = choose_database(request.database, world)
             stack.enter_context(CampaignLock(path))
-            file = prepare(order.path, work, order.accept_code_change)
+            file = prepare(request.path, experiment, request.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
         except (UserError, OSError) as error:
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
@@ -169,21 +191,22 @@ def run_rank_zero(
             broadcast_start(world, code)
             return code
         try:
-            if lacking := lacking_room(order.path, file, work):
+            if lacking := lacking_room(request.path, file, experiment):
                 display.message(lacking)
-            master = Coordinator(work, file, writer, display)
-            if master.replay():
+            coordinator = Coordinator(experiment, file, writer, display)
+            if coordinator.replay():
                 broadcast_start(world, FINISHED)
                 file.refresh()  # deciding again may have written rows that were lost
                 if file.status().state != "finished":  # killed just after the last generation
-                    writer.set_status("finished", master.finished_because)
-                display.message(f"{order.path} is finished already: nothing to do")
+                    writer.set_status("finished", coordinator.end_reason)
+                display.message(f"{request.path} is finished already: nothing to do")
                 end = None
             else:
-                broadcast_start(world, FINISHED, work, path if database == PARALLEL else None)
-                end, missing = run_leg(order, database, writer, master, display, stop, world)
+                shared = path if database == PARALLEL else None
+                broadcast_start(world, FINISHED, experiment, shared)
+                end, missing = run_leg(request, database, writer, coordinator, display, stop, world)
                 if missing and world is not None:
-                    return leave(end, missing, order, display, finish, world)
+                    return conclude_without(missing, end, request, display, finish, world)
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
@@ -191,36 +214,119 @@ def run_rank_zero(
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE
-    return conclude(end, order, display, finish)
+    return conclude(end, request, display, finish)
+
+
+def run_leg(
+    request: RunRequest,
+    database: str,
+    writer: CampaignWriter,
+    coordinator: Coordinator,
+    display: Display,
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> tuple[RunEnd, set[int]]:
+    """Simulate on all ranks, and record this start and stop of the program in `/legs`.
+
+    Returns
+    -------
+    tuple
+        How it ended, and ranks that do not answer any more: nothing collective can follow.
+    """
+    ranks, recorder = 1 if world is None else world.size, coordinator.recorder
+    with display:
+        _announce(display, request, ranks, database, coordinator.inversion)
+        runner = SampleRunner(request.experiment, 0)
+        warm_up(runner, world)
+        nodes = find_nodes(world).number
+        if database == PARALLEL and world is not None:
+            writer.reopen_parallel(world)
+        fields = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
+        leg = writer.begin_leg(**fields)
+        writer.set_status("running")
+        pool = WorkerPool(runner, world)
+        if nodes > 1 and writer.parallel:
+            recorder.synced = pool.sync
+        end = coordinator.run(pool, stop)
+    end = coordinator.shut_down(pool, end)
+    writer.end_leg(
+        leg,
+        stopped=time.time(),
+        exit_code=end.code,
+        samples=recorder.samples,
+        busy_seconds=recorder.busy_seconds,
+        database_seconds=writer.clock.seconds + pool.database_seconds,
+    )
+    writer.set_status(end.state, end.reason)
+    writer.sync()
+    return end, pool.missing
+
+
+def warm_up(runner: SampleRunner, world: "Intracomm | None") -> None:
+    """Compile kernels on one rank of each node, then let the others load them."""
+    if world is None:
+        runner.warm_up()
+        return
+    if compiles_for_node(world.rank):
+        runner.warm_up()
+    wait(world.Ibarrier())
+    if not compiles_for_node(world.rank):
+        runner.warm_up()
+
+
+def wait(request: Any) -> None:
+    """Wait for an MPI request without burning a core."""
+    while not request.Test():
+        time.sleep(0.002)
+
+
+def mpi_version(world: "Intracomm | None") -> str:
+    """Return name and version of the MPI library; empty for a plain run."""
+    if world is None:
+        return ""
+    from mpi4py import MPI
+
+    return " ".join(MPI.Get_library_version().split()[:3])
+
+
+def _announce(
+    display: Display, request: RunRequest, ranks: int, database: str, inversion: Inversion
+) -> None:
+    experiment, stage = request.experiment, request.experiment.stage(inversion)
+    campaign = experiment.campaign
+    what = f"{campaign.title or campaign.name}: {experiment.largest}"
+    note = "the kernels are made ready"
+    progress = Progress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
+    display.begin(what, str(request.path), ranks, database, len(inversion.results), progress)
 
 
 def conclude(
-    end: RunEnd | None, order: Order, display: Display, finish: Callable[[Order], None]
+    end: RunEnd | None, request: RunRequest, display: Display, finish: Callable[[RunRequest], None]
 ) -> int:
-    """Say how it ended, None for long ago; the exit code."""
+    """Show how the run ended, None if it was finished before; return the exit code."""
     if end is not None and end.code != FINISHED:
         show = display.error if end.code == FAILURE else display.message
-        show(f"stopped: {end.reason}; everything simulated so far is in {order.path}")
+        show(f"stopped: {end.reason}; everything simulated so far is in {request.path}")
         return end.code
-    finish(order)
+    finish(request)
     return FINISHED
 
 
-def leave(
-    end: RunEnd,
+def conclude_without(
     missing: set[int],
-    order: Order,
+    end: RunEnd,
+    request: RunRequest,
     display: Display,
-    finish: Callable[[Order], None],
+    finish: Callable[[RunRequest], None],
     world: "Intracomm",
 ) -> int:
     """Conclude without ranks that do not answer: the file is complete, the job is ended by force.
 
     Waiting for them, as any call that all ranks join does, might never end.
     """
-    code = conclude(end, order, display, finish)
+    code = conclude(end, request, display, finish)
     ranks = ", ".join(map(str, sorted(missing)))
-    display.error(f"no answer from rank {ranks}: the job is ended without; {order.path} is whole")
+    display.error(f"no answer from rank {ranks}: the job is ended without; {request.path} is whole")
     sys.stdout.flush()
     end_job(world, code)
     return code

@@ -4,117 +4,118 @@ import queue
 import threading
 import time
 from collections.abc import Collection
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.runtime.sample_runner import Batch, SampleRunner, Task
+from agglom_mpi.runtime.messages import RankMessage, merged
+from agglom_mpi.runtime.sample_runner import SampleRunner, Task
 from agglom_mpi.runtime.wakeup import Wakeup
 
-HELD_BACK: Final = 0.1
+MAX_DELAY: Final = 0.1
 """Seconds after which finished samples do not wait for the next of their batch."""
 
 
 class SimulationThread:
-    """Does batches of tasks in the order they come.
+    """Simulates batches of tasks in the order in which they come.
 
-    What is finished does not wait for long for the rest of its batch. An exception of the thread
-    itself is raised by `take`.
+    What is finished waits at most `MAX_DELAY` for the rest of its batch. An exception of the
+    thread itself is raised by `poll`.
 
     Parameters
     ----------
-    simulator
+    runner
         Of this rank.
     wakeup
-        Rung when something can be taken.
+        Rung when `poll` has something to return.
     """
 
-    def __init__(self, simulator: SampleRunner, wakeup: Wakeup) -> None:
-        self._simulator = simulator
-        self._watch = simulator.watch
+    def __init__(self, runner: SampleRunner, wakeup: Wakeup) -> None:
+        self._runner = runner
+        self._abort_flag = runner.abort_flag
         self._batches: queue.SimpleQueue[tuple[int, NDArray[np.void]] | None] = queue.SimpleQueue()
-        self._results: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._results: queue.SimpleQueue[RankMessage | BaseException] = queue.SimpleQueue()
         self._wakeup = wakeup
         self._queued = 0
         self._under_way = 0, -1  # batch and string
-        self._withdrawn: dict[int, int] = {}  # strings, each with the last batch that counts
+        self._cancelled: dict[int, int] = {}  # strings, each with the last batch that counts
         self._thread = threading.Thread(target=self._work, name="simulator", daemon=True)
         self._thread.start()
 
     def put(self, tasks: NDArray[np.void]) -> None:
-        """Queue a batch."""
+        """Queue a batch, (n,) of `TASK`."""
         self._queued += 1
         self._batches.put((self._queued, tasks))
 
-    def withdraw(self, strings: Collection[int]) -> None:
+    def cancel(self, strings: Collection[int]) -> None:
         """Leave out what is under way or queued of some strings; what is queued later is done.
 
         Their samples come back as `NOT_NEEDED`, each in its turn.
         """
         first = self._under_way[0]
-        known = {string: last for string, last in self._withdrawn.items() if last >= first}
-        self._withdrawn = known | dict.fromkeys(strings, self._queued)
+        known = {string: last for string, last in self._cancelled.items() if last >= first}
+        self._cancelled = known | dict.fromkeys(strings, self._queued)
         if self._under_way[1] in strings:
-            self._watch.interrupt()
+            self._abort_flag.interrupt()
 
-    def take(self) -> Batch | None:
-        """Next finished batch, None if there is none; ends a sample that takes too long."""
-        self._watch.look()
+    def poll(self) -> RankMessage | None:
+        """Return what was finished next, or None; also end a sample that takes too long."""
+        self._abort_flag.check_time()
         try:
             item = self._results.get_nowait()
         except queue.Empty:
             return None
         if isinstance(item, BaseException):
             raise item
-        assert isinstance(item, Batch)
         return item
 
     def stop(self) -> None:
-        """Abandon what is running and queued, and wait for the thread to end.
+        """Abandon what is under way and queued, and wait for the thread to end.
 
-        `take` still gives what was finished.
+        `poll` still returns what was finished.
         """
-        self._watch.stop()
+        self._abort_flag.stop()
         self._batches.put(None)
         self._thread.join()
 
     def _work(self) -> None:
         try:
             while (queued := self._batches.get()) is not None:
-                self._carry_out(*queued)
+                self._run_batch(*queued)
         except BaseException as error:
             self._give(error)
 
-    def _carry_out(self, number: int, tasks: NDArray[np.void]) -> None:
-        batch, begun = Batch([], [], [], []), time.monotonic()
-        for task in tasks:
-            job = self._simulator.begin(task)
-            self._under_way = number, int(task["string"])
-            while self._goes_on(job):
-                if time.monotonic() - begun > HELD_BACK:
-                    job.take(batch)
-                    self._hand_over(batch)
-                    batch, begun = Batch([], [], [], []), time.monotonic()
-            job.take(batch)
-            if self._watch.stopped:
+    def _run_batch(self, number: int, tasks: NDArray[np.void]) -> None:
+        finished: list[RankMessage] = []
+        begun = time.monotonic()
+        for record in tasks:
+            task = self._runner.begin(record)
+            self._under_way = number, int(record["string"])
+            while self._simulate_next(task):
+                if time.monotonic() - begun > MAX_DELAY:
+                    self._hand_over([*finished, task.collect()])
+                    finished, begun = [], time.monotonic()
+            finished.append(task.collect())
+            if self._abort_flag.stopped:
                 break
         self._under_way = number, -1
-        self._hand_over(batch)
+        self._hand_over(finished)
 
-    def _goes_on(self, job: Task) -> bool:
-        if self._watch.stopped:  # what was abandoned before has no answer, so this has none
+    def _simulate_next(self, task: Task) -> bool:
+        if self._abort_flag.stopped:  # what was abandoned before has no answer, so this has none
             return False
         number, string = self._under_way
-        if self._withdrawn.get(string, 0) >= number:
-            job.give_up()
+        if self._cancelled.get(string, 0) >= number:
+            task.cancel()
             return False
-        return job.go_on()
+        return task.simulate_next()
 
-    def _hand_over(self, batch: Batch) -> None:
-        if any(batch):
-            self._give(batch)
+    def _hand_over(self, finished: list[RankMessage]) -> None:
+        message = merged(self._runner.rank, finished)
+        if not message.empty:
+            self._give(message)
 
-    def _give(self, item: Batch | BaseException) -> None:
+    def _give(self, item: RankMessage | BaseException) -> None:
         self._results.put(item)
         self._wakeup.ring()

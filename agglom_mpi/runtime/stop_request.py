@@ -6,12 +6,12 @@ from types import FrameType
 
 
 class StopRequest:
-    """Remember that somebody asked for an early stop, and why.
+    """Whether to stop early, by a signal or the walltime, and why.
 
     Parameters
     ----------
     max_walltime
-        Seconds after which to stop; None never.
+        Time in s after which to stop; None without a limit.
     """
 
     def __init__(self, max_walltime: float | None = None) -> None:
@@ -19,13 +19,13 @@ class StopRequest:
         self._deadline = None if max_walltime is None else time.monotonic() + max_walltime
 
     def listen(self) -> None:
-        """Take INT, TERM and USR1 as requests to stop."""
+        """Take the signals INT, TERM and USR1 as requests to stop."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, self._on_signal)
 
     @property
     def reason(self) -> str:
-        """Why to stop, in words; empty to go on."""
+        """Why to stop, in words; empty while there is no reason."""
         if not self._reason and self._deadline is not None and time.monotonic() >= self._deadline:
             self._reason = "the walltime limit is reached"
         return self._reason
@@ -35,6 +35,6 @@ class StopRequest:
 
 
 def ignore_signals() -> None:
-    """Leave INT, TERM and USR1 to rank 0, which tells the others when to stop."""
+    """Ignore INT, TERM and USR1 on this rank: rank 0 gets them too, and stops the others."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.SIG_IGN)

@@ -1,1 +1,1 @@
-"""Which rank simulates which samples; no MPI, no files, no clock."""
+"""Which rank simulates which samples: pure state machines, without MPI, files or a clock."""

@@ -1,4 +1,4 @@
-"""Estimates for the scheduler: sample times, samples a string may need, priorities."""
+"""Estimates for the scheduler: batch sizes, samples a string may need, priorities."""
 
 import heapq
 from bisect import bisect_right, insort
@@ -8,68 +8,69 @@ from typing import Final
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 
 BATCH_SECONDS: Final = 0.02
-"""Work in one message: what serving one costs rank 0, some 100 µs, is less than 1 % of it."""
+"""Work of one message in s: handling it takes rank 0 some 100 µs, less than 1 % of that."""
 
 ROUND_TRIP_SECONDS: Final = 4e-3
-"""Time that a rank without work waits for more, s: both sides look for mail every so often."""
+"""Idle time between a worker's last result and its next task, in s; both ends poll."""
 
 WOKEN_ROUND_TRIP_SECONDS: Final = 1e-3
-"""The same where all ring for each other, s."""
+"""The same in s where all ranks wake each other."""
 
-LOSS: Final = 0.004
-"""A rank may hold a second batch where a turn-round is more than this part of one."""
+SECOND_BATCH_SHARE: Final = 0.004
+"""A rank has a second batch in flight if a round trip takes more than this share of one batch."""
 
-QUEUED: Final = 0.6
-"""Samples less likely than this to be needed never wait in the queue of a rank that has work."""
+QUEUE_PROBABILITY: Final = 0.6
+"""Samples less likely than this to be needed are never queued behind other work of a rank."""
 
 
 class BatchSizer:
-    """Time of samples, as it was measured lately.
+    """Number of samples in a message, and messages in flight, from recent sample times.
 
     Attributes
     ----------
-    turnround
-        Time that a rank without work waits for more, s.
+    round_trip
+        Idle time between a worker's last result and its next task, in s.
     mean_seconds
-        Of a sample; 0 while it is not known.
+        Mean time of a sample in s; 0 while unknown.
     """
 
     def __init__(self) -> None:
         self.mean_seconds = 0.0
-        self.turnround = ROUND_TRIP_SECONDS
+        self.round_trip = ROUND_TRIP_SECONDS
 
     def learn(self, seconds: Sequence[float]) -> None:
-        """Take what samples took, s."""
+        """Update the exponentially weighted mean with times of samples, in s."""
         count = len(seconds)
         if count:
             weight = 1.0 - 0.95**count if self.mean_seconds else 1.0
             self.mean_seconds += weight * (sum(seconds) / count - self.mean_seconds)
 
-    def batch(self, most: float) -> int:
-        """Return the samples for a message: no less than pays, no more than `most`, at least 1."""
+    def batch_size(self, limit: float) -> int:
+        """Return the number of samples in a message: `BATCH_SECONDS` of work, 1 … `limit`."""
         if not self.mean_seconds:
             return 1
-        return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self.mean_seconds, most)))
+        return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self.mean_seconds, limit)))
 
-    def in_flight(self, batch: int) -> int:
-        """Batches of so many samples for each rank: two, but one of long samples ties it down."""
-        return 2 if self.turnround > LOSS * batch * self.mean_seconds else 1
+    def batches_per_rank(self, size: int) -> int:
+        """Return how many batches of `size` samples to keep in flight per rank (1 or 2)."""
+        # One, where a second would tie the rank to long samples that may become unnecessary.
+        return 2 if self.round_trip > SECOND_BATCH_SHARE * size * self.mean_seconds else 1
 
-    def queued(self, batch: int) -> float:
-        """Return how likely samples must be to be needed to wait behind so many others.
-
-        A rank that waits for better ones loses a turn-round; others may turn out not to be needed
-        before it comes to them.
-        """
-        seconds = batch * self.mean_seconds
-        return max(QUEUED, 1.0 - self.turnround / seconds) if seconds else QUEUED
+    def queue_probability(self, size: int) -> float:
+        """Return the least probability of being needed of samples queued behind `size` others."""
+        # A rank that waits for better ones idles for a round trip; queued ones may turn out to be
+        # unnecessary before it comes to them.
+        seconds = size * self.mean_seconds
+        if not seconds:
+            return QUEUE_PROBABILITY
+        return max(QUEUE_PROBABILITY, 1.0 - self.round_trip / seconds)
 
 
 class SampleCountModel:
-    """Samples that strings turned out to need, of which each was one string's worth.
+    """Empirical distribution of the number of samples that a string needs.
 
-    With no experience a string is as likely to need twice the samples that it has had as not to;
-    that guess goes on counting as much as one string.
+    A prior counts as much as one string: a string is as likely as not to need twice the samples
+    that it has used.
     """
 
     def __init__(self) -> None:
@@ -77,57 +78,57 @@ class SampleCountModel:
         self._sum = 0
 
     def learn(self, used: int) -> None:
-        """Take note of a string that needed so many samples."""
+        """Add a string that needed `used` samples."""
         insort(self._used, used)
         self._sum += used
 
     @property
     def mean(self) -> float:
-        """Mean number of samples that a string needed; nought with no experience."""
+        """Mean number of samples of a string; 0 without data."""
         return self._sum / len(self._used) if self._used else 0.0
 
-    def chance(self, judged: int, sample: int) -> float:
-        """Probability that a sample is needed, given that those before `judged` were not enough.
+    def probability(self, used: int, sample: int) -> float:
+        """Return the probability that a sample is needed, given that `used` ones are not enough.
 
         Parameters
         ----------
-        judged
-            Samples judged so far.
+        used
+            Samples used so far.
         sample
-            Number of the sample in question, at least `judged`.
+            Number of the sample in question, at least `used`.
         """
-        guess = (judged + 1) / (sample + 1)
-        return (self._more_than(sample) + guess) / (self._more_than(judged) + 1)
+        prior = (used + 1) / (sample + 1)
+        return (self._more_than(sample) + prior) / (self._more_than(used) + 1)
 
     def _more_than(self, samples: int) -> int:
         return len(self._used) - bisect_right(self._used, samples)
 
 
 class PriorityQueue:
-    """Strings by a chance each, the likeliest first, and of those that are as likely the first.
+    """Strings by priority, the highest first, and the lowest number first among equals.
 
-    What is out of date is dropped when it comes to the top.
+    Entries that are out of date are dropped when they reach the top of the heap.
     """
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int]] = []
-        self._chance: dict[int, float] = {}
+        self._priority: dict[int, float] = {}
 
-    def put(self, string: int, chance: float) -> None:
-        """Give a string its place, or another one."""
-        if self._chance.get(string) != chance:
-            self._chance[string] = chance
-            heapq.heappush(self._heap, (-chance, string))
+    def put(self, string: int, priority: float) -> None:
+        """Insert a string, or change its priority."""
+        if self._priority.get(string) != priority:
+            self._priority[string] = priority
+            heapq.heappush(self._heap, (-priority, string))
 
-    def drop(self, string: int) -> None:
-        """Forget a string, if it is there."""
-        self._chance.pop(string, None)
+    def remove(self, string: int) -> None:
+        """Remove a string if it is there."""
+        self._priority.pop(string, None)
 
     def first(self) -> tuple[float, int] | None:
-        """Return the likeliest string after its chance; None of none."""
+        """Return the highest priority and its string; None if the queue is empty."""
         while self._heap:
-            chance, string = -self._heap[0][0], self._heap[0][1]
-            if self._chance.get(string) == chance:
-                return chance, string
+            priority, string = -self._heap[0][0], self._heap[0][1]
+            if self._priority.get(string) == priority:
+                return priority, string
             heapq.heappop(self._heap)
         return None

@@ -1,11 +1,11 @@
-"""What every rank holds: pieces of work in the order in which it does them."""
+"""Samples in flight: what every rank was given and has not returned, in execution order."""
 
 from collections import deque
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 MESSAGES_IN_FLIGHT: Final = 2
-"""Batches a rank holds at most: one that it works on and one that it finds when it is done."""
+"""Largest number of batches of a rank: one under way, and one that it finds when it is done."""
 
 
 class SampleRange(NamedTuple):
@@ -25,7 +25,7 @@ class SampleRange(NamedTuple):
 
 
 class InFlightTable:
-    """Batches of pieces that ranks were given and have not returned, rank by rank.
+    """Batches in flight on every rank, and when each rank was heard last.
 
     Parameters
     ----------
@@ -35,89 +35,86 @@ class InFlightTable:
     Attributes
     ----------
     samples
-        Samples that ranks hold.
+        Number of samples in flight on all ranks.
     silent
-        Ranks that are not heard of.
+        Ranks without a heartbeat, which are given no more.
     """
 
     def __init__(self, ranks: int) -> None:
         self._batches: list[deque[deque[SampleRange]]] = [deque() for _ in range(ranks)]
         self._holders: dict[int, set[int]] = {}  # of samples of a string, now or before
-        self._heard = [0.0] * ranks
+        self._last_heard = [0.0] * ranks
         self.samples = 0
         self.silent: set[int] = set()
-        # By the number of batches they hold; those first that have had them for longest.
+        # Ranks by their number of batches, in the order in which they came to have as many.
         self._with = [dict.fromkeys(range(ranks))] + [{} for _ in range(MESSAGES_IN_FLIGHT)]
 
-    def held(self, rank: int) -> Iterator[SampleRange]:
-        """Pieces that a rank holds, in order."""
+    def ranges(self, rank: int) -> Iterator[SampleRange]:
+        """Yield what a rank has in flight, in execution order."""
         for batch in self._batches[rank]:
             yield from batch
 
-    def next_with(self, batches: int) -> int | None:
-        """Rank that holds so many batches and is likely to be done with them first, or None."""
+    def next_rank(self, batches: int) -> int | None:
+        """Return the rank with exactly `batches` batches that should finish first, or None."""
         return next(iter(self._with[batches]), None)
 
-    def give(self, rank: int, pieces: list[SampleRange], now: float) -> None:
-        """Let a rank hold one batch more."""
+    def assign(self, rank: int, batch: list[SampleRange], now: float) -> None:
+        """Add a batch to those of a rank, at the time `now` in s."""
         if not self._batches[rank]:
-            self._heard[rank] = now  # it had nothing to say before
-        self._batches[rank].append(deque(pieces))
-        self.samples += sum(piece.size for piece in pieces)
-        for piece in pieces:
-            self._holders.setdefault(piece.string, set()).add(rank)
+            self._last_heard[rank] = now  # it had nothing to report before
+        self._batches[rank].append(deque(batch))
+        self.samples += sum(part.size for part in batch)
+        for part in batch:
+            self._holders.setdefault(part.string, set()).add(rank)
         self._place(rank, len(self._batches[rank]) - 1)
 
-    def returned(self, rank: int, count: int) -> list[SampleRange]:
-        """Take so many samples, the next in turn, off what a rank holds; which they are."""
-        batches, done = self._batches[rank], []
+    def remove(self, rank: int, count: int) -> list[SampleRange]:
+        """Remove and return the next `count` samples that `rank` has in flight, in order."""
+        batches, removed = self._batches[rank], []
         self.samples -= count
         while count:
-            piece = batches[0].popleft()
-            if piece.size > count:
-                piece, rest = piece.split(count)
+            part = batches[0].popleft()
+            if part.size > count:
+                part, rest = part.split(count)
                 batches[0].appendleft(rest)
             elif not batches[0]:
                 batches.popleft()
                 self._place(rank, len(batches) + 1)
-            done.append(piece)
-            count -= piece.size
-        return done
+            removed.append(part)
+            count -= part.size
+        return removed
 
-    def settle(self, string: int) -> list[tuple[int, int]]:
-        """Take note that nobody is given more of a string.
+    def close(self, string: int) -> list[tuple[int, int]]:
+        """Return the ranks, except silent ones, with samples of a string, and how many.
 
-        Returns
-        -------
-        list
-            Ranks that are heard of and hold samples of it, and how many.
+        No more samples of the string may be assigned after that.
         """
         held = [
-            (rank, sum(piece.size for piece in self.held(rank) if piece.string == string))
+            (rank, sum(part.size for part in self.ranges(rank) if part.string == string))
             for rank in sorted(self._holders.pop(string, set()) - self.silent)
         ]
         return [(rank, samples) for rank, samples in held if samples]
 
-    def heard(self, rank: int, now: float) -> bool:
-        """Take note of a sign of life; whether the rank was silent."""
-        self._heard[rank] = now
+    def heartbeat(self, rank: int, now: float) -> bool:
+        """Record a heartbeat of `rank`; return True if it was marked silent."""
+        self._last_heard[rank] = now
         if rank not in self.silent:
             return False
         self.silent.discard(rank)
         self._with[len(self._batches[rank])][rank] = None
         return True
 
-    def fall_silent(self, before: float) -> list[int]:
-        """Ranks that work and have not been heard since `before`; they are given no more."""
-        fallen = [
+    def mark_silent(self, before: float) -> list[int]:
+        """Mark and return the ranks with work whose last heartbeat is earlier than `before`."""
+        marked = [
             rank
             for rank, batches in enumerate(self._batches)
-            if batches and self._heard[rank] < before and rank not in self.silent
+            if batches and self._last_heard[rank] < before and rank not in self.silent
         ]
-        for rank in fallen:
+        for rank in marked:
             self.silent.add(rank)
             self._with[len(self._batches[rank])].pop(rank)
-        return fallen
+        return marked
 
     def _place(self, rank: int, before: int) -> None:
         if rank not in self.silent:

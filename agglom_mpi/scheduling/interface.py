@@ -1,6 +1,6 @@
-"""What the scheduler asks of a campaign; `search.inversion.Inversion` answers it."""
+"""What the scheduler needs to know of a campaign, and what it assigns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
 
 import numpy as np
@@ -10,47 +10,45 @@ from agglom_mpi.variables import COUNT
 
 
 class Progress(Protocol):
-    """How far the ensemble of a string is."""
+    """Samples used and allowed of a string."""
 
     @property
     def next_sample(self) -> int:
-        """Samples judged so far."""
+        """Samples used so far, hence the number of the one that is needed next."""
 
     @property
     def max_samples(self) -> int:
-        """Most samples."""
+        """Largest number of samples."""
 
 
 class SampleDemand(Protocol):
-    """A campaign: its strings, and which of them need samples."""
+    """Which strings of a campaign need samples; `search.inversion.Inversion` is one."""
 
     @property
     def generation(self) -> int:
-        """Number of the generation that is being judged."""
+        """Number of the generation under way."""
 
     @property
-    def live(self) -> Mapping[int, Progress]:
-        """Strings of this generation that are not judged yet."""
+    def open_strings(self) -> Mapping[int, Progress]:
+        """Strings of this generation that need samples."""
 
     @property
-    def unjudged(self) -> int:
-        """Number of strings in `live`."""
+    def open_count(self) -> int:
+        """Number of strings in `open_strings`."""
 
     def progress(self, string: int) -> Progress | None:
-        """How far a live or announced string is; None once it is judged."""
+        """Return the progress of an open string or one proposed ahead; None once it is complete."""
 
-    def used(self, string: int) -> int:
-        """Return the number of samples that a judged string needed."""
+    def samples_used(self, string: int) -> int:
+        """Return the number of samples that a complete string has used."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a proposed string, shape (10,)."""
+        """Return a proposed string in SI units, shape (10,)."""
 
-    def announce(self, generations: int) -> Sequence[int]:
-        """Propose strings of one more coming generation, at most so many ahead of this one.
 
-        Those that depend on no result; none, if there are none or they are all announced.
-        """
-
+ProposeAhead = Callable[[int], Sequence[int]]
+"""Proposes strings of one more coming generation, at most that many ahead of this one, that depend
+on no further result; returns their numbers, none if there are none."""
 
 TASK: Final = np.dtype(
     [
@@ -61,9 +59,8 @@ TASK: Final = np.dtype(
         ("parameters", "f8", COUNT),
     ]
 )
-"""Samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not 0, to take
-so many pictures of each."""
-
+"""Samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not 0, to
+store that many frames of each."""
 
 MOST_SAMPLES: Final = 1024
-"""Samples asked for in one message at most."""
+"""Largest number of samples in one message."""

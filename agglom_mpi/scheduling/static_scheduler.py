@@ -1,4 +1,4 @@
-"""Tasks that are known beforehand: who does which."""
+"""Static scheduling: tasks that are known beforehand."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -14,15 +14,15 @@ from agglom_mpi.scheduling.interface import TASK
 Key = tuple[int, int]
 """String and number of a sample."""
 
-SHARE: Final = 2 * MESSAGES_IN_FLIGHT
-"""One batch is at most this part of what waits for each rank, so that all end together."""
+BATCHES_PER_RANK: Final = 2 * MESSAGES_IN_FLIGHT
+"""Fewest batches into which what waits for each rank is divided, so that all end together."""
 
 
 class StaticScheduler:
-    """Hand out given samples to ranks; those of a rank that fell silent to others, too.
+    """Assign given samples to ranks; those in flight on a silent rank to others, too.
 
-    They are handed out in order, one by one until it is known what they take, and then as many
-    together as are worth a message.
+    They are assigned in order, one by one until their time is known, and then in batches that are
+    worth a message.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ class StaticScheduler:
 
     Attributes
     ----------
-    pace
-        How long samples take, and messages.
+    batch_sizer
+        Learns how long samples and messages take.
     """
 
     def __init__(self, tasks: NDArray[np.void], ranks: int) -> None:
-        self._held = InFlightTable(ranks)
+        self.batch_sizer = BatchSizer()
+        self._in_flight = InFlightTable(ranks)
         self._ranks = ranks
-        self.pace = BatchSizer()
         self._of_string = {int(task["string"]): task for task in tasks}
         self._waiting = deque(
             (int(task["string"]), sample)
@@ -51,74 +51,75 @@ class StaticScheduler:
 
     @property
     def in_flight(self) -> int:
-        """Samples that ranks hold."""
-        return self._held.samples
+        """Number of samples in flight."""
+        return self._in_flight.samples
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Ranks and what to send them, arrays of `TASK`, at the time `now` in s."""
-        size = self.pace.batch(len(self._waiting) / (SHARE * self._ranks))
-        for batches in range(self.pace.in_flight(size)):
-            while self._waiting and (rank := self._held.next_with(batches)) is not None:
-                if not (pieces := self._choose(size)):
+        """Yield ranks and their new tasks, arrays of `TASK`, at the time `now` in s."""
+        size = self.batch_sizer.batch_size(len(self._waiting) / (BATCHES_PER_RANK * self._ranks))
+        for batches in range(self.batch_sizer.batches_per_rank(size)):
+            while self._waiting and (rank := self._in_flight.next_rank(batches)) is not None:
+                if not (batch := self._next_batch(size)):
                     return
-                self._held.give(rank, pieces, now)
-                yield rank, self._tasks(pieces)
+                self._in_flight.assign(rank, batch, now)
+                yield rank, self._tasks(batch)
 
-    def _choose(self, size: int) -> list[SampleRange]:
-        """Pieces of so many samples that wait and that nobody has done meanwhile."""
-        pieces: list[SampleRange] = []
+    def _next_batch(self, size: int) -> list[SampleRange]:
+        """Take at most `size` samples that wait and that no rank has done meanwhile."""
+        batch: list[SampleRange] = []
         while self._waiting and size:
             string, sample = key = self._waiting.popleft()
             if key not in self._open:
                 continue
             size -= 1
-            if pieces and key == (pieces[-1].string, pieces[-1].first + pieces[-1].size):
-                pieces[-1] = pieces[-1]._replace(size=pieces[-1].size + 1)
+            if batch and key == (batch[-1].string, batch[-1].first + batch[-1].size):
+                batch[-1] = batch[-1]._replace(size=batch[-1].size + 1)
             else:
-                pieces.append(SampleRange(string, sample, 1))
-        return pieces
+                batch.append(SampleRange(string, sample, 1))
+        return batch
 
-    def _tasks(self, pieces: list[SampleRange]) -> NDArray[np.void]:
-        tasks = np.zeros(len(pieces), TASK)
-        for i, piece in enumerate(pieces):
-            tasks[i] = self._of_string[piece.string]
-            tasks[i]["first"], tasks[i]["count"] = piece.first, piece.size
+    def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
+        tasks = np.zeros(len(batch), TASK)
+        for i, part in enumerate(batch):
+            tasks[i] = self._of_string[part.string]
+            tasks[i]["first"], tasks[i]["count"] = part.first, part.size
         return tasks
 
     def returned(
         self, rank: int, done: Sequence[bool]
     ) -> list[tuple[SampleRange, NDArray[np.bool_]]]:
-        """Take the next samples that a rank was to do; none of them is left out.
+        """Take the next samples of a rank, all of them `done`, off those in flight.
 
         Returns
         -------
         list
-            What they are, and which of each piece nobody had returned before, shape (size,).
+            Ranges of samples in order, and which of each no rank has returned before, (size,).
         """
-        return [(piece, self._first(piece)) for piece in self._held.returned(rank, len(done))]
+        removed = self._in_flight.remove(rank, len(done))
+        return [(part, self._first_returns(part)) for part in removed]
 
-    def _first(self, piece: SampleRange) -> NDArray[np.bool_]:
-        keys = [(piece.string, piece.first + place) for place in range(piece.size)]
+    def _first_returns(self, part: SampleRange) -> NDArray[np.bool_]:
+        keys = [(part.string, part.first + place) for place in range(part.size)]
         first = np.array([key in self._open for key in keys])
         self._open.difference_update(keys)
         return first
 
     def done(self, rank: int) -> None:
-        """Take note that a rank is done with the first sample that it holds."""
+        """Take the next sample of a rank off those in flight."""
         self.returned(rank, [True])
 
-    def heard(self, rank: int, now: float) -> bool:
-        """Take a sign of life of a rank; whether it had fallen silent."""
-        return self._held.heard(rank, now)
+    def heartbeat(self, rank: int, now: float) -> bool:
+        """Record a heartbeat of `rank`; return True if it was marked silent."""
+        return self._in_flight.heartbeat(rank, now)
 
-    def clock(self, now: float, patience: float) -> list[int]:
-        """Ranks that have work and were not heard for so many seconds; others do it, too."""
-        fallen = self._held.fall_silent(now - patience)
-        lost = [
-            (piece.string, piece.first + place)
-            for rank in fallen
-            for piece in self._held.held(rank)
-            for place in range(piece.size)
+    def mark_silent(self, now: float, timeout: float) -> list[int]:
+        """Mark and return ranks that have work and were not heard for `timeout` s; reassign it."""
+        marked = self._in_flight.mark_silent(now - timeout)
+        repeated = [
+            (part.string, part.first + place)
+            for rank in marked
+            for part in self._in_flight.ranges(rank)
+            for place in range(part.size)
         ]
-        self._waiting.extendleft(reversed(lost))
-        return fallen
+        self._waiting.extendleft(reversed(repeated))
+        return marked

@@ -1,4 +1,4 @@
-"""Where to look next, and what is best so far, by a model of what is known."""
+"""Acquisition: where to evaluate next by a Gaussian process, and what it ranks best so far."""
 
 import math
 from typing import TYPE_CHECKING, Final
@@ -10,37 +10,38 @@ if TYPE_CHECKING:
     from agglom_mpi.search.gaussian_process import GaussianProcess
 
 CANDIDATES: Final = 1200
-"""Points at which functions are compared; the time of a draw grows with the cube."""
+"""Number of points at which drawn functions are compared; a draw takes the cube of it in time."""
 
 PROMISING: Final = 10
-"""Strings around which half of the candidates lie."""
+"""Number of best strings around which half of the candidates lie."""
 
 STEP: Final = 0.15
 """Standard deviation of a candidate about a promising string, in units of the box."""
 
-NUDGE: Final = 1e-6
-"""Share of the way to a point within the box that a string is moved at most."""
+PERTURBATION: Final = 1e-6
+"""Largest share of the way to `INSIDE` by which a string is moved."""
 
 INSIDE: Final = 0.381966
-"""Where that point is, by each component: nowhere that anybody would ask for twice."""
+"""Every component of that point in the unit cube: no value that a search proposes twice."""
 
 DUPLICATES: Final = 1e-4
 """Strings that differ by less, in units of the box, are ranked as one."""
 
-POLISHED: Final = 5
-"""Strings from which the best expected value is looked for."""
+STARTS: Final = 5
+"""Number of strings from which the best expected value is searched."""
 
 SMALLEST: Final = 1e-300
-"""What a deviation is divided by at least."""
+"""Least divisor for a standard deviation of 0."""
 
 
 def candidates_about(
     promising: NDArray[np.float64], random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Points of the unit cube at which to compare functions, shape (`CANDIDATES`, d).
+    """Return points of the unit cube at which to compare functions, shape (`CANDIDATES`, d).
 
-    Half are anywhere, a quarter near a promising point, and a quarter is one of those with some
-    components moved to the faces of the box, where optima of bounded problems often are.
+    Half are uniform, a quarter lies near a point of `promising`, shape (m, d), and a quarter is one
+    of these with some components moved to the faces of the box, where optima of bounded problems
+    often are.
     """
     quarter, dimensions = CANDIDATES // 4, promising.shape[1]
     anywhere = random.random((2 * quarter, dimensions))
@@ -54,9 +55,16 @@ def candidates_about(
 def best_expected(
     model: "GaussianProcess", starts: NDArray[np.float64], magnitude: bool
 ) -> NDArray[np.float64]:
-    """Find the point near one of the starts, shape (m, d), that is expected to be best: (d,).
+    """Return the point, shape (d,), with the least expected objective near the starts.
 
-    Of a magnitude it is the one that comes nearest to a zero and is best known there.
+    Parameters
+    ----------
+    model
+        Process of the objective, or of the signed mean whose magnitude is the objective.
+    starts
+        Points of the unit cube from which to descend, shape (m, d).
+    magnitude
+        Whether the objective is the magnitude of what is modelled.
     """
     from scipy.optimize import minimize
 
@@ -77,7 +85,7 @@ def expected_objective(
     """Return the expected objective of a normally distributed signed mean, elementwise.
 
     That of a magnitude is the mean of a folded normal distribution (Leone, Nelson and Nottingham
-    1961): a zero that is hardly known is worth little.
+    1961): a zero that is hardly known has a large one.
     """
     if not magnitude:
         return mean
@@ -88,23 +96,30 @@ def expected_objective(
     return np.asarray(spread + mean * erf(away / math.sqrt(2.0)))
 
 
-def nudged(points: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-    """Move points of the unit cube so little that nothing but bits change.
+def perturbed(points: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
+    """Return points of the unit cube, shape (n, d), moved at random by about 1e-6.
 
-    Equal strings have equal configurations, and a corner that is proposed again and again would
-    show no noise. Points move by chance, as a moved one may be proposed again, and moves that add
-    up in a regular way would meet.
+    Equal strings have equal configurations, so a corner that is proposed repeatedly would show no
+    noise. Moves are random, as a moved point may be proposed again, and regular moves would meet.
     """
-    return points + NUDGE * random.random(points.shape) * (INSIDE - points)
+    return points + PERTURBATION * random.random(points.shape) * (INSIDE - points)
 
 
 def duplicates_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> list[int]:
-    """Put points, in an order of their places, that are nearly equal to earlier ones at the end."""
+    """Return an order of points with those that nearly equal an earlier one at the end.
+
+    Parameters
+    ----------
+    points
+        Points of the unit cube, shape (n, d).
+    order
+        Indices of points, shape (m,).
+    """
     seen: set[bytes] = set()
     distinct: list[int] = []
-    twins: list[int] = []
-    for place in order.tolist():
-        cell = np.rint(points[place] / DUPLICATES).tobytes()
-        (twins if cell in seen else distinct).append(place)
+    duplicates: list[int] = []
+    for index in order.tolist():
+        cell = np.rint(points[index] / DUPLICATES).tobytes()
+        (duplicates if cell in seen else distinct).append(index)
         seen.add(cell)
-    return distinct + twins
+    return distinct + duplicates

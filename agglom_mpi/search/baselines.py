@@ -1,4 +1,4 @@
-"""Searches that learn nothing, as baselines: random points and Sobol's sequence."""
+"""Search methods that learn nothing, as baselines: random points and Sobol's sequence."""
 
 import warnings
 from typing import Final
@@ -12,13 +12,13 @@ from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
 
 SOBOL_BITS: Final = 30
-"""Binary digits of a point, enough for 10⁹ of them."""
+"""Binary digits of a point, for up to 10⁹ points."""
 
 NO_STRINGS: Final = np.empty((0, COUNT))
 
 
 class BaselineSearch(EvaluatedStrings):
-    """Batches of strings that depend on nothing but the seed.
+    """Strings that depend on nothing but the seed.
 
     Parameters
     ----------
@@ -48,19 +48,19 @@ class BaselineSearch(EvaluatedStrings):
         self.given = given
 
     def ask(self) -> Proposals:
-        """Propose the strings of the next generation."""
-        return self._batch(self.generation)
+        """Return the strings of the next generation."""
+        return self._proposals(self.generation)
 
     def known_proposals(self, generation: int) -> tuple[int, Proposals]:
         """Return any generation, which depends on no result, and the number of its first string."""
-        return generation * self.population, self._batch(generation)
+        return generation * self.population, self._proposals(generation)
 
-    def _batch(self, generation: int) -> Proposals:
+    def _proposals(self, generation: int) -> Proposals:
         first = len(self.given) if generation == 0 else 0
         return begun_with(self.given[:first], self._strings(generation, first), generation)
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
-        """Strings of a generation in the slots from `first` on."""
+        """Return the strings of a generation in the slots from `first` on, shape (n, 10)."""
         raise NotImplementedError
 
 
@@ -82,7 +82,7 @@ class SobolSearch(BaselineSearch):
 
 
 def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Strings from the place `first` on of the Sobol sequence of a seed, shape (count, 10)."""
+    """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, 10)."""
     from scipy.stats import qmc  # takes half a second to load
 
     scramble = search_stream(seed, SOBOL_SCRAMBLE)

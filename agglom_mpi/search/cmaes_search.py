@@ -18,7 +18,7 @@ from agglom_mpi.search.proposals import (
 from agglom_mpi.search.space import SearchSpace
 
 FAILED_OBJECTIVE: Final = 1e300
-"""Objective of a string that could not be judged, for a method that only ranks."""
+"""Objective of a string that could not be evaluated, for a method that only ranks."""
 
 
 class CmaesSearch(EvaluatedStrings):
@@ -65,23 +65,23 @@ class CmaesSearch(EvaluatedStrings):
         self._points = self._drawn(population)
 
     def ask(self) -> Proposals:
-        """Propose the strings of the next generation."""
+        """Return the strings of the next generation."""
         drawn = self.space.from_unit(self._points)
         if self.generation:
             return as_proposals(self.generation, drawn, MODEL)
         return begun_with(self.given, drawn[len(self.given) :])
 
     def known_proposals(self, generation: int) -> None:
-        """All generations depend on the one before."""
+        """Return None: all generations depend on the one before."""
 
-    def tell(self, judged: Evaluations) -> None:
-        """Take a generation; the distribution follows the points as they were evaluated."""
-        super().tell(judged)
-        count = len(judged.ids)
+    def tell(self, evaluations: Evaluations) -> None:
+        """Move the distribution by the results of a generation, at the points evaluated."""
+        super().tell(evaluations)
+        count = len(evaluations.ids)
         points = self.space.to_unit(self.parameters[-count:])
         objectives = self.objectives[-count:]
-        worth = np.where(np.isfinite(objectives), objectives, FAILED_OBJECTIVE)
-        self._strategy.tell(list(zip(points, worth.tolist(), strict=True)))
+        objectives = np.where(np.isfinite(objectives), objectives, FAILED_OBJECTIVE)
+        self._strategy.tell(list(zip(points, objectives.tolist(), strict=True)))
         self._points = self._drawn(count)
 
     def _drawn(self, number: int) -> NDArray[np.float64]:

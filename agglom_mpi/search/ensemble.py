@@ -1,4 +1,4 @@
-"""The samples of one string, taken in order until they suffice."""
+"""The ensemble of one string: its samples in order, until they suffice."""
 
 import copy
 import math
@@ -9,12 +9,12 @@ from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
 from agglom_mpi.statistics import PooledMoments, RunningMean
 
-FAILURES_JUDGED_FROM: Final = 10
-"""Samples before the share of failed ones may end an ensemble."""
+MIN_SAMPLES_TO_GIVE_UP: Final = 10
+"""Fewest samples at which the share of failed ones may end an ensemble."""
 
 
 class EnsembleResult(NamedTuple):
-    """What a string turned out to be."""
+    """What the samples of a string amount to."""
 
     objective: float
     """Inf where no sample completed or more than 10 % failed."""
@@ -23,10 +23,10 @@ class EnsembleResult(NamedTuple):
     mean_radius_ratio: float
     """Mean of b^f/b⁰ over the completed samples; nan if there are none."""
     samples_used: int
-    """Samples that were judged, failed ones included: numbers 0 … samples_used - 1."""
+    """Number of samples used, failed ones included: samples 0 … samples_used - 1."""
     failed: int
     hit_maximum: bool
-    """Ended by the largest number of samples, the stopping rule not being satisfied."""
+    """Whether the largest number of samples ended it, the stopping rule not being satisfied."""
     growth_number: float
     """n^f = (mean b^f/b⁰)³ [B 7.2]."""
     mean_grains: float
@@ -34,23 +34,30 @@ class EnsembleResult(NamedTuple):
 
 
 class Ensemble:
-    """Judge the samples of one string one by one and say when they are enough.
+    """Accumulate the samples of one string in order, until the stopping rule is satisfied.
 
-    Failed samples are left out of every mean and trigger no rule. When they are more than 10 %
-    the string ranks last, and from ten samples on it is given up at once.
+    Failed samples are left out of every mean, and the rule is not asked after them. When they are
+    more than 10 % the string ranks last, and from ten samples on the ensemble ends at once.
 
     Parameters
     ----------
     rule
         When to stop; asked after each completed sample from `min_samples` on.
     objective
-        What the string is worth.
+        Accumulated over the completed samples.
     particles
-        N, particles a sample starts with.
+        N, particles at the start of a sample.
     min_samples
-        Fewest completed samples.
+        Smallest number of completed samples.
     max_samples
-        Most samples, failed ones included.
+        Largest number of samples, failed ones included.
+
+    Attributes
+    ----------
+    samples_used, failed
+        Number of samples so far, and of failed ones among them.
+    finished
+        Whether no more samples are needed.
     """
 
     def __init__(
@@ -73,13 +80,19 @@ class Ensemble:
         self._min_samples = min_samples
         self._converged = False
         self._ratio = RunningMean()
-        self._worth = objective.tally()
+        self._objective = objective.accumulator()
         self._grains = RunningMean()
         self._radii = PooledMoments()
         self._last: EnsembleState | None = None
 
     def add(self, outcome: SampleSummary) -> None:
-        """Judge sample number `samples_used`."""
+        """Add sample number `samples_used`.
+
+        Raises
+        ------
+        ValueError
+            If the ensemble is finished.
+        """
         if self.finished:
             raise ValueError("this ensemble needs no more samples")
         self.samples_used += 1
@@ -88,13 +101,13 @@ class Ensemble:
         else:
             self.failed += 1
         failing = self.failed > 0 and self._unreliable
-        given_up = failing and self.samples_used >= FAILURES_JUDGED_FROM
+        given_up = failing and self.samples_used >= MIN_SAMPLES_TO_GIVE_UP
         self.finished = self._converged or given_up or self.samples_used >= self.max_samples
 
-    def again(self, samples: int) -> "Ensemble":
-        """Return an ensemble that goes on from here with so many more samples, numbered from 0.
+    def resample(self, samples: int) -> "Ensemble":
+        """Return an ensemble that continues this one with `samples` more, numbered from 0.
 
-        Objective, error and means are those of all samples, numbers of samples those of its own.
+        Its objective, error and means are of all samples, its numbers of samples of its own.
         """
         more = copy.deepcopy(self)
         more._before = self._before[0] + self.samples_used, self._before[1] + self.failed
@@ -106,15 +119,15 @@ class Ensemble:
 
     @property
     def completed(self) -> int:
-        """Samples that the objective rests on."""
+        """Number of completed samples, on which the objective rests."""
         return self._ratio.count
 
     def result(self) -> EnsembleResult:
-        """Return what the samples so far amount to."""
+        """Return objective, error and means of the samples so far."""
         unusable = self._unreliable or self._ratio.count == 0
         return EnsembleResult(
-            objective=math.inf if unusable else self._worth.value,
-            standard_error=self._worth.standard_error,
+            objective=math.inf if unusable else self._objective.value,
+            standard_error=self._objective.standard_error,
             mean_radius_ratio=self._ratio.mean,
             samples_used=self.samples_used,
             failed=self.failed,
@@ -136,15 +149,17 @@ class Ensemble:
     def _measure(self, outcome: SampleSummary) -> None:
         ratio, left = outcome.mean_radius_ratio, outcome.particles
         self._ratio.add(ratio)
-        self._worth.add(outcome)
+        self._objective.add(outcome)
         self._grains.add(self._particles / left)
         if self._rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
-        before, self._last = self._last, self._snapshot()
+        before, self._last = self._last, self._state()
         if before is not None and self._last.samples >= self._min_samples:
             self._converged = self._rule.satisfied(before, self._last)
 
-    def _snapshot(self) -> EnsembleState:
-        ratio, worth = self._ratio, self._worth
+    def _state(self) -> EnsembleState:
+        ratio, objective = self._ratio, self._objective
         central = self._radii.central if self._rule.needs_moments else None
-        return EnsembleState(ratio.count, ratio.mean, worth.value, worth.standard_error, central)
+        return EnsembleState(
+            ratio.count, ratio.mean, objective.value, objective.standard_error, central
+        )

@@ -1,8 +1,8 @@
 """Gaussian-process regression of noisy means (Rasmussen and Williams 2006, "RW" below).
 
 f has the covariance v·m(r) with the Matérn-5/2 form m(r) = (1 + √5 r + 5r²/3) exp(-√5 r) [RW 4.17],
-where r² = Σ (Δx_d/ℓ_d)²: each variable has its own length. The mean of n samples of f is seen with
-a noise of variance σ²/n.
+where r² = Σ (Δx_d/ℓ_d)²: each variable has its own length. The mean of n samples of f is observed
+with a noise of variance σ²/n.
 """
 
 import math
@@ -19,20 +19,20 @@ from scipy.optimize import minimize
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
-ALONE: Final = Lock()
-"""Held by who has set the limit, which is the whole process's: who lifts it changes the sums of
-all threads."""
+THREAD_LIMIT: Final = Lock()
+"""Held while the limit is set: it is the whole process's, and lifting it changes the order of
+summation in all threads."""
 
 
 def single_threaded(method: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Let the linear algebra of a method use one thread, and no two such methods run at once."""
+    """Decorate a method to use one BLAS thread, and to run at no time with another such method."""
 
     @wraps(method)
     def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         import scipy.linalg  # noqa: F401  (what is loaded later would not be limited)
         from threadpoolctl import threadpool_limits
 
-        with ALONE, threadpool_limits(1):
+        with THREAD_LIMIT, threadpool_limits(1):
             return method(*args, **kwargs)
 
     return limited
@@ -42,7 +42,7 @@ Matrix = NDArray[np.float64]
 
 
 class CholeskyFactor(NamedTuple):
-    """What is known of a symmetric positive definite matrix A, shape (n, n).
+    """Cholesky factor of a symmetric positive definite matrix A, shape (n, n).
 
     Attributes
     ----------
@@ -63,15 +63,14 @@ def factored(matrix: Matrix) -> CholeskyFactor:
 
 
 def extended(known: CholeskyFactor, border: Matrix, corner: Matrix) -> CholeskyFactor:
-    """Return the factor of a matrix of whose leading block it is known.
+    """Return the factor of a matrix from that of its leading block.
 
-    It takes 3 m n² operations where another `factored` takes n³ and more
-    (Golub and Van Loan 2013, 4.2.9).
+    It takes 3 m n² operations, `factored` n³ and more (Golub and Van Loan 2013, 4.2.9).
 
     Parameters
     ----------
     known
-        Of the leading block, shape (n, n).
+        Factor of the leading block, shape (n, n).
     border, corner
         The blocks beside it, shape (n, m), and after it, shape (m, m).
     """
@@ -93,7 +92,7 @@ def _squares(columns: Matrix) -> Matrix:
 
 
 LENGTHS: Final = (0.05, 100.0)
-"""Bounds of a length in units of the box; what is much longer than the box plays no part."""
+"""Bounds of a length in units of the box; a variable with a much longer one has no influence."""
 
 VARIANCE: Final = (1e-2, 1e2)
 """Bounds of the variance of f, in units of that of the values."""
@@ -102,13 +101,13 @@ NOISE: Final = (1e-5, 1e2)
 """Bounds of the variance of one sample, in the same units."""
 
 JITTER: Final = 1e-8
-"""What is added to the diagonal of a covariance of unit scale to keep it positive."""
+"""Added to the diagonal of a covariance of unit scale to keep it positive definite."""
 
 ROOT_5: Final = math.sqrt(5.0)
 
 
 class Covariance(NamedTuple):
-    """What a Gaussian process assumes, for values of mean 0 and variance 1.
+    """Covariance of a Gaussian process, for values of mean 0 and variance 1.
 
     Attributes
     ----------
@@ -126,7 +125,7 @@ class Covariance(NamedTuple):
 
 
 class GaussianProcess:
-    """A function on the unit cube of which noisy means are known.
+    """Posterior of a function on the unit cube, given noisy means of it.
 
     Parameters
     ----------
@@ -135,12 +134,12 @@ class GaussianProcess:
     points
         Shape (n, d).
     values
-        Means seen there, shape (n,).
+        Means observed there, shape (n,).
     samples
-        How many each of them rests on, shape (n,).
+        Number of samples of each, shape (n,).
     earlier
-        A process of the same covariance through the first of these points, which then need not be
-        worked out again. Their values may be others, their numbers of samples not.
+        A process of the same covariance through the first of these points, whose factor is
+        extended. Its values may be others, its numbers of samples not.
     """
 
     def __init__(
@@ -165,22 +164,22 @@ class GaussianProcess:
         return self._scale * math.sqrt(self._covariance.noise)
 
     def mean(self, points: Matrix) -> Matrix:
-        """Return the expected value of the function at points, shape (m, d): (m,) [RW 2.25]."""
+        """Return the posterior mean at points, shape (m, d), shape (m,) [RW 2.25]."""
         return self._centre + self._scale * (self._between(points, self._points) @ self._weights)
 
     @property
     def mean_at_points(self) -> Matrix:
-        """Expected value of the function at the points of the data, shape (n,)."""
+        """Posterior mean at the points of the data, shape (n,)."""
         return self._centre + self._scale * (self._standard - self._noise * self._weights)
 
     @property
     def deviation_at_points(self) -> Matrix:
-        """Standard deviation of what is not known there, shape (n,)."""
-        left = self._noise * (1.0 - self._noise * self._factor.inverse)
-        return self._scale * np.sqrt(np.maximum(left, 0.0))
+        """Posterior standard deviation at the points of the data, shape (n,)."""
+        variance = self._noise * (1.0 - self._noise * self._factor.inverse)
+        return self._scale * np.sqrt(np.maximum(variance, 0.0))
 
     def mean_and_slope(self, point: Matrix) -> tuple[float, Matrix]:
-        """Return the expected value at one point, shape (d,), and its gradient, shape (d,)."""
+        """Return the posterior mean at one point, shape (d,), and its gradient, shape (d,)."""
         lengths = self._covariance.lengths
         away = (point - self._points) / lengths
         r = np.sqrt((away**2).sum(axis=1))
@@ -189,18 +188,18 @@ class GaussianProcess:
         return self._centre + self._scale * float(value), self._scale * (self._weights @ slopes)
 
     def deviation(self, points: Matrix) -> Matrix:
-        """Return the standard deviation of what is not known at points, shape (m, d): (m,)."""
+        """Return the posterior standard deviation at points, shape (m, d), shape (m,)."""
         across = self._between(self._points, points)
         explained = solve_triangular(self._factor.root, across, lower=True)
-        left = self._covariance.variance - (explained**2).sum(axis=0)
-        return self._scale * np.sqrt(np.maximum(left, 0.0))
+        variance = self._covariance.variance - (explained**2).sum(axis=0)
+        return self._scale * np.sqrt(np.maximum(variance, 0.0))
 
-    def left_out(self) -> Matrix:
-        """Return what the others predict for the value at each point, shape (n,) [RW 5.12]."""
+    def leave_one_out(self) -> Matrix:
+        """Return the leave-one-out prediction of each value, shape (n,) [RW 5.12]."""
         return self._values - self._scale * self._weights / self._factor.inverse
 
     def draw(self, points: Matrix, number: int, random: np.random.Generator) -> Matrix:
-        """Draw functions that the means allow, at points, shape (m, d): (number, m) [RW 2.24]."""
+        """Draw functions from the posterior at m points, (m, d): shape (number, m) [RW 2.24]."""
         across = self._between(self._points, points)
         explained = solve_triangular(self._factor.root, across, lower=True)
         covariance = self._between(points, points) - explained.T @ explained
@@ -224,33 +223,41 @@ class GaussianProcess:
 
 
 def standardised(values: Matrix) -> tuple[float, float, Matrix]:
-    """Mean and standard deviation of values, and these in units of them; equal ones are all 0."""
+    """Return mean and standard deviation of values, and the values standardised by them, (n,)."""
     centre, scale = float(values.mean()), float(values.std()) or 1.0
     return centre, scale, (values - centre) / scale
 
 
 def distances(left: Matrix, right: Matrix) -> Matrix:
-    """Distance of each of n points, shape (n, d), from each of m, shape (n, m)."""
+    """Return the distances of n points, shape (n, d), from m points, (m, d), shape (n, m)."""
     squares = (left**2).sum(axis=1)[:, None] + (right**2).sum(axis=1) - 2.0 * left @ right.T
     return np.sqrt(np.maximum(squares, 0.0))
 
 
 def matern(r: Matrix) -> Matrix:
-    """Matérn-5/2 correlation [RW 4.17]."""
+    """Return the Matérn-5/2 correlation [RW 4.17], elementwise."""
     return (1.0 + ROOT_5 * r + 5.0 / 3.0 * r**2) * np.exp(-ROOT_5 * r)
 
 
 def matern_slope(r: Matrix) -> Matrix:
-    """Its derivative by r over -r, which is finite at 0."""
+    """Return minus its derivative by r over r, which is finite at 0, elementwise."""
     return 5.0 / 3.0 * (1.0 + ROOT_5 * r) * np.exp(-ROOT_5 * r)
 
 
 def fit_covariance(points: Matrix, values: Matrix, samples: NDArray[np.int64]) -> Covariance:
-    """Find the covariance that makes values, shape (n,), at points, shape (n, d), likeliest.
+    """Return the covariance of maximum posterior density.
 
-    They are means of so many samples, shape (n,).
     Lengths have a broad prior that grows with the square root of d (Hvarfner, Hellsten and Nardi
     2024), so that a few points in many dimensions are not fitted by noise alone.
+
+    Parameters
+    ----------
+    points
+        Shape (n, d).
+    values
+        Means observed there, shape (n,).
+    samples
+        Number of samples of each, shape (n,).
     """
     dimensions = points.shape[1]
     _, _, standard = standardised(values)

@@ -1,4 +1,4 @@
-"""The genetic algorithm of both papers [A 22] [B 7], asked for strings and told their worth."""
+"""The genetic algorithm of both papers [A 22] [B 7]."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ class GeneticSearch:
     A population of S strings is K kept parents (slots 0 … K-1), K offspring (K … 2K-1) and
     M = S - 2K random strings; the first one is all random. g generations take S + (g-1)(S-K)
     evaluations. Draws are keyed by seed, generation and slot, and `ask` changes nothing, so
-    that the same tells always lead to the same proposals.
+    that the same evaluations always lead to the same proposals.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class GeneticSearch:
         K, even because they mate in pairs.
     blend
         Range of the blending number φ. Beyond [0, 1] it is the papers' mutation: offspring may
-        leave the hull of their parents, though never the box.
+        leave the hull of their parents, but never the box.
     rescale
         (every, factor): each `every` generations the box of new random strings is restricted
         around the best string, `SearchSpace.around`, starting from its last restriction.
@@ -90,23 +90,29 @@ class GeneticSearch:
         if self.generation == 0:
             return joined_proposals(as_proposals(0, self.given, GIVEN), random)
         if self.again:
-            return joined_proposals(self._parents_again(), self._offspring(), random)
+            return joined_proposals(self._resampled_parents(), self._offspring(), random)
         return joined_proposals(self._offspring(), random)
 
-    def tell(self, judged: Evaluations) -> None:
-        """Take the worth of all strings of the generation last asked for, in any order.
+    def tell(self, evaluations: Evaluations) -> None:
+        """Learn from the results of the generation last asked for.
 
-        What has no finite objective ranks last.
+        Strings without a finite objective rank last.
+
+        Raises
+        ------
+        ValueError
+            If some of the generation are missing.
         """
         expected = self._new if self.generation else self.population
-        if len(judged.ids) != expected:
+        if len(evaluations.ids) != expected:
             raise ValueError(f"generation {self.generation} has {expected} new strings")
         kept = self._ranked[: self.population - self._new]
-        order = np.argsort(judged.ids)
-        worth = np.where(np.isfinite(judged.objectives), judged.objectives, np.inf)
-        self.population_ids = np.concatenate((self.population_ids[kept], judged.ids[order]))
-        self._parameters = np.concatenate((self._parameters[kept], judged.parameters[order]))
-        self._objectives = np.concatenate((self._objectives[kept], worth[order]))
+        order = np.argsort(evaluations.ids)
+        objectives = evaluations.objectives[order]
+        objectives = np.where(np.isfinite(objectives), objectives, np.inf)
+        self.population_ids = np.concatenate((self.population_ids[kept], evaluations.ids[order]))
+        self._parameters = np.concatenate((self._parameters[kept], evaluations.parameters[order]))
+        self._objectives = np.concatenate((self._objectives[kept], objectives))
         self._ranked = np.lexsort((self.population_ids, self._objectives))
         self.generation += 1
         self._restrict()
@@ -121,9 +127,9 @@ class GeneticSearch:
         return float(np.mean(self._objectives[self._ranked[:k]]))
 
     def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
-        """Return the random strings of a coming generation, and the number of the first of them.
+        """Return the number of the first random string of a coming generation, and all of these.
 
-        None while the box that they come from is not known.
+        None while the box that they are drawn from is not known.
         """
         if self.rescale is not None:
             every = self.rescale[0]
@@ -137,14 +143,14 @@ class GeneticSearch:
 
     @property
     def _new(self) -> int:
-        """Strings of every generation but the first that have to be judged."""
+        """Number of strings to evaluate in every generation but the first."""
         return self.population if self.again else self.population - self.parents
 
-    def _parents_again(self) -> Proposals:
+    def _resampled_parents(self) -> Proposals:
         kept = self._ranked[: self.parents]
-        batch = as_proposals(self.generation, self._parameters[kept], AGAIN)
-        batch.parents[:, 0] = self.population_ids[kept]
-        return batch
+        proposals = as_proposals(self.generation, self._parameters[kept], AGAIN)
+        proposals.parents[:, 0] = self.population_ids[kept]
+        return proposals
 
     def _random_strings(self, generation: int) -> Proposals:
         first = 2 * self.parents if generation else len(self.given)

@@ -1,79 +1,38 @@
-"""The decisions of a campaign, which depend on outcomes alone, never on when they arrive."""
+"""The decisions of a campaign, independent of the order in which samples arrive."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.outcome import SampleSummary, summaries
+from agglom_mpi.search.decisions import (
+    GENERATIONS_DONE,
+    TARGET_REACHED,
+    Decision,
+    GenerationSummary,
+    Progress,
+    StringEvaluated,
+    StringsProposed,
+    Target,
+)
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals, SearchMethod
 from agglom_mpi.search.stopping import Race, RaceEntry
-
-TARGET_REACHED: Final = "target"
-GENERATIONS_DONE: Final = "generations"
-
-
-class Target(NamedTuple):
-    """Stop when the mean objective of the best strings is small enough [A 26]."""
-
-    top: int
-    objective: float
-
-
-class Progress(NamedTuple):
-    """How far the ensemble of a string is."""
-
-    next_sample: int
-    """Samples judged so far, hence the number of the one that is needed next."""
-    max_samples: int
-
-
-class GenerationSummary(NamedTuple):
-    """A generation whose strings have all been judged."""
-
-    generation: int
-    best: int
-    """Number of the best string of the population."""
-    objective: float
-    standard_error: float
-    """Of the best string: as its ensemble gives them, or a search that makes its own estimate."""
-    mean_of_top: float
-    """Mean objective of the best `Target.top` strings, or of the parents without a target."""
-    population: NDArray[np.int64]
-    """Numbers of the strings, the best first, shape (S,)."""
-    evaluations: int
-    """Strings judged so far."""
-    samples_used: int
-    """Samples judged so far."""
-
-
-class Observer(Protocol):
-    """Told of every decision; it must not call the inversion back."""
-
-    def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Store strings of a coming generation; called before `Inversion.announce` returns."""
-
-    def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Store new strings, of which some may be announced; called before they are live."""
-
-    def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take the result of a string."""
-
-    def generation_done(self, summary: GenerationSummary) -> None:
-        """Take the summary of a generation."""
 
 
 class Inversion:
     """Drive a search with samples that arrive in any order.
 
-    Strings are numbered 0, 1, 2, … in the order of proposal. Samples of a string are judged in
-    order 0, 1, 2, …; early ones wait, and those after the ensemble's end are ignored, as is any
-    but the first copy. Outcomes of strings yet to be proposed wait too, so that a resume may
-    hand over all it has at once, before `start`, and samples of announced strings may be
-    simulated before their generation comes.
+    Strings are numbered 0, 1, 2, … in the order of proposal. Samples of a string are used in order
+    0, 1, 2, …: early ones wait, those after the ensemble's end are ignored, and of several copies
+    the first counts. Samples of strings that are not proposed yet wait too. So a resume may hand
+    over all it has at once, before `start`, and strings proposed ahead may be simulated before
+    their generation begins.
+
+    `start` and `complete` are generators: a decision is made, and the next one begun, as the
+    caller asks for it. Whoever calls them must exhaust them before the next call.
 
     Parameters
     ----------
@@ -82,20 +41,28 @@ class Inversion:
     make_ensemble
         Makes an empty ensemble.
     generations
-        Most generations.
+        Largest number of generations.
     target
         When to stop before; None never does.
     restore
-        Replaces a batch, given the number of its first string, by what an earlier leg of the
-        campaign has stored of it.
-    observer
-        Told of everything that is decided.
-    racing
-        When to give up strings that will not be kept; None never does.
-    more_samples
-        Samples that a string gets which is proposed again.
+        Replaces proposals, given the number of their first string, by what an earlier leg of the
+        campaign has stored of them; None keeps them.
     signed
-        The signed mean whose magnitude is the objective of a result; the objective by default.
+        Returns the signed mean whose magnitude is the objective of a result; by default the
+        objective itself.
+    racing
+        When to drop strings that will not be kept; None never does.
+    more_samples
+        Number of additional samples of a string that is proposed again.
+
+    Attributes
+    ----------
+    generation
+        Number of the generation under way.
+    results
+        Results of the evaluated strings, by number.
+    stop_reason
+        `TARGET_REACHED` or `GENERATIONS_DONE` once all is decided; None before.
     """
 
     def __init__(
@@ -103,13 +70,13 @@ class Inversion:
         search: SearchMethod,
         make_ensemble: Callable[[], Ensemble],
         generations: int,
-        target: Target | None,
-        restore: Callable[[Proposals, int], Proposals] | None,
-        observer: Observer,
+        target: Target | None = None,
+        restore: Callable[[Proposals, int], Proposals] | None = None,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
         racing: Race | None = None,
         more_samples: int = 1,
     ) -> None:
+        self.generation = 0
         self.results: dict[int, EnsembleResult] = {}
         self.stop_reason: str | None = None
         self._search = search
@@ -117,23 +84,21 @@ class Inversion:
         self._generations = generations
         self._target = target
         self._restore = restore
-        self._observer = observer
         self._signed = signed
         self._racing = racing
-        self._parents: list[int] = []
         self._more_samples = more_samples
-        self._ended: dict[int, Ensemble] = {}
-        self._race = 0
         self._top = search.parents if target is None else target.top
-        self._strings: list[NDArray[np.float64]] = []
-        self._coming: dict[int, NDArray[np.float64]] = {}
-        self._last_announced = 0
-        self.generation = 0
-        self._ids = np.empty(0, np.int64)
+        self._strings: list[NDArray[np.float64]] = []  # of all generations that have begun
+        self._strings_ahead: dict[int, NDArray[np.float64]] = {}
+        self._last_ahead = 0  # generation that was proposed ahead last
+        self._numbers = np.empty(0, np.int64)  # of this generation
         self._origins = np.empty(0, np.int8)
+        self._parents: list[int] = []
+        self._round = 0  # of the race
         self._open: dict[int, Ensemble] = {}
-        self._early: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, SampleSummary]] = {}
+        self._ahead: dict[int, Ensemble] = {}
+        self._ended: dict[int, Ensemble] = {}
+        self._waiting: dict[int, dict[int, SampleSummary]] = {}  # by string and sample
         self._samples_used = 0
 
     @property
@@ -142,117 +107,132 @@ class Inversion:
         return self.stop_reason is not None
 
     @property
-    def live(self) -> Mapping[int, Progress]:
-        """The strings of this generation that are not judged yet, in order of number."""
+    def open_strings(self) -> Mapping[int, Progress]:
+        """Strings of this generation that need samples, in order of number."""
         return {
             string: Progress(ensemble.samples_used, ensemble.max_samples)
             for string, ensemble in self._open.items()
         }
 
     @property
-    def unjudged(self) -> int:
-        """Number of strings of this generation that are not judged yet."""
+    def open_count(self) -> int:
+        """Number of strings in `open_strings`."""
         return len(self._open)
 
     def progress(self, string: int) -> Progress | None:
-        """How far a live or announced string is; None once it needs no more samples."""
-        ensemble = self._open.get(string) or self._early.get(string)
+        """Return the progress of an open string or one proposed ahead; None once it is complete."""
+        ensemble = self._open.get(string) or self._ahead.get(string)
         if ensemble is None or ensemble.finished:
             return None
         return Progress(ensemble.samples_used, ensemble.max_samples)
 
-    def used(self, string: int) -> int:
-        """Return the number of samples that a string needed which needs no more."""
-        early = self._early.get(string)
-        return self.results[string].samples_used if early is None else early.samples_used
+    def samples_used(self, string: int) -> int:
+        """Return the number of samples that a complete string has used."""
+        ahead = self._ahead.get(string)
+        return self.results[string].samples_used if ahead is None else ahead.samples_used
 
     def ranked(self) -> list[int]:
         """Return the strings that the search ranks, the best first."""
         return [ranked.string for ranked in self._search.best(len(self.results))]
 
     def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a proposed or announced string, shape (10,)."""
+        """Return a string of this or an earlier generation, or one proposed ahead, shape (10,)."""
         if string < len(self._strings):
             return self._strings[string]
-        return self._coming[string]
+        return self._strings_ahead[string]
 
-    def start(self) -> None:
-        """Propose the first generation."""
-        self._propose()
-        self._settle()
+    def start(self) -> Iterator[Decision]:
+        """Propose the first generation, and decide what samples that wait already decide."""
+        yield from self._propose()
+        yield from self._advance()
 
-    def announce(self, generations: int) -> Sequence[int]:
-        """Propose strings of one more coming generation, at most so many ahead of this one.
+    def propose_ahead(self, generations: int) -> StringsProposed | None:
+        """Propose those strings of one more coming generation that depend on no further result.
+
+        Parameters
+        ----------
+        generations
+            Largest number of generations between this one and the coming one.
 
         Returns
         -------
-        sequence of int
-            Numbers of those that no further result changes; none if there are none, or no such
-            generation.
+        StringsProposed or None
+            The strings, which need samples from now on; None if all are proposed, or if the search
+            does not know more of them yet.
         """
-        coming = max(self._last_announced, self.generation) + 1
+        coming = max(self._last_ahead, self.generation) + 1
         if self.finished or coming >= min(self._generations, self.generation + generations + 1):
-            return ()
+            return None
         known = self._search.known_proposals(coming)
         if known is None:
-            return ()
-        first, batch = known
+            return None
+        first, proposals = known
         if self._restore is not None:
-            batch = self._restore(batch, first)
-        ids = np.arange(first, first + len(batch.parameters))
-        self._observer.announced(batch, ids)
-        self._coming.update(zip(ids.tolist(), batch.parameters, strict=True))
-        self._last_announced = coming
-        for string in ids.tolist():
-            self._early[string] = self._make_ensemble()
-            self._feed(string, self._early[string])
-        return ids.tolist()
+            proposals = self._restore(proposals, first)
+        numbers = np.arange(first, first + len(proposals.parameters))
+        self._strings_ahead.update(zip(numbers.tolist(), proposals.parameters, strict=True))
+        self._last_ahead = coming
+        for string in numbers.tolist():
+            self._ahead[string] = self._make_ensemble()
+            self._add_waiting(string, self._ahead[string])
+        return StringsProposed(proposals, numbers, ahead=True)
 
-    def accept(self, string: int, first: int, outcomes: Sequence[SampleSummary]) -> None:
-        """Take the outcomes of consecutive samples, those from `first` on."""
-        ensemble = self._open.get(string)
-        early = self._early.get(string)
-        over = string < len(self._strings) if early is None else early.finished
+    def complete(self, string: int, first: int, samples: NDArray[np.void]) -> Iterator[Decision]:
+        """Take consecutive samples of a string, and yield the decisions that follow, in order.
+
+        Parameters
+        ----------
+        string
+            Its number.
+        first
+            Number of the first of the samples.
+        samples
+            Rows with the columns of `outcome.OUTCOME` and, where the objective needs it,
+            `objective`, shape (n,).
+        """
+        ensemble, ahead = self._open.get(string), self._ahead.get(string)
+        over = string < len(self._strings) if ahead is None else ahead.finished
         if self.finished or (ensemble is None and over):
             return
         waiting = self._waiting.setdefault(string, {})
-        for sample, outcome in enumerate(outcomes, first):
-            waiting.setdefault(sample, outcome)
+        for sample, summary in enumerate(summaries(samples), first):
+            waiting.setdefault(sample, summary)
         if ensemble is not None:
-            self._judge(string, ensemble)
-            self._settle()
-        elif string in self._early:
-            self._feed(string, self._early[string])
+            yield from self._evaluate(string, ensemble)
+            yield from self._advance()
+        elif ahead is not None:
+            self._add_waiting(string, ahead)
 
-    def _propose(self) -> None:
-        batch = self._search.ask()
+    def _propose(self) -> Iterator[Decision]:
+        proposals = self._search.ask()
         first = len(self._strings)
         if self._restore is not None:
-            batch = self._restore(batch, first)
-        self.generation = batch.generation
-        self._ids = np.arange(first, first + len(batch.parameters))
-        self._origins = batch.origin
-        self._observer.proposed(batch, self._ids)
-        self._strings.extend(batch.parameters)
+            proposals = self._restore(proposals, first)
+        self.generation = proposals.generation
+        self._numbers = np.arange(first, first + len(proposals.parameters))
+        self._origins = proposals.origin
+        yield StringsProposed(proposals, self._numbers, ahead=False)
+        self._strings.extend(proposals.parameters)
         self._open = {}
-        self._race = 0
+        self._round = 0
         if self._racing is not None and self.generation:
             self._parents = [ranked.string for ranked in self._search.best(self._racing.kept)]
-        for string in self._ids.tolist():
-            self._coming.pop(string, None)
-            ahead = self._early.pop(string, None)
-            self._open[string] = self._begun(batch, string - first) if ahead is None else ahead
+        for place, string in enumerate(self._numbers.tolist()):
+            self._strings_ahead.pop(string, None)
+            ahead = self._ahead.pop(string, None)
+            self._open[string] = self._ensemble(proposals, place) if ahead is None else ahead
         for string, ensemble in list(self._open.items()):
-            self._judge(string, ensemble)
+            yield from self._evaluate(string, ensemble)
 
-    def _begun(self, batch: Proposals, place: int) -> Ensemble:
+    def _ensemble(self, proposals: Proposals, place: int) -> Ensemble:
         """Return an empty ensemble, or one that goes on for a string that is proposed again."""
-        if batch.origin[place] == AGAIN:
-            return self._ended[int(batch.parents[place, 0])].again(self._more_samples)
+        if proposals.origin[place] == AGAIN:
+            parent = int(proposals.parents[place, 0])
+            return self._ended[parent].resample(self._more_samples)
         return self._make_ensemble()
 
-    def _feed(self, string: int, ensemble: Ensemble) -> None:
-        """Let an ensemble have the samples that it waits for."""
+    def _add_waiting(self, string: int, ensemble: Ensemble) -> None:
+        """Add the samples that are next in order to an ensemble, up to the next round of a race."""
         waiting = self._waiting.get(string, {})
         limit = self._limit(string)
         while not ensemble.finished and ensemble.samples_used in waiting:
@@ -263,86 +243,87 @@ class Inversion:
             self._waiting.pop(string, None)
 
     def _limit(self, string: int) -> float:
-        """Return how many samples a string may have before the others have caught up."""
+        """Return how many samples a string may use before the others have caught up."""
         if self._racing is None:
             return math.inf
-        return self._racing.samples(self._race if string in self._open else 0)
+        return self._racing.samples(self._round if string in self._open else 0)
 
-    def _judge(self, string: int, ensemble: Ensemble) -> None:
-        self._feed(string, ensemble)
+    def _evaluate(self, string: int, ensemble: Ensemble) -> Iterator[Decision]:
+        self._add_waiting(string, ensemble)
         if ensemble.finished:
-            self._close(string, ensemble)
+            yield self._close(string, ensemble)
 
-    def _close(self, string: int, ensemble: Ensemble) -> None:
+    def _close(self, string: int, ensemble: Ensemble) -> StringEvaluated:
         del self._open[string]
         self._waiting.pop(string, None)
         self.results[string] = ensemble.result()
         self._ended[string] = ensemble
         self._samples_used += ensemble.samples_used
-        self._observer.judged(string, self.results[string])
+        return StringEvaluated(string, self.results[string])
 
-    def _settle(self) -> None:
-        self._hold_races()
+    def _advance(self) -> Iterator[Decision]:
+        """Run races, and close generations and propose the next as long as no string is open."""
+        yield from self._run_races()
         while not self._open:
-            self._close_generation()
+            summary = self._close_generation()
+            yield summary
+            self.stop_reason = self._stop_reason(summary.mean_of_top)
             if self.finished:
                 self._waiting.clear()
                 return
-            self._propose()
-            self._hold_races()
+            yield from self._propose()
+            yield from self._run_races()
 
-    def _hold_races(self) -> None:
-        """Hold all rounds that every string which needs samples has enough of them for."""
+    def _run_races(self) -> Iterator[Decision]:
+        """Run all rounds for which every open string has enough samples."""
         while self._racing is not None and self._open:
-            held_at = self._racing.samples(self._race)
-            if any(ensemble.samples_used < held_at for ensemble in self._open.values()):
+            needed = self._racing.samples(self._round)
+            if any(ensemble.samples_used < needed for ensemble in self._open.values()):
                 return
-            running = {string: _standing(ensemble) for string, ensemble in self._open.items()}
-            done = [string for string in self._ids.tolist() if string in self.results]
+            running = {string: _race_entry(ensemble) for string, ensemble in self._open.items()}
+            done = [string for string in self._numbers.tolist() if string in self.results]
             kept = () if AGAIN in self._origins else self._parents
-            others = [_standing(self._ended[string]) for string in [*kept, *done]]
-            for string in self._racing.dropped(self._race, running, others):
-                self._close(string, self._open[string])
-            self._race += 1
+            others = [_race_entry(self._ended[string]) for string in [*kept, *done]]
+            for string in self._racing.dropped(self._round, running, others):
+                yield self._close(string, self._open[string])
+            self._round += 1
             for string, ensemble in list(self._open.items()):
-                self._judge(string, ensemble)
+                yield from self._evaluate(string, ensemble)
 
-    def _close_generation(self) -> None:
-        self._search.tell(self._judged())
+    def _close_generation(self) -> GenerationSummary:
+        self._search.tell(self._evaluations())
         population = set(self._search.population_ids.tolist())
         self._ended = {i: ended for i, ended in self._ended.items() if i in population}
         ranked = self._search.best(self._search.population_ids.size)
-        best, mean_of_top = ranked[0], self._search.mean_of_top(self._top)
-        error = best.standard_error
-        self._observer.generation_done(
-            GenerationSummary(
-                generation=self.generation,
-                best=best.string,
-                objective=best.objective,
-                standard_error=self.results[best.string].standard_error if error is None else error,
-                mean_of_top=mean_of_top,
-                population=np.array([string for string, *_ in ranked]),
-                evaluations=len(self.results),
-                samples_used=self._samples_used,
-            )
+        best, error = ranked[0], ranked[0].standard_error
+        return GenerationSummary(
+            generation=self.generation,
+            best=best.string,
+            objective=best.objective,
+            standard_error=self.results[best.string].standard_error if error is None else error,
+            mean_of_top=self._search.mean_of_top(self._top),
+            population=np.array([string for string, *_ in ranked]),
+            evaluations=len(self.results),
+            samples_used=self._samples_used,
         )
-        if self._target is not None and mean_of_top <= self._target.objective:
-            self.stop_reason = TARGET_REACHED
-        elif self.generation + 1 >= self._generations:
-            self.stop_reason = GENERATIONS_DONE
 
-    def _judged(self) -> Evaluations:
-        """Collect what the strings of this generation turned out to be."""
-        results = [self.results[string] for string in self._ids.tolist()]
+    def _stop_reason(self, mean_of_top: float) -> str | None:
+        if self._target is not None and mean_of_top <= self._target.objective:
+            return TARGET_REACHED
+        return GENERATIONS_DONE if self.generation + 1 >= self._generations else None
+
+    def _evaluations(self) -> Evaluations:
+        """Collect the results of this generation for the search."""
+        results = [self.results[string] for string in self._numbers.tolist()]
         return Evaluations(
-            self._ids,
-            np.array([self._strings[string] for string in self._ids]),
+            self._numbers,
+            np.array([self._strings[string] for string in self._numbers]),
             np.array([result.objective for result in results]),
             np.array([self._signed(result) for result in results]),
-            np.array([self._ended[string].completed for string in self._ids.tolist()]),
+            np.array([self._ended[string].completed for string in self._numbers.tolist()]),
         )
 
 
-def _standing(ensemble: Ensemble) -> RaceEntry:
+def _race_entry(ensemble: Ensemble) -> RaceEntry:
     result = ensemble.result()
     return RaceEntry(result.objective, result.standard_error, ensemble.completed)

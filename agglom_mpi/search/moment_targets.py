@@ -1,8 +1,8 @@
 """Targets on the moments of the final radii [A 24-25, 29], alone or weighted.
 
-The mean is that over samples of their mean radius ratio, as everywhere. All others are of the
-particles of all samples together, about their common mean, so their estimators are ratios: samples
-differ in how many particles are left.
+The mean is that over samples of their mean radius ratio, as everywhere. All other moments are of
+the particles of all samples together, about their common mean, so their estimators are ratios:
+samples differ in the number of particles left.
 """
 
 import math
@@ -20,33 +20,33 @@ from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
 CENTRAL: Final = ("second", "third", "fourth")
 NORMALISED: Final = ("skewness", "kurtosis")
 NO_SPREAD: Final = 1e-9
-"""Spread, relative to the mean, up to which all radii are the same but for rounding: one merge
-among 1e13 particles makes more."""
+"""Spread relative to the mean up to which radii are equal except for rounding: one merge among 1e13
+particles makes more."""
 
 Central = tuple[float, float, float]
 
 
 class MomentTarget(NamedTuple):
-    """One moment that is wanted: its name, its value and how much a miss counts."""
+    """Target of one moment: its name, its value and its weight."""
 
     name: str
     target: float
     weight: float = 1.0
 
-    def miss(self, moment: float) -> float:
-        """Signed weighted miss, relative to the target unless that is 0."""
+    def deviation(self, moment: float) -> float:
+        """Return the signed weighted deviation, relative to the target unless that is 0."""
         if self.target == 0.0:
             return self.weight * moment
         return self.weight * (moment / self.target - 1.0)
 
     @property
     def slope(self) -> float:
-        """Change of the miss with the moment."""
+        """Derivative of the deviation by the moment."""
         return self.weight / (self.target or 1.0)
 
 
 def spread_of(mean: float, second: float) -> float:
-    """Return the standard deviation of radii, exactly 0 where they only differ by rounding."""
+    """Return the standard deviation of radii, exactly 0 where they differ by rounding alone."""
     spread = math.sqrt(max(second, 0.0))
     return spread if spread > NO_SPREAD * mean else 0.0
 
@@ -54,8 +54,8 @@ def spread_of(mean: float, second: float) -> float:
 def moment(name: str, mean: float, central: Central) -> float:
     """Return a moment by its name, from the mean and the central moments 2, 3, 4.
 
-    Radii without spread have no skewness and no kurtosis. These are inf here, as one larger
-    particle among ever more equal ones makes them, so that no target is met by chance.
+    Radii without spread have no skewness and no kurtosis. These are inf here, the limit of one
+    larger particle among ever more equal ones, so that no target is met by chance.
     """
     second, third, fourth = central
     if name == "mean":
@@ -91,30 +91,30 @@ class MomentTargets(Objective):
 
     terms: tuple[MomentTarget, ...]
 
-    def tally(self) -> "MomentAccumulator":
-        """Return a tally of no samples."""
+    def accumulator(self) -> "MomentAccumulator":
+        """Return an accumulator without samples."""
         return MomentAccumulator(self.terms)
 
-    def worth(self, mean: float, central: Central) -> float:
+    def of_moments(self, mean: float, central: Central) -> float:
         """Return the objective of radii with these moments."""
-        return sum(abs(term.miss(moment(term.name, mean, central))) for term in self.terms)
+        return sum(abs(term.deviation(moment(term.name, mean, central))) for term in self.terms)
 
     def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
         """Return the objective of each sample alone, from its own moments."""
         columns = ("mean_radius_ratio", *(f"radius_moment_{order}" for order in (2, 3, 4)))
         samples = zip(*(rows[name].tolist() for name in columns), strict=True)
-        return np.array([self.worth(mean, (m2, m3, m4)) for mean, m2, m3, m4 in samples])
+        return np.array([self.of_moments(mean, (m2, m3, m4)) for mean, m2, m3, m4 in samples])
 
-    def linear(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return the objective of all, and what each sample adds to it in first order."""
-        tally = self.tally()
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+        """Return the objective of all samples plus the first-order influence of each."""
+        accumulator = self.accumulator()
         for outcome in outcomes:
-            tally.add(outcome)
-        return np.array([tally.linear(outcome) for outcome in outcomes])
+            accumulator.add(outcome)
+        return np.array([accumulator.influence_value(outcome) for outcome in outcomes])
 
 
 class MomentAccumulator:
-    """The moments of the samples so far, and how they vary from sample to sample."""
+    """Moments of the samples so far, and their covariance between samples."""
 
     def __init__(self, terms: tuple[MomentTarget, ...]) -> None:
         self._objective = MomentTargets(terms)
@@ -133,14 +133,14 @@ class MomentAccumulator:
         """The objective; inf where a skewness or kurtosis is wanted of radii without spread."""
         if not self._mean.count:
             return math.nan
-        return self._objective.worth(self._mean.mean, self._pooled.central)
+        return self._objective.of_moments(self._mean.mean, self._pooled.central)
 
     @property
     def standard_error(self) -> float:
-        """By the delta method from what the samples' sums of powers vary.
+        """By the delta method, from the covariance of the samples' sums of powers.
 
-        As for the mean alone, the error near a target is that of the signed miss. Of an objective
-        of inf it is 0: two samples or more agree that there is nothing to judge.
+        As for the mean alone, the error near a target is that of the signed deviation. It is 0
+        where the objective is inf, as all samples have radii without spread.
         """
         if self._mean.count < 2:
             return math.nan
@@ -148,8 +148,8 @@ class MomentAccumulator:
             return 0.0
         return self._sums.standard_error(self._slopes(), self._pooled.central)
 
-    def linear(self, outcome: SampleSummary) -> float:
-        """Objective of all samples, and what this one adds to it in first order."""
+    def influence_value(self, outcome: SampleSummary) -> float:
+        """Return the objective of all samples plus the first-order influence of this one."""
         return self.value + self._sums.influence(
             _numbers(outcome), self._slopes(), self._pooled.central
         )
@@ -159,7 +159,7 @@ class MomentAccumulator:
         mean, central = self._mean.mean, self._pooled.central
         slopes: dict[str, float] = {}
         for term in self._objective.terms:
-            sign = math.copysign(1.0, term.miss(moment(term.name, mean, central)) or 1.0)
+            sign = math.copysign(1.0, term.deviation(moment(term.name, mean, central)) or 1.0)
             for name, slope in gradient(term.name, mean, central).items():
                 slopes[name] = slopes.get(name, 0.0) + sign * term.slope * slope
         return slopes

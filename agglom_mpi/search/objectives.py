@@ -27,7 +27,7 @@ from agglom_mpi.statistics import RunningMean
 
 
 class ObjectiveAccumulator(Protocol):
-    """The completed samples of one string so far, as an objective sees them."""
+    """Accumulates the objective of completed samples of one string, with its standard error."""
 
     def add(self, outcome: SampleSummary) -> None:
         """Take one more completed sample."""
@@ -42,58 +42,62 @@ class ObjectiveAccumulator(Protocol):
 
 
 class Objective(ABC):
-    """A law that turns the completed samples of a string into a number to minimise.
+    """A function of the completed samples of a string that is minimised.
 
     Attributes
     ----------
     least : float
-        No objective is less.
+        Lower bound of the objective.
     """
 
     least: ClassVar[float] = 0.0
 
     @abstractmethod
-    def tally(self) -> ObjectiveAccumulator:
-        """Return a tally of no samples."""
+    def accumulator(self) -> ObjectiveAccumulator:
+        """Return an accumulator without samples."""
 
     @abstractmethod
     def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return the objective of each sample alone, shape (n,), of rows with `OUTCOME`'s columns.
+        """Return the objective of each sample alone, shape (n,).
 
-        What it gives for a sample that failed means nothing.
+        Parameters
+        ----------
+        rows
+            Samples with the columns of `OUTCOME`, shape (n,). The objective of one that failed has
+            no meaning.
         """
 
     @abstractmethod
-    def linear(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return a number of each sample, shape (n,): together they are the ensemble's objective.
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+        """Return one value of each of n > 0 samples, shape (n,), whose mean is the objective.
 
-        Their mean is the objective, signed where it is a magnitude; the standard error of that
-        mean is the objective's, by the delta method. n must be at least 1.
+        It is signed where the objective is a magnitude, and the standard error of the mean is that
+        of the objective, by the delta method: objective plus influence function.
         """
 
     def of_ensemble(self, outcomes: Iterable[SampleSummary]) -> tuple[float, float]:
         """Return the objective of completed samples and its standard error.
 
-        The error of a single one is nan, and an empty ensemble is worth inf.
+        The error of a single one is nan; without samples they are inf and nan.
         """
-        tally = self.tally()
+        accumulator = self.accumulator()
         for outcome in outcomes:
-            tally.add(outcome)
-        value = tally.value
-        return (math.inf, math.nan) if math.isnan(value) else (value, tally.standard_error)
+            accumulator.add(outcome)
+        value = accumulator.value
+        return (math.inf, math.nan) if math.isnan(value) else (value, accumulator.standard_error)
 
     def of_rows(self, rows: NDArray[np.void]) -> tuple[float, float]:
-        """Return the same of rows, (n,), of completed samples; see `outcome.measured`."""
+        """Return the same of rows of completed samples, (n,); see `outcome.summaries`."""
         return self.of_ensemble(summaries(rows))
 
 
 class MeanAccumulator:
-    """The running mean of one number of each sample.
+    """Running mean of one number of each sample.
 
     Parameters
     ----------
     number
-        Of a sample.
+        Returns it.
     """
 
     def __init__(self, number: Callable[[SampleSummary], float]) -> None:
@@ -119,7 +123,7 @@ Ratio = TypeVar("Ratio", float, NDArray[np.float64])
 
 
 class RadiusObjective(Objective):
-    """An objective that looks at nothing but the mean radius ratios b^f/b⁰ of the samples.
+    """An objective that depends on the mean radius ratios b^f/b⁰ of the samples alone.
 
     Both papers' objectives are the magnitude of the ensemble mean of a per-sample deviation.
     So their standard error is that of this mean, by the delta method; at an objective near 0
@@ -128,10 +132,10 @@ class RadiusObjective(Objective):
 
     @abstractmethod
     def deviation(self, ratio: Ratio) -> Ratio:
-        """Return the per-sample quantity whose ensemble mean is judged, elementwise."""
+        """Return the per-sample quantity whose ensemble mean counts, elementwise."""
 
-    def tally(self) -> "RadiusAccumulator":
-        """Return a tally of no samples."""
+    def accumulator(self) -> "RadiusAccumulator":
+        """Return an accumulator without samples."""
         return RadiusAccumulator(self)
 
     def of_ratio(self, ratio: Ratio) -> Ratio:
@@ -142,13 +146,13 @@ class RadiusObjective(Objective):
         """Return the objective of each sample alone."""
         return self.of_ratio(rows["mean_radius_ratio"])
 
-    def linear(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
         """Return the deviations of the samples."""
         return self.deviation(np.array([outcome.mean_radius_ratio for outcome in outcomes]))
 
 
 class RadiusAccumulator:
-    """The running mean of the deviations; its magnitude is the objective."""
+    """Running mean of the deviations, whose magnitude is the objective."""
 
     def __init__(self, objective: RadiusObjective) -> None:
         self._objective = objective
@@ -176,7 +180,7 @@ class GrowthTarget(RadiusObjective):
     ratio: float = 2.0
 
     def deviation(self, ratio: Ratio) -> Ratio:
-        """Return the signed relative miss of the wanted radius."""
+        """Return the signed relative deviation from the target radius."""
         return ratio / self.ratio - 1.0
 
 
@@ -191,30 +195,30 @@ class MaximumGrowth(RadiusObjective):
         return abs(1.0 - ratio / math.cbrt(self.particles))
 
 
-def _own(outcome: SampleSummary) -> float:
+def _stored_objective(outcome: SampleSummary) -> float:
     return outcome.objective
 
 
 @dataclass(frozen=True)
 class MeanOfFunction(Objective):
-    """The mean over samples of what a user's function made of each when it was simulated.
+    """Mean over samples of a user's function, evaluated when each was simulated.
 
-    That number is stored with the sample, so that to decide again takes no code of the user's.
+    The values are stored with the samples, so that a replay needs no code of the user's.
     """
 
     least: ClassVar[float] = -math.inf
 
-    def tally(self) -> ObjectiveAccumulator:
-        """Return a tally of no samples."""
-        return MeanAccumulator(_own)
+    def accumulator(self) -> ObjectiveAccumulator:
+        """Return an accumulator without samples."""
+        return MeanAccumulator(_stored_objective)
 
     def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return what is stored of each sample."""
+        """Return the stored value of each sample."""
         stored: NDArray[np.float64] = rows["objective"]
         return stored
 
-    def linear(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return what is stored of each sample."""
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+        """Return the stored value of each sample."""
         return np.array([outcome.objective for outcome in outcomes])
 
 
@@ -222,14 +226,19 @@ MEAN_OF_FUNCTION: Final = MeanOfFunction()
 
 
 def objective_of(entries: Mapping[str, Any], particles: int) -> Objective:
-    """Return the objective that a campaign asks for.
+    """Return the objective of a campaign.
 
     Parameters
     ----------
     entries
         Its `objective` section as plain values, as the section or the identity of a file has it.
     particles
-        N, particles a sample starts with.
+        N, particles at the start of a sample.
+
+    Raises
+    ------
+    ValueError
+        If there is no such objective.
     """
     match entries["law"]:
         case "growth_target":

@@ -14,12 +14,12 @@ MODEL: Final = 2
 GIVEN: Final = 3
 AGAIN: Final = 4
 ORIGINS: Final = ("random", "offspring", "model", "given", "again")
-"""Where a string comes from, by its origin code."""
+"""Origin of a string, by its code."""
 NO_PARENT: Final = -1
 
 
 class Proposals(NamedTuple):
-    """The n new strings of one generation, in the order in which they get their numbers."""
+    """The n new strings of a generation, in the order of their numbers."""
 
     generation: int
     slot: NDArray[np.int64]
@@ -27,63 +27,63 @@ class Proposals(NamedTuple):
     origin: NDArray[np.int8]
     """Index in ORIGINS, shape (n,)."""
     parents: NDArray[np.int64]
-    """Numbers of the two parent strings, -1 for none, shape (n, 2); of a string that gets more
-    samples the one that it was before."""
+    """Numbers of the two parent strings, -1 for none, shape (n, 2); for origin `again` the string
+    that gets more samples."""
     parameters: NDArray[np.float64]
     """The strings in SI units, shape (n, 10)."""
 
 
 class Evaluations(NamedTuple):
-    """What the n new strings of a generation turned out to be, in any order."""
+    """Results of the n new strings of a generation, in any order."""
 
     ids: NDArray[np.int64]
-    """Their numbers, which grow in the order of the proposals, shape (n,)."""
+    """Their numbers, in the order of the proposals, shape (n,)."""
     parameters: NDArray[np.float64]
     """The strings as they were evaluated, shape (n, 10); a resumed campaign reads them from its
     file."""
     objectives: NDArray[np.float64]
-    """Shape (n,); not finite where a string could not be judged."""
+    """Shape (n,); not finite where a string could not be evaluated."""
     deviations: NDArray[np.float64]
     """The signed means whose magnitudes the objectives are, or the objectives, shape (n,)."""
     samples: NDArray[np.int64]
-    """Completed samples that these rest on, shape (n,)."""
+    """Number of completed samples of each, shape (n,)."""
 
 
 class Ranked(NamedTuple):
-    """A string that a search has made its mind up about."""
+    """A string with the objective by which a search ranks it."""
 
     string: int
     objective: float
     standard_error: float | None = None
-    """Of a search's own estimate; None where the objective is that of the string's ensemble."""
+    """Of the search's own estimate; None where the objective is that of the string's ensemble."""
 
 
 class SearchMethod(Protocol):
-    """A method that proposes strings and learns from their objectives, batch by batch."""
+    """A method that proposes strings and learns from their objectives, generation by generation."""
 
     @property
     def parents(self) -> int:
-        """How many of the best strings the method keeps."""
+        """Number of best strings that the method keeps."""
 
     @property
     def population_ids(self) -> NDArray[np.int64]:
         """Numbers of the strings of the population last told, in slot order."""
 
     def ask(self) -> Proposals:
-        """Propose the strings of the next generation; asking again changes nothing."""
+        """Return the strings of the next generation; repeated calls return the same."""
 
     def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
-        """Propose strings of a coming generation that no further result changes, the last of it.
+        """Return those strings of a coming generation that no further result changes.
 
         Returns
         -------
         tuple or None
-            Number that the first of them will have, and the strings; None if there are none, or
-            if they are not known yet.
+            Number of the first of them, and the strings, the last ones of the generation; None if
+            there are none, or if they are not known yet.
         """
 
-    def tell(self, judged: Evaluations) -> None:
-        """Take what the proposed strings turned out to be worth."""
+    def tell(self, evaluations: Evaluations) -> None:
+        """Learn from the results of the strings proposed last."""
 
     def best(self, k: int) -> list[Ranked]:
         """Return the k best strings, best first."""
@@ -95,7 +95,7 @@ class SearchMethod(Protocol):
 def as_proposals(
     generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0
 ) -> Proposals:
-    """Strings, shape (n, 10), that have no parents, in the slots from `slot` on."""
+    """Return strings, shape (n, 10), without parents as proposals, in the slots from `slot` on."""
     count = len(strings)
     return Proposals(
         generation,
@@ -109,32 +109,32 @@ def as_proposals(
 def begun_with(
     given: NDArray[np.float64], random: NDArray[np.float64], generation: int = 0
 ) -> Proposals:
-    """One batch of strings that were given, shape (n, 10), and random ones in the slots after."""
+    """Return given strings, shape (n, 10), and random ones in the slots after as proposals."""
     return joined_proposals(
         as_proposals(generation, given, GIVEN), as_proposals(generation, random, RANDOM, len(given))
     )
 
 
 def joined_proposals(first: Proposals, *others: Proposals) -> Proposals:
-    """One batch of several of the same generation."""
-    columns = zip(*(batch[1:] for batch in (first, *others)), strict=True)
+    """Return several proposals of the same generation as one."""
+    columns = zip(*(each[1:] for each in (first, *others)), strict=True)
     return Proposals(first.generation, *map(np.concatenate, columns))
 
 
 class EvaluatedStrings:
-    """Strings by number, with their objectives; the best of them are the population.
+    """All evaluated strings by number; the best of them are the population.
 
     Parameters
     ----------
     kept
-        Strings of the population at most.
+        Largest size of the population.
 
     Attributes
     ----------
-    generation : int, how many batches were told
+    generation : int, number of generations told
     parameters : array, shape (n, 10), in the order of their numbers
     objectives, deviations : array, shape (n,), as in `Evaluations`
-    samples : array of int64, shape (n,), how many each of them rests on
+    samples : array of int64, shape (n,), completed samples of each
     """
 
     def __init__(self, kept: int) -> None:
@@ -148,14 +148,14 @@ class EvaluatedStrings:
     def __len__(self) -> int:
         return len(self.objectives)
 
-    def tell(self, judged: Evaluations) -> None:
-        """Take a generation."""
-        order = np.argsort(judged.ids)
-        if not np.array_equal(judged.ids[order], np.arange(len(order)) + len(self)):
+    def tell(self, evaluations: Evaluations) -> None:
+        """Add the results of a generation."""
+        order = np.argsort(evaluations.ids)
+        if not np.array_equal(evaluations.ids[order], np.arange(len(order)) + len(self)):
             raise ValueError("a generation is told whole, and after those before it")
         for name in ("parameters", "objectives", "deviations", "samples"):
-            told = getattr(judged, name)[order]
-            setattr(self, name, np.concatenate((getattr(self, name), told)))
+            new = getattr(evaluations, name)[order]
+            setattr(self, name, np.concatenate((getattr(self, name), new)))
         self.generation += 1
 
     @property
@@ -172,14 +172,16 @@ class EvaluatedStrings:
         return float(np.mean([ranked.objective for ranked in self.best(k)]))
 
     def _ranked(self) -> NDArray[np.int64]:
-        worth = np.where(np.isfinite(self.objectives), self.objectives, np.inf)
-        return np.argsort(worth, kind="stable")
+        objectives = np.where(np.isfinite(self.objectives), self.objectives, np.inf)
+        return np.argsort(objectives, kind="stable")
 
 
-def restored(batch: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]) -> Proposals:
-    """Replace the strings of a batch, which are numbered from `first`, that are known."""
-    parameters = batch.parameters.copy()
+def restored(
+    proposals: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]
+) -> Proposals:
+    """Return proposals, numbered from `first`, with the `known` ones, by number, replaced."""
+    parameters = proposals.parameters.copy()
     for row in range(len(parameters)):
         if first + row in known:
             parameters[row] = known[first + row]
-    return batch._replace(parameters=parameters)
+    return proposals._replace(parameters=parameters)

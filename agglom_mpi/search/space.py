@@ -1,4 +1,4 @@
-"""The box that is searched: bounds of the ten variables, and how strings are drawn from it."""
+"""The search box: bounds of the ten variables, scaling, sampling and clipping of strings."""
 
 from typing import Self
 
@@ -19,8 +19,8 @@ class SearchSpace:
     outermost
         The box that no restriction may leave; this box itself by default.
     logarithmic
-        Which components are searched by their logarithms, shape (10,); none by default. They are
-        drawn, bred and halved by these, and their bounds are positive.
+        Components searched by their logarithms, shape (10,); none by default. Their bounds are
+        positive.
     """
 
     def __init__(
@@ -48,16 +48,16 @@ class SearchSpace:
 
     @property
     def searched(self) -> NDArray[np.bool_]:
-        """Which components vary, shape (10,)."""
+        """Mask of the components that vary, shape (10,)."""
         return self.lower < self.upper
 
     @property
     def dimensions(self) -> int:
-        """How many components vary."""
+        """Number of components that vary, d."""
         return int(self.searched.sum())
 
     def scaled(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (..., 10), logarithms instead of what is searched by them."""
+        """Return strings, shape (..., 10), with logarithms of the logarithmic components."""
         if not self.logarithmic.any():
             return strings
         scaled = np.array(strings)
@@ -65,7 +65,7 @@ class SearchSpace:
         return scaled
 
     def unscaled(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (..., 10), that were scaled."""
+        """Return the strings, shape (..., 10), of scaled ones."""
         if not self.logarithmic.any():
             return scaled
         strings = np.array(scaled)
@@ -73,7 +73,7 @@ class SearchSpace:
         return strings
 
     def to_unit(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (n, 10), as points of the unit cube of what is searched, (n, d)."""
+        """Return strings, shape (n, 10), as points of the unit cube, shape (n, d)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         some = self.searched
         return (self.scaled(strings) - lower)[:, some] / (upper - lower)[some]
@@ -96,20 +96,20 @@ class SearchSpace:
         return self.clip(self.unscaled(lower + rng.random(COUNT) * (upper - lower)))
 
     def clip(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Move strings, shape (..., 10), to the nearest point of the box; unused become nan."""
+        """Return the nearest strings in the box, shape (..., 10); unused components become nan."""
         return np.clip(strings, self.lower, self.upper)
 
     def around(self, centre: NDArray[np.float64], factor: float) -> Self:
-        """Restrict the box around a string [B 8, "restricted and rescaled"].
+        """Return the box restricted around a string [B 8, "restricted and rescaled"].
 
-        Every searched half-width is multiplied by `factor`; what then sticks out of the
+        Every searched half-width is multiplied by `factor`; what is then outside of the
         outermost box is cut off. A box cut on one side is no longer centred on the string, and
         the next restriction starts from what the cut has left.
 
         Parameters
         ----------
         centre
-            The string to centre on, shape (10,); only its searched components count.
+            The string, shape (10,); only its searched components count.
         factor
             Ratio of new to old half-width.
         """

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accuracy_rows import made_up
+from summary_rows import rows_of
 
 from agglom_mpi.accuracy.run import FULL, QUICK, Options, make_plan
 from agglom_mpi.accuracy.study import (
@@ -23,7 +24,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.scene import FixedEngine
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
 
 JOB = "jobs/quickstart.yaml"
@@ -36,12 +37,10 @@ def campaign():
 
 def done(simulator, task):
     """Return what comes of one task."""
-    batch = Batch([], [], [], [])
     job = simulator.begin(task)
-    while job.go_on():
+    while job.simulate_next():
         pass
-    job.take(batch)
-    return batch
+    return job.collect()
 
 
 def outcome(steps=10, state=COMPLETED):
@@ -77,39 +76,28 @@ def test_a_setup_that_mostly_fails_is_given_up(campaign):
     assert ensemble.samples_used == 10
 
 
-class Unread:
-    """An observer that forgets everything."""
-
-    def proposed(self, batch, ids):
-        pass
-
-    def judged(self, string, result):
-        pass
-
-    def generation_done(self, summary):
-        pass
-
-
 def test_every_setup_of_a_study_has_its_own_number_of_samples(campaign):
     wanted = {"a": 3, "b": 5, "c": 7}
     parameters = campaign.parameters()
     setups = {name: Setup(campaign, parameters, count) for name, count in wanted.items()}
-    inversion = Study(campaign, setups, 1e9).inversion(None, Unread())
-    inversion.start()
-    assert inversion.announce(4) == ()
-    assert [progress.max_samples for progress in inversion.live.values()] == [3, 5, 7]
+    inversion = Study(campaign, setups, 1e9).inversion(None)
+    list(inversion.start())
+    assert inversion.propose_ahead(4) is None
+    assert [progress.max_samples for progress in inversion.open_strings.values()] == [3, 5, 7]
     for string in range(3):
-        inversion.accept(string, 0, [outcome()] * 9)
+        list(inversion.complete(string, 0, rows_of([outcome()] * 9)))
     assert inversion.finished
-    assert [inversion.used(string) for string in range(3)] == [3, 5, 7]
+    assert [inversion.samples_used(string) for string in range(3)] == [3, 5, 7]
 
 
 def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
     study = make_plan(Options((JOB,), "x", {}, quick=True)).study
     again = pickle.loads(pickle.dumps(study))
     assert again.identity() == study.identity()
-    assert again.room == study.room
-    assert [str(kind) for kind, _ in again.kinds()] == [str(kind) for kind, _ in study.kinds()]
+    assert again.table_sizes == study.table_sizes
+    assert [str(setup) for setup, _ in again.kernel_cases()] == [
+        str(setup) for setup, _ in study.kernel_cases()
+    ]
 
 
 def test_whatever_decides_samples_is_part_of_the_identity(campaign):
@@ -136,7 +124,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     tasks = np.zeros(2, TASK)
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
-    plain, stepped = (done(simulator, task).results[0] for task in tasks)
+    plain, stepped = (done(simulator, task).results for task in tasks)
     expected = campaign.simulate(parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
     assert plain["objective"] == expected.objective
@@ -182,9 +170,9 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = 1, study.setups["event"].parameters
-    [result], *others = done(SampleRunner(study, 0), task[0])
-    assert others == [[], [], []]
-    assert result["state"] == COMPLETED
+    message = done(SampleRunner(study, 0), task[0])
+    assert (len(message.failures), message.final_particles, message.frames) == (0, None, ())
+    assert message.results["state"].tolist() == [COMPLETED]
     ensemble = BudgetedEnsemble(study.setups["event"], 2, 1e9)
     ensemble.add(outcome())
     assert ensemble.result().mean_radius_ratio == 2.0

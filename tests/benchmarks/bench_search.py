@@ -18,6 +18,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import summaries
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.simulation.sample import simulate_scene
 
@@ -83,42 +84,39 @@ def simulate(of, parameters, sample):
     record, _ = simulate_scene(of.scene.build(parameters, None), random)
     rows = np.zeros(1, record.dtype)
     rows[0] = record
-    return summaries(rows)[0]
+    return rows
 
 
 def estimate(of, parameters, samples):
     """Objective of a string on fresh samples, and its standard error."""
-    outcomes = [simulate(of, parameters, FRESH + i) for i in range(samples)]
-    return of.objective.build(of.scene.particles).of_ensemble(outcomes)
+    rows = np.concatenate([simulate(of, parameters, FRESH + i) for i in range(samples)])
+    return of.objective.build(of.scene.particles).of_rows(rows)
 
 
 class Best:
-    """An observer that remembers which string was the best, and after how many samples."""
+    """Which strings were the best after each generation, and after how many samples."""
 
     def __init__(self):
         self.best = []
 
-    def announced(self, batch, ids):
-        pass
-
-    proposed = judged = announced
-
-    def generation_done(self, summary):
-        self.best.append((summary.samples_used, summary.population[:FINALISTS]))
+    def record(self, decisions):
+        for decision in decisions:
+            if isinstance(decision, GenerationSummary):
+                self.best.append((decision.samples_used, decision.population[:FINALISTS]))
 
 
 def searched(name, seed, samples, job=JOB):
     """Search with so many samples; yields samples used and the best strings after generations."""
     of, book = campaign(name, seed, job), Best()
-    inversion = InversionExperiment(of).inversion(None, book)
-    inversion.start()
+    inversion = InversionExperiment(of).inversion(None)
+    book.record(inversion.start())
     used, told = 0, 0
     while used < samples:
-        for string, progress in inversion.live.items():
+        for string, progress in inversion.open_strings.items():
             if inversion.progress(string) is None:
                 continue  # out of the race
-            outcome = simulate(of, inversion.parameters(string), progress.next_sample)
-            inversion.accept(string, progress.next_sample, [outcome])
+            rows = simulate(of, inversion.parameters(string), progress.next_sample)
+            book.record(inversion.complete(string, progress.next_sample, rows))
             used += 1
             if len(book.best) > told or used >= samples:
                 break
@@ -149,7 +147,7 @@ def searched_by_pymoo(name, seed, samples):
                 rule, objective, of.scene.particles, ensemble.min_samples, ensemble.max_samples
             )
             while not judging.finished:
-                judging.add(simulate(of, parameters, judging.samples_used))
+                judging.add(summaries(simulate(of, parameters, judging.samples_used))[0])
             used += judging.samples_used
             worth.append(judging.result().objective)
         Evaluator().eval(StaticProblem(problem, F=np.array(worth)[:, None]), found)
@@ -181,7 +179,7 @@ def deviation(seed):
     *_, (_, finalists) = searched(name, seed, DOUBLING_SAMPLES, DOUBLING)
     best = min(finalists, key=lambda string: estimate(of, string, FINALIST)[0])
     unseen = range(FRESH + FINALIST, FRESH + FINALIST + DOUBLING_FINAL)
-    grown = np.array([simulate(of, best, i).mean_radius_ratio / 2 - 1 for i in unseen])
+    grown = np.array([simulate(of, best, i)["mean_radius_ratio"][0] / 2 - 1 for i in unseen])
     return grown.mean(), grown.std(ddof=1) / np.sqrt(DOUBLING_FINAL)
 
 

@@ -41,14 +41,14 @@ class Foresight(Scheduler):
 
     used: dict[int, int]
 
-    def _chance(self, string, progress, sample):
+    def _probability(self, string, progress, sample):
         return float(sample < self.used.get(string, 0))
 
-    def _share(self, judged):
+    def _range_limit(self, used):
         return 1
 
-    def _piece(self, string, room):
-        piece = super()._piece(string, room)
+    def _next_range(self, string, limit):
+        piece = super()._next_range(string, limit)
         _, first, count = piece
         return piece.split(min(count, self.used[string] - first))[0]
 
@@ -68,9 +68,7 @@ def forecast(campaign, rehearsal, ranks, costs=FREE, used=None):
     with pytest.MonkeyPatch.context() as patch:
         if used is not None:
             patch.setattr(virtual, "Scheduler", type("Told", (Foresight,), {"used": used}))
-        cluster = ClusterSimulator(
-            lambda observer: work.inversion(None, observer), rehearsal, ranks, costs
-        )
+        cluster = ClusterSimulator(work.inversion(None), rehearsal, ranks, costs)
         return cluster.run(), cluster.path.used
 
 

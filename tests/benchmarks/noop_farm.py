@@ -15,10 +15,9 @@ from mpi4py import MPI
 from agglom_mpi.runtime.sample_runner import SampleRunner, SampleTask
 from agglom_mpi.runtime.worker import serve_coordinator as serve
 from agglom_mpi.runtime.worker_pool import WorkerPool
-from agglom_mpi.scheduling import estimators as pace
-from agglom_mpi.scheduling import interface
+from agglom_mpi.scheduling import estimators, interface
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.inversion import Progress
+from agglom_mpi.search.decisions import Progress
 
 STRINGS, SAMPLES = 20, 10**9
 
@@ -26,7 +25,7 @@ STRINGS, SAMPLES = 20, 10**9
 class Nothing(SampleTask):
     """Samples that take no time."""
 
-    def _do(self, sample):
+    def _simulate(self, sample):
         """Leave the record empty."""
 
 
@@ -34,8 +33,8 @@ class Idle(SampleRunner):
     """A simulator that has nothing to do."""
 
     def __init__(self, rank):
-        room = SimpleNamespace(final_particles=False, grains=1)
-        super().__init__(SimpleNamespace(max_seconds=None, room=room), rank)
+        sizes = SimpleNamespace(final_particles=False, grains=1)
+        super().__init__(SimpleNamespace(max_seconds=None, table_sizes=sizes), rank)
 
     def begin(self, task):
         return Nothing(self, task)
@@ -50,7 +49,7 @@ class Endless:
         self.done = dict.fromkeys(range(STRINGS), 0)
 
     @property
-    def live(self):
+    def open_strings(self):
         return {string: self.progress(string) for string in self.done}
 
     def progress(self, string):
@@ -59,33 +58,30 @@ class Endless:
     def parameters(self, string):
         return np.zeros(10)
 
-    def announce(self, generations):
-        return ()
-
 
 def farm(most, seconds):
-    pace.MOST_SAMPLES = most
+    estimators.MOST_SAMPLES = most
     world = MPI.COMM_WORLD
     if world.rank:
         interface.MOST_SAMPLES = max(most, interface.MOST_SAMPLES)
         serve(world, Idle(world.rank), None)
         return
-    crew, needs, returned = WorkerPool(Idle(0), world), Endless(), [0, 0]
-    plan = Scheduler(needs, world.size, experience=[10**8] * 10)
+    pool, needs, returned = WorkerPool(Idle(0), world), Endless(), [0, 0]
+    plan = Scheduler(needs, lambda generations: (), world.size, used=[10**8] * 10)
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds:
         for rank, tasks in plan.assignments(time.monotonic()):
             if rank or world.size == 1:
-                crew.send(rank, tasks)
-        for delivery in crew.deliveries():
-            rows = delivery.results
-            plan.pace.learn(rows["seconds"].tolist())
-            for piece, fresh in plan.returned(delivery.rank, [True] * len(rows)):
-                needs.done[piece.string] += int(fresh.sum())
-                plan.judged(piece.string)
-            returned[delivery.rank] += len(rows)
+                pool.send(rank, tasks)
+        for message in pool.poll():
+            rows = message.results
+            plan.batch_sizer.learn(rows["seconds"].tolist())
+            for part, fresh in plan.returned(message.rank, [True] * len(rows)):
+                needs.done[part.string] += int(fresh.sum())
+                plan.update(part.string)
+            returned[message.rank] += len(rows)
     print(sum(returned) / (time.perf_counter() - begin))
-    for _ in crew.dismiss(0):
+    for _ in pool.shut_down(0):
         pass
 
 
@@ -111,11 +107,11 @@ def wait(_, seconds):
         serve(world, Idle(world.rank), None)
         print((time.process_time() - used) / (time.perf_counter() - begin))
         return
-    crew, end = WorkerPool(Idle(0), world), time.perf_counter() + seconds
+    pool, end = WorkerPool(Idle(0), world), time.perf_counter() + seconds
     while time.perf_counter() < end:
-        for _ in crew.deliveries():
+        for _ in pool.poll():
             pass
-    for _ in crew.dismiss(0):
+    for _ in pool.shut_down(0):
         pass
 
 

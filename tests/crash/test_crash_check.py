@@ -83,17 +83,17 @@ def stop_after(monkeypatch):
     """Return a function that lets the runs of this process be stopped after so many samples."""
 
     def after(samples):
-        go_on, left = simulator.Task.go_on, samples
+        simulate_next, left = simulator.Task.simulate_next, samples
 
-        def signalled(job):
+        def signalled(task):
             nonlocal left
             left -= 1
             if left == 0:
                 os.kill(os.getpid(), signal.SIGUSR1)
-            return go_on(job) if left > 0 else not job._watch.stopped
+            return simulate_next(task) if left > 0 else not task._abort_flag.stopped
 
-        monkeypatch.setattr(simulator.Task, "go_on", signalled)
-        return lambda: monkeypatch.setattr(simulator.Task, "go_on", go_on)
+        monkeypatch.setattr(simulator.Task, "simulate_next", signalled)
+        return lambda: monkeypatch.setattr(simulator.Task, "simulate_next", simulate_next)
 
     return after
 

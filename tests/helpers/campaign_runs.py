@@ -66,24 +66,24 @@ from types import SimpleNamespace
 
 import agglom_mpi.runtime.sample_runner as simulator
 
-go_on, now = simulator.SampleTask._do, 0.0
+simulate, now = simulator.SampleTask._simulate, 0.0
 
 def hang(self, sample):
     global now
     if (self._string, sample) in PAIRS:
         now += 1e9
-        while self._watch.max_seconds is not None and not self._watch.abort[0]:
+        while self._abort_flag.max_seconds is not None and not self._abort_flag.abort[0]:
             time.sleep(0.01)
-    go_on(self, sample)
+    simulate(self, sample)
 
-simulator.SampleTask._do = hang
+simulator.SampleTask._simulate = hang
 simulator.time = SimpleNamespace(
     monotonic=lambda: now, perf_counter=time.perf_counter, time=time.time
 )
 """
 """The samples (string, sample) in PAIRS take too long, on any machine no others do."""
 HANGS_REPLACES = [
-    "agglom_mpi.runtime.sample_runner.SampleTask._do",
+    "agglom_mpi.runtime.sample_runner.SampleTask._simulate",
     "agglom_mpi.runtime.sample_runner.time",
 ]
 FINAL = "{strings: 6, samples: 12}"

@@ -35,9 +35,9 @@ def hold(pace):
 
     A run that waits has handed over what it has done, and can be stopped.
     """
-    go_on, done = Task.go_on, 0
+    simulate_next, done = Task.simulate_next, 0
 
-    def go_on_if_allowed(job):
+    def simulate_if_allowed(task):
         nonlocal done
         try:
             allowed = int(Path("allowed").read_text())
@@ -45,12 +45,12 @@ def hold(pace):
             allowed = done + 1
         if done >= allowed:
             time.sleep(0.002)
-            return not job._watch.stopped
+            return not task._abort_flag.stopped
         time.sleep(pace)
         done += 1
-        return go_on(job)
+        return simulate_next(task)
 
-    Task.go_on = go_on_if_allowed
+    Task.simulate_next = simulate_if_allowed
 
 
 def held(folder, pace=0.0, text=""):

@@ -29,17 +29,17 @@ def synchronous():
 launch.connect = synchronous
 
 import time
-import agglom_mpi.runtime.worker_pool as crew
+import agglom_mpi.runtime.worker_pool as pool
 
-dismiss = crew.WorkerPool.dismiss
+shut_down = pool.WorkerPool.shut_down
 
 def late(self, *arguments):
     # Every worker sends something, and waits for it to be received.
     while not all(self._world.Iprobe(other) for other in range(1, self.size)):
         time.sleep(1e-3)
-    yield from dismiss(self, *arguments)
+    yield from shut_down(self, *arguments)
 
-crew.WorkerPool.dismiss = late
+pool.WorkerPool.shut_down = late
 """
 
 

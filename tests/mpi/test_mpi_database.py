@@ -28,12 +28,12 @@ from agglom_mpi.runtime.file_setup import OutputError
 from agglom_mpi.runtime.launch import GATHERED, PARALLEL, choose_database
 
 TWO_NODES = """
-from agglom_mpi.runtime import launch, leg, run
+from agglom_mpi.runtime import launch, run
 
 def pretend(world):
     return launch.Nodes(2, world.rank == 1)
 
-leg.find_nodes = run.find_nodes = pretend
+run.find_nodes = pretend
 
 import os
 from agglom_mpi.storage import sample_writer as samples

@@ -24,7 +24,7 @@ from processes import output_of
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime.messages import ALIVE, SILENT_AFTER, STOP
-from agglom_mpi.runtime.worker_pool import STOPS_WITHIN
+from agglom_mpi.runtime.worker_pool import STOP_TIMEOUT
 
 TOLD_THE_TIME = f"""{RANK}
 import time
@@ -35,8 +35,8 @@ import agglom_mpi.runtime.messages as messages
 
 messages.ALIVE_EVERY = 0.05
 
-import agglom_mpi.runtime.worker_pool as crew
-import agglom_mpi.runtime.coordinator as master
+import agglom_mpi.runtime.worker_pool as pool
+import agglom_mpi.runtime.coordinator as coordinator
 from agglom_mpi.display.display import Display
 
 here = Path(__file__).parent
@@ -48,18 +48,18 @@ def note(name, text):
 def told():
     return float((here / "clock").read_text())
 
-read, error = crew.WorkerPool._read, Display.error
+decoded, error = pool.decoded, Display.error
 
-def reading(self, rank, tag, content):
+def decoding(rank, tag, records):
     note(f"words-{{rank}}", str(tag))
-    return read(self, rank, tag, content)
+    return decoded(rank, tag, records)
 
 def telling(self, text):
     note("said", text)
     error(self, text)
 
-crew.WorkerPool._read, Display.error = reading, telling
-crew.time = master.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
+pool.decoded, Display.error = decoding, telling
+pool.time = coordinator.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
 """
 """Rank 0 goes by a clock that the test sets, and notes whom it hears and what it says."""
 
@@ -189,7 +189,7 @@ def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, farm):
     farm.send(2, signal.SIGSTOP)
     farm.send(0, signal.SIGUSR1)
     farm.wait(lambda: farm.heard(1, STOP))
-    farm.set_clock(1.01 * STOPS_WITHIN)
+    farm.set_clock(1.01 * STOP_TIMEOUT)
     _, errors = output_of(farm.process)
     assert farm.process.returncode == 75, errors
     assert "no answer from rank 2" in errors

@@ -26,14 +26,14 @@ LEFT_OUT = f"""{RANK}
 {SLOWLY}
 import agglom_mpi.runtime.sample_runner as simulator
 
-give_up = simulator.Task.give_up
+cancel = simulator.Task.cancel
 
 def noted(self):
     with open("left-out-" + rank, "a") as file:
         file.write(f"{{self._string}} {{self._first + self._done}}\\n")
-    give_up(self)
+    cancel(self)
 
-simulator.Task.give_up = noted
+simulator.Task.cancel = noted
 """
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from examples import examples
 from hypothesis import strategies as st
+from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.planning import cluster_simulator as virtual
@@ -43,25 +44,21 @@ class Drawn:
         rng = np.random.default_rng([self.seed, key, sample + 1])
         ratio = 1.0 + parameters[1] + 0.1 * rng.normal()
         seconds = self.typical * 10.0 ** (self.decades * (slow + 0.5 * rng.random()))
-        return SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0), seconds
+        return rows_of([SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0)])[0], seconds
 
 
 def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
-    def inversion(observer):
-        search = GeneticSearch(
-            SearchSpace(np.zeros(COUNT), np.ones(COUNT)),
-            seed=5,
-            population=population,
-            parents=population // 4 * 2,
-        )
-        return Inversion(
-            search,
-            lambda: Ensemble(SuccessiveDifference(0.003), GrowthTarget(), 100, 2, most),
-            generations,
-            None,
-            None,
-            observer,
-        )
+    search = GeneticSearch(
+        SearchSpace(np.zeros(COUNT), np.ones(COUNT)),
+        seed=5,
+        population=population,
+        parents=population // 4 * 2,
+    )
+    inversion = Inversion(
+        search,
+        lambda: Ensemble(SuccessiveDifference(0.003), GrowthTarget(), 100, 2, most),
+        generations,
+    )
 
     return ClusterSimulator(inversion, workload or Drawn(), ranks, costs)
 
@@ -139,11 +136,11 @@ def test_a_rank_0_that_is_slow_limits_all_ranks():
     assert 0.9 < forecast.master <= 1.0 + ROUNDING
 
 
-def test_ranks_that_need_not_finish_what_is_judged_are_sooner_done(monkeypatch):
+def test_ranks_that_need_not_finish_what_is_complete_are_sooner_done(monkeypatch):
     costs = MessageCosts(1e-3, 0.0, 0.0)
     runs = [cluster(60, costs, Drawn(1.0), generations=6) for _ in range(2)]
     forecasts = [runs[0].run()]
-    monkeypatch.setattr(virtual.Scheduler, "withdrawals", lambda scheduler: [])
+    monkeypatch.setattr(virtual.Scheduler, "cancellations", lambda scheduler: [])
     forecasts.append(runs[1].run())
     assert runs[0].path.used == runs[1].path.used
     assert forecasts[0].seconds < forecasts[1].seconds
@@ -194,17 +191,8 @@ def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longe
 
 @pytest.mark.parametrize("ranks", [1, 30])
 def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
-    def inversion(observer):
-        search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
-        return Inversion(
-            search,
-            lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1),
-            6,
-            None,
-            None,
-            observer,
-        )
-
+    search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
+    inversion = Inversion(search, lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1), 6)
     same = Drawn()  # all samples take 0.01 s
     run = ClusterSimulator(inversion, same, ranks, FREE, lag=2)
     forecast = run.run()

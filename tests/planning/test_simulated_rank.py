@@ -22,7 +22,7 @@ def rank_with(batches):
     return rank
 
 
-def lived(batches, withdrawn, at):
+def lived(batches, cancelled, at):
     """When each batch is done, and what each sample took, tick by tick."""
     ends, spent, now, received = [], [], 0, 0
     for later, samples in batches:
@@ -30,7 +30,7 @@ def lived(batches, withdrawn, at):
         now = max(now, received)
         for string, seconds, _ in samples:
             took = 0
-            while took < seconds and not (string == withdrawn and now >= at):
+            while took < seconds and not (string == cancelled and now >= at):
                 took, now = took + 1, now + 1
             spent.append(took)
         ends.append(now)
@@ -38,11 +38,11 @@ def lived(batches, withdrawn, at):
 
 
 @examples(300, BATCHES, st.integers(0, 3), st.integers(0, 30))
-def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, withdrawn, at):
+def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, cancelled, at):
     at = max(at, sum(later for later, _ in batches))  # when all have come
     rank = rank_with(batches)
-    rank.withdraw(float(at), [withdrawn])
-    ends, spent = lived(batches, withdrawn, at)
+    rank.cancel(float(at), [cancelled])
+    ends, spent = lived(batches, cancelled, at)
     taken = []
     for end in ends:
         assert rank.end == end
@@ -51,12 +51,12 @@ def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, withdrawn,
     given_first = [sample for _, samples in batches for sample in samples]
     for sample, before, seconds in zip(taken, given_first, spent, strict=True):
         assert sample.needed == (seconds == before.seconds) or before.seconds == 0
-        assert sample.needed or sample.string == withdrawn
+        assert sample.needed or sample.string == cancelled
 
 
-def test_a_withdrawal_does_not_touch_what_is_done_or_of_others():
+def test_a_cancellation_does_not_touch_what_is_done_or_of_others():
     rank = rank_with([(0.0, [Sample(1, 2.0), Sample(2, 2.0), Sample(1, 2.0)])])
-    rank.withdraw(3.0, [1])
+    rank.cancel(3.0, [1])
     assert rank.end == 4.0
     assert rank.take() == [Sample(1, 2.0), Sample(2, 2.0), Sample(1, 0.0, False)]
 

@@ -17,14 +17,14 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.display import display as module
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import in_words
-from agglom_mpi.search.inversion import GenerationSummary
+from agglom_mpi.search.decisions import GenerationSummary
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
 SHOWS_ALL = """
-import agglom_mpi.runtime.coordinator as master
+import agglom_mpi.runtime.coordinator as coordinator
 import agglom_mpi.display.display as display
 
-master.TICK, display.INTERVAL = 0.0, 1e9
+coordinator.TICK, display.INTERVAL = 0.0, 1e9
 """
 """Shows how it goes whenever there are new samples, and never logs that nothing was said."""
 

@@ -30,7 +30,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display import display
 from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import Follower, follow, silence
-from agglom_mpi.runtime import coordinator as master_module
+from agglom_mpi.runtime import coordinator as coordinator_module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.runtime.sample_runner import SampleRunner
@@ -67,17 +67,17 @@ def carried_out(tmp_path_factory):
 
     file = prepare(path, work, accept_code_change=False)
     with pytest.MonkeyPatch.context() as patch, CampaignWriter(path) as writer:
-        patch.setattr(master_module, "TICK", 0.0)
+        patch.setattr(coordinator_module, "TICK", 0.0)
         patch.setattr(module, "PATIENCE", 1e9)
-        master = master_module.Coordinator(work, file, writer, Watcher())
-        master.replay()
+        coordinator = coordinator_module.Coordinator(work, file, writer, Watcher())
+        coordinator.replay()
         simulator = SampleRunner(work, 0)
         simulator.warm_up()
         writer.begin_leg(**leg_fields(1, ""))
         writer.set_status("running")
         follower = Follower(open_campaign(path))
-        crew = WorkerPool(simulator, None)
-        master.wind_up(crew, master.run(crew, StopRequest(None)))
+        pool = WorkerPool(simulator, None)
+        coordinator.shut_down(pool, coordinator.run(pool, StopRequest(None)))
     return folder, follower, pairs
 
 

@@ -10,7 +10,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display.display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
-from agglom_mpi.search.inversion import GenerationSummary
+from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter

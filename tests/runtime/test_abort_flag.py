@@ -1,4 +1,4 @@
-"""Samples that take too long, looks that come too late, and a stop in between."""
+"""Samples that take too long, checks that come too late, and a stop in between."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import NOT_NEEDED, storable
-from agglom_mpi.runtime.sample_runner import AbortFlag, Batch, SampleRunner
+from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import TASK
@@ -78,23 +78,22 @@ def task(campaign, count, frames=0):
 
 
 def done(simulator, batch):
-    job, taken = simulator.begin(batch[0]), Batch([], [], [], [])
-    while job.go_on():
+    job = simulator.begin(batch[0])
+    while job.simulate_next():
         pass
-    job.take(taken)
-    return taken
+    return job.collect()
 
 
-def too_long(clock, watch):
+def too_long(clock, flag):
     """Take too long, under the eyes of the other thread."""
 
     def act():
         clock.now += LONG
-        watch.look()
-        assert not watch.abort[0]
+        flag.check_time()
+        assert not flag.abort[0]
         clock.now += 0.01 * LONG
-        watch.look()
-        assert watch.abort[0]
+        flag.check_time()
+        assert flag.abort[0]
 
     return act
 
@@ -102,9 +101,9 @@ def too_long(clock, watch):
 def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(
     campaign, clock, simulator, monkeypatch
 ):
-    Scenes(monkeypatch, None, too_long(clock, simulator.watch))
+    Scenes(monkeypatch, None, too_long(clock, simulator.abort_flag))
     batch = done(simulator, task(campaign, 3))
-    [rows], [failure] = batch.results, batch.failures
+    rows, [failure] = batch.results, batch.failures
     assert rows["sample"].tolist() == [5, 6, 7]
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
     assert rows["reason"].tolist() == [0, TIMED_OUT, 0]
@@ -112,7 +111,7 @@ def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(
     assert rows["seconds"].tolist() == [0.0, pytest.approx(1.01 * LONG), 0.0]
     assert (failure["string"], failure["sample"], failure["rank"]) == (3, 6, 2)
     assert failure["text"].item().decode() == f"{TOOK_TOO_LONG} {LONG:g} s"
-    assert not simulator.watch.abort[0]
+    assert not simulator.abort_flag.abort[0]
     assert storable(rows)["sample"].tolist() == [5, 7], "it may be tried again"
 
 
@@ -120,32 +119,32 @@ def later(clock):
     clock.now += 2 * LONG
 
 
-def test_a_sample_that_takes_too_long_fails_though_nobody_looked(
+def test_a_sample_that_takes_too_long_fails_though_nobody_checked(
     campaign, clock, simulator, monkeypatch
 ):
     Scenes(monkeypatch, lambda: later(clock))
-    [rows] = done(simulator, task(campaign, 2)).results
+    rows = done(simulator, task(campaign, 2)).results
     assert rows["reason"].tolist() == [TIMED_OUT, 0]
 
 
-def test_a_look_that_was_meant_for_the_sample_before_repeats_the_sample(
+def test_a_check_that_was_meant_for_the_sample_before_repeats_the_sample(
     campaign, simulator, monkeypatch
 ):
-    [wanted] = done(simulator, task(campaign, 2)).results
+    wanted = done(simulator, task(campaign, 2)).results
     undisturbed = Scenes(monkeypatch)
-    [wanted] = done(simulator, task(campaign, 2)).results
-    late = Scenes(monkeypatch, lambda: simulator.watch.abort.fill(1))
+    wanted = done(simulator, task(campaign, 2)).results
+    late = Scenes(monkeypatch, lambda: simulator.abort_flag.abort.fill(1))
     batch = done(simulator, task(campaign, 2))
-    [rows] = batch.results
+    rows = batch.results
     assert (undisturbed.seen, late.seen) == (2, 3)
     for name in OUTCOME.names:
         assert rows[name].tobytes() == wanted[name].tobytes()
-    assert batch.failures == []
+    assert len(batch.failures) == 0
 
 
 def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simulator, monkeypatch):
     def fail_late():
-        simulator.watch.abort[0] = 1
+        simulator.abort_flag.abort[0] = 1
         fail()
 
     def fail():
@@ -153,7 +152,7 @@ def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simul
 
     Scenes(monkeypatch, fail_late, fail)
     batch = done(simulator, task(campaign, 2))
-    [rows], [failure] = batch.results, batch.failures
+    rows, [failure] = batch.results, batch.failures
     assert rows["reason"].tolist() == [EXCEPTION, 0]
     assert failure["sample"] == 5
 
@@ -161,38 +160,38 @@ def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simul
 def test_time_between_samples_does_not_count(campaign, clock, simulator, monkeypatch):
     scenes = Scenes(monkeypatch)
     job = simulator.begin(task(campaign, 2)[0])
-    assert job.go_on()
+    assert job.simulate_next()
     later(clock)
-    simulator.watch.look()
-    assert not simulator.watch.abort[0]
-    assert not job.go_on()
+    simulator.abort_flag.check_time()
+    assert not simulator.abort_flag.abort[0]
+    assert not job.simulate_next()
     assert scenes.seen == 2
 
 
-def test_a_stop_wins_over_a_look(campaign, clock, simulator, monkeypatch):
-    watch = simulator.watch
+def test_a_stop_wins_over_a_check(campaign, clock, simulator, monkeypatch):
+    flag = simulator.abort_flag
 
     def both():
-        too_long(clock, watch)()
-        watch.stop()
+        too_long(clock, flag)()
+        flag.stop()
 
     scenes = Scenes(monkeypatch, None, both)
     batch = done(simulator, task(campaign, 3))
-    [rows] = batch.results
+    rows = batch.results
     assert rows["sample"].tolist() == [5], "what is stopped never was"
-    assert batch.failures == []
-    assert watch.abort[0]
+    assert len(batch.failures) == 0
+    assert flag.abort[0]
     assert scenes.seen == 2
 
 
 def test_a_stop_between_samples_is_not_forgotten():
-    watch = AbortFlag(1.0)
-    watch.begin()
-    watch.stop()
-    assert watch.end() == (False, True)
-    assert watch.abort[0]
-    watch.begin()
-    assert watch.end() == (False, True)
+    flag = AbortFlag(1.0)
+    flag.begin()
+    flag.stop()
+    assert flag.end() == (False, True)
+    assert flag.abort[0]
+    flag.begin()
+    assert flag.end() == (False, True)
 
 
 def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path):
@@ -200,31 +199,31 @@ def test_what_is_given_up_is_no_result_and_has_no_particles(tmp_path):
     path.write_text(f"{path.read_text()}\noutput: {{final_particles: true}}\n")
     campaign = load_campaign(path)
     simulator = SampleRunner(InversionExperiment(campaign), 2)
-    job, batch = simulator.begin(task(campaign, 3)[0]), Batch([], [], [], [])
-    assert job.go_on()
-    job.give_up()
-    job.take(batch)
-    [rows], [final] = batch.results, batch.finals
+    job = simulator.begin(task(campaign, 3)[0])
+    assert job.simulate_next()
+    job.cancel()
+    batch = job.collect()
+    rows, [final] = batch.results, batch.final_particles
     assert rows["sample"].tolist() == [5, 6, 7]
     assert rows["reason"].tolist() == [0, NOT_NEEDED, NOT_NEEDED]
     assert rows["objective"][1:].tolist() == [0.0, 0.0]
-    assert final["sample"].tolist() == [5]
+    assert final["sample"] == 5
     assert storable(rows)["sample"].tolist() == [5]
-    assert batch.failures == []
+    assert len(batch.failures) == 0
 
 
-def test_a_hurried_sample_is_done_again(campaign, simulator, monkeypatch):
-    scenes = Scenes(monkeypatch, simulator.watch.interrupt)
-    [rows] = done(simulator, task(campaign, 2)).results
+def test_an_interrupted_sample_is_simulated_again(campaign, simulator, monkeypatch):
+    scenes = Scenes(monkeypatch, simulator.abort_flag.interrupt)
+    rows = done(simulator, task(campaign, 2)).results
     assert rows["reason"].tolist() == [0, 0]
     assert scenes.seen == 3
 
 
 def test_without_a_limit_nothing_takes_too_long():
-    watch = AbortFlag(None)
-    watch.begin()
-    watch.look()
-    assert watch.end() == (False, False)
+    flag = AbortFlag(None)
+    flag.begin()
+    flag.check_time()
+    assert flag.end() == (False, False)
 
 
 def test_pictures_are_whole_however_long_ago_the_last_sample_was(
@@ -233,8 +232,8 @@ def test_pictures_are_whole_however_long_ago_the_last_sample_was(
     Scenes(monkeypatch)
     done(simulator, task(campaign, 1))
     later(clock)
-    simulator.watch.look()
-    for act in (None, lambda: simulator.watch.abort.fill(1)):
+    simulator.abort_flag.check_time()
+    for act in (None, lambda: simulator.abort_flag.abort.fill(1)):
         scenes = Scenes(monkeypatch, act)
         [rows] = done(simulator, task(campaign, 1, frames=3)).frames
         assert rows["particles"].tolist() == [50] * 3
@@ -244,7 +243,7 @@ def test_pictures_are_whole_however_long_ago_the_last_sample_was(
 def test_pictures_of_a_sample_that_takes_too_long_are_given_up(
     campaign, clock, simulator, monkeypatch
 ):
-    Scenes(monkeypatch, too_long(clock, simulator.watch))
+    Scenes(monkeypatch, too_long(clock, simulator.abort_flag))
     batch = done(simulator, task(campaign, 2, frames=3))
     [rows], [failure] = batch.frames, batch.failures
     assert rows["sample"].tolist() == [6] * 3
@@ -252,7 +251,7 @@ def test_pictures_of_a_sample_that_takes_too_long_are_given_up(
     assert failure["text"].item().decode().startswith(TOOK_TOO_LONG)
 
 
-def test_the_thread_looks_while_it_is_asked_for_results(tmp_path):
+def test_the_thread_checks_the_time_while_it_is_asked_for_results(tmp_path):
     path = write_endless(tmp_path / "endless.yaml")
     path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 0.2 s\n")
     campaign = load_campaign(path)
@@ -263,8 +262,8 @@ def test_the_thread_looks_while_it_is_asked_for_results(tmp_path):
     thread = SimulationThread(simulator, Wakeup())
     thread.put(batch)
     rows = []
-    while len(rows) < 2:
-        rows += wait_for(thread.take, "a result").results
+    while sum(map(len, rows)) < 2:
+        rows.append(wait_for(thread.poll, "a result").results)
     thread.stop()
     rows = np.concatenate(rows)
     assert rows["sample"].tolist() == [5, 6]

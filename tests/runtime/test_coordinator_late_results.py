@@ -10,20 +10,19 @@ from agglom_mpi.display.display import Display
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
-from agglom_mpi.runtime.messages import failed_sample
+from agglom_mpi.runtime.messages import RankMessage, failed_sample
 from agglom_mpi.runtime.stop_request import StopRequest
-from agglom_mpi.runtime.worker_pool import Delivery
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.storage.particle_tables import frame_rows
 from agglom_mpi.storage.writer import CampaignWriter
 
 
-class Crew:
+class Pool:
     """One rank that first tells of an exception from the search, and then does its picture."""
 
     size = 1
-    turnround = ROUND_TRIP_SECONDS
+    round_trip = ROUND_TRIP_SECONDS
 
     def __init__(self, grains):
         self.grains, self.sent = grains, []
@@ -31,12 +30,12 @@ class Crew:
     def send(self, rank, tasks):
         self.sent.append(tasks)
 
-    def deliveries(self):
+    def poll(self):
         [[task]] = self.sent
         pair = int(task["string"]), int(task["first"])
-        yield Delivery(0, failures=failed_sample(*pair, 0, "left over"))
+        yield RankMessage(0, failures=failed_sample(*pair, 0, "left over"))
         frames = new_frames(np.arange(float(task["frames"])), self.grains)
-        yield Delivery(0, frames=frame_rows(*pair, frames))
+        yield RankMessage(0, frames=(frame_rows(*pair, frames),))
 
 
 def test_a_sample_of_the_search_that_raises_late_gives_up_no_picture(tmp_path):
@@ -47,8 +46,8 @@ def test_a_sample_of_the_search_that_raises_late_gives_up_no_picture(tmp_path):
     work = InversionExperiment(load_campaign(tmp_path / "tiny.yaml"))
     file = prepare(path, work, accept_code_change=False)
     with CampaignWriter(path) as writer:
-        master = Coordinator(work, file, writer, Display(quiet=True))
-        assert not master.replay()
-        end = master.run(Crew(100), StopRequest(None))
+        coordinator = Coordinator(work, file, writer, Display(quiet=True))
+        assert not coordinator.replay()
+        end = coordinator.run(Pool(100), StopRequest(None))
     assert (end.code, end.state) == (0, "finished")
     assert open_campaign(path).framed() == pictures_wanted(path, 1, 1)

@@ -45,9 +45,9 @@ def rows(string, sample):
     return frame_rows(string, sample, new_frames(np.arange(float(FRAMES)), 5))
 
 
-def open_gallery(album, pictures=WANTED):
-    gallery = FrameStage(pictures, album, parameters)
-    return gallery, gallery.open()
+def open_stage(album, pictures=WANTED):
+    stage = FrameStage(pictures, album, parameters)
+    return stage, stage.open()
 
 
 def pairs(tasks):
@@ -56,44 +56,44 @@ def pairs(tasks):
 
 def test_all_are_taken_in_order_where_there_are_none():
     album = Album()
-    gallery, tasks = open_gallery(album)
+    stage, tasks = open_stage(album)
     assert pairs(tasks) == list(WANTED.samples)
     assert tasks["frames"].tolist() == [FRAMES] * 3
     for task in tasks:
         assert task["parameters"].tolist() == parameters(task["string"]).tolist()
     for pair in reversed(WANTED.samples):
-        assert not gallery.done
-        gallery.store(rows(*pair))
-    assert gallery.done
-    assert gallery.complete
+        assert not stage.done
+        stage.store(rows(*pair))
+    assert stage.done
+    assert stage.complete
     assert album.keys == Album(*WANTED.samples).keys
     assert album.forgotten == 0
 
 
 def test_frames_may_arrive_one_by_one():
     album = Album((7, 0), (7, 1))
-    gallery, tasks = open_gallery(album)
+    stage, tasks = open_stage(album)
     assert pairs(tasks) == [(2, 0)]
     for frame in range(FRAMES):
-        assert not gallery.complete
-        gallery.store(rows(2, 0)[frame : frame + 1])
-    assert gallery.complete
+        assert not stage.complete
+        stage.store(rows(2, 0)[frame : frame + 1])
+    assert stage.complete
     assert album.keys == Album(*WANTED.samples).keys
 
 
 def test_nothing_is_missing_where_all_are_there():
-    gallery, tasks = open_gallery(Album(*WANTED.samples))
-    assert gallery.complete
-    assert gallery.done
+    stage, tasks = open_stage(Album(*WANTED.samples))
+    assert stage.complete
+    assert stage.done
     assert len(tasks) == 0
 
 
 def test_a_sample_of_which_one_picture_is_missing_is_taken_again():
     album = Album(*WANTED.samples)
     del album.keys[4]
-    gallery, tasks = open_gallery(album)
+    stage, tasks = open_stage(album)
     assert pairs(tasks) == [(7, 1)]
-    assert not gallery.complete
+    assert not stage.complete
     assert album.forgotten == 0
 
 
@@ -108,44 +108,44 @@ def test_a_sample_of_which_one_picture_is_missing_is_taken_again():
 )
 def test_pictures_of_others_are_dropped_before_any_is_taken(stored):
     album = Album(*stored)
-    gallery = FrameStage(WANTED, album, parameters)
-    assert not gallery.complete
-    assert not gallery.done
+    stage = FrameStage(WANTED, album, parameters)
+    assert not stage.complete
+    assert not stage.done
     assert album.keys, "asking changes nothing"
-    assert pairs(gallery.open()) == list(WANTED.samples)
+    assert pairs(stage.open()) == list(WANTED.samples)
     assert (album.keys, album.forgotten) == ({}, 1)
     for pair in WANTED.samples:
-        gallery.store(rows(*pair))
-    assert gallery.complete
+        stage.store(rows(*pair))
+    assert stage.complete
 
 
 def test_fewer_frames_of_the_same_sample_are_dropped_and_more_taken_all():
     one = FramePlan(((7, 0),), FRAMES)
     album = Album()
     album.keep(0, 7, 0, range(FRAMES + 1))
-    assert pairs(open_gallery(album, one)[1]) == [(7, 0)]
+    assert pairs(open_stage(album, one)[1]) == [(7, 0)]
     assert album.forgotten == 1
     album = Album()
     album.keep(0, 7, 0, range(FRAMES - 1))
-    _, [task] = open_gallery(album, one)
+    _, [task] = open_stage(album, one)
     assert task["frames"] == FRAMES
     # Frames at other times: evenly spaced, all but the first have moved.
 
 
 def test_a_sample_that_raised_is_given_up_until_the_next_run():
     album = Album((7, 0))
-    gallery, _ = open_gallery(album)
-    gallery.give_up(7, 1)
-    assert not gallery.done
-    gallery.store(rows(2, 0))
-    assert gallery.done
-    assert pairs(open_gallery(album)[1]) == [(7, 1)]
+    stage, _ = open_stage(album)
+    stage.give_up(7, 1)
+    assert not stage.done
+    stage.store(rows(2, 0))
+    assert stage.done
+    assert pairs(open_stage(album)[1]) == [(7, 1)]
 
 
 def test_where_none_are_asked_for_those_there_are_stay():
     album = Album((7, 0))
-    gallery, tasks = open_gallery(album, FramePlan())
-    assert gallery.complete
-    assert gallery.done
+    stage, tasks = open_stage(album, FramePlan())
+    assert stage.complete
+    assert stage.done
     assert len(tasks) == 0
     assert album.forgotten == 0

@@ -30,7 +30,7 @@ def looks(clock, wait, between, times):
         while clock.now < due:
             clock.now += wait.seconds
             count += 1
-            wait.looked(clock.now >= due)
+            wait.polled(clock.now >= due)
         counts.append(count)
     return counts[-10:]
 
@@ -38,7 +38,7 @@ def looks(clock, wait, between, times):
 def test_without_mail_the_longest_wait_is_reached_within_a_dozen_looks(clock):
     wait = PollBackoff()
     for _ in range(12):
-        wait.looked(False)
+        wait.polled(False)
     assert wait.seconds == LONGEST
 
 
@@ -53,7 +53,7 @@ def test_mail_that_comes_fast_again_is_found_fast_again(clock):
     assert wait.seconds == LONGEST
     for _ in range(100):  # there is mail whenever it looks
         clock.now += wait.seconds
-        wait.looked(True)
+        wait.polled(True)
     assert wait.seconds == SHORTEST
 
 
@@ -64,21 +64,21 @@ def test_two_that_answer_each_other_at_once_wait_ever_shorter(clock):
     for _ in range(100):
         for each in (one, other):
             clock.now += each.seconds
-            each.looked(True)
+            each.polled(True)
     assert one.seconds == other.seconds == SHORTEST
 
 
 def test_where_all_who_send_also_ring_it_waits_for_the_bell(clock):
     wait = PollBackoff()
     for found in (False, True, False, True, True):
-        wait.looked(found, rung=found)
-        assert wait.at_most(rings=True) == QUIET
-        assert wait.at_most(rings=False) == wait.seconds <= LONGEST
+        wait.polled(found, rung=found)
+        assert wait.timeout(woken=True) == QUIET
+        assert wait.timeout(woken=False) == wait.seconds <= LONGEST
 
 
 def test_after_a_bell_without_mail_it_looks_again_soon(clock):
     wait = PollBackoff()
-    wait.looked(False, rung=True)
-    assert wait.at_most(rings=True) == LONGEST
-    wait.looked(False, rung=False)
-    assert wait.at_most(rings=True) == QUIET
+    wait.polled(False, rung=True)
+    assert wait.timeout(woken=True) == LONGEST
+    wait.polled(False, rung=False)
+    assert wait.timeout(woken=True) == QUIET

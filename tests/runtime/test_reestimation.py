@@ -32,23 +32,23 @@ def rows(*keys):
 
 
 def test_all_are_simulated_the_best_string_first():
-    chore = reestimation()
-    tasks = chore.open()
+    stage = reestimation()
+    tasks = stage.open()
     assert pairs(tasks) == ALL
     assert tasks["frames"].tolist() == [0] * 6
     assert tasks["parameters"][:, 0].tolist() == [7] * 3 + [2] * 3
-    assert chore.announcement(tasks) == "estimating 2 strings again, on 6 fresh samples"
-    chore.take(rows(*ALL[:5]))
-    assert not chore.done
-    chore.take(rows(ALL[5]))
-    assert chore.done
-    assert chore.complete
+    assert stage.announcement(tasks) == "estimating 2 strings again, on 6 fresh samples"
+    stage.take(rows(*ALL[:5]))
+    assert not stage.done
+    stage.take(rows(ALL[5]))
+    assert stage.done
+    assert stage.complete
 
 
 def test_what_is_known_is_not_simulated_again():
-    chore = reestimation({(7, 21), (2, 20), (3, 20), (7, 5)})
-    assert not chore.complete
-    assert pairs(chore.open()) == [(7, 20), (7, 22), (2, 21), (2, 22)]
+    stage = reestimation({(7, 21), (2, 20), (3, 20), (7, 5)})
+    assert not stage.complete
+    assert pairs(stage.open()) == [(7, 20), (7, 22), (2, 21), (2, 22)]
     assert reestimation(ALL).complete
     assert len(reestimation(ALL).open()) == 0
 

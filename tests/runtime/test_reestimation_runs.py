@@ -49,16 +49,16 @@ ReestimationStage.take = stopped
 SAMPLE_13_RAISES = """
 import agglom_mpi.runtime.sample_runner as simulator
 
-do = simulator.SampleTask._do
+do = simulator.SampleTask._simulate
 
 def careless(self, sample):
     do(self, sample)
     if sample == 13:
         raise ArithmeticError("injected")
 
-simulator.SampleTask._do = careless
+simulator.SampleTask._simulate = careless
 """
-SERIES_DO = "agglom_mpi.runtime.sample_runner.SampleTask._do"
+SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_a_file_of_an_earlier_version_goes_on_without_estimates(ended, tmp_path)
 
 def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 3, samples: 11}")
-    with injected(SAMPLE_13_RAISES, SERIES_DO):
+    with injected(SAMPLE_13_RAISES, SAMPLE_TASK):
         assert "ArithmeticError: injected" in finish(tmp_path, "final.yaml").stderr
     file = open_campaign(tmp_path / "final.h5")
     assert file.estimates["failed"].tolist() == [1] * STRINGS
@@ -209,7 +209,7 @@ def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 4, samples: 4}")
     full = "import agglom_mpi.storage.create as create\ncreate.FAILURE_CAPACITY = 2\n"
     capacity = "agglom_mpi.storage.create.FAILURE_CAPACITY"
-    with injected(SAMPLE_13_RAISES + full, SERIES_DO, capacity):
+    with injected(SAMPLE_13_RAISES + full, SAMPLE_TASK, capacity):
         said = finish(tmp_path, "final.yaml").stderr
     assert said.count("ArithmeticError: injected") == 4
     assert said.count("failures; more texts are lost") == 1
@@ -221,7 +221,7 @@ def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
 
 def test_too_many_fresh_samples_that_raise_end_the_run(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final=FINAL, max_failures=2)
-    with injected(SAMPLE_13_RAISES, SERIES_DO):
+    with injected(SAMPLE_13_RAISES, SAMPLE_TASK):
         done = invert(tmp_path, "final.yaml")
     assert done.returncode == 1, done.stderr
     assert state(tmp_path / "final.h5") == ("failed", "2 samples failed with errors")

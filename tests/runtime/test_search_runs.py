@@ -24,7 +24,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.planning.plan import Options as PlanOptions
 from agglom_mpi.planning.plan import plan
-from agglom_mpi.runtime.run import Options, read_order
+from agglom_mpi.runtime.run import Options, read_request
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_a_missing_library_is_one_message(plain, tmp_path, monkeypatch, search, 
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.chdir(plain)
     with pytest.raises(CampaignError) as caught:
-        read_order(Options(f"{search}.yaml", output=str(tmp_path / "new.h5")))
+        read_request(Options(f"{search}.yaml", output=str(tmp_path / "new.h5")))
     line = (plain / f"{search}.yaml").read_text().splitlines().index(f"search: {SEARCHES[search]}")
     message = str(caught.value)
     assert message.startswith(f"{search}.yaml:{line + 1}: search.method: is '{search}'")
@@ -246,7 +246,7 @@ def begin_with(folder, start, monkeypatch):
     section = f"{{method: random, population: 36, start: {start}}}"
     write_search(folder / "next.yaml", section)
     monkeypatch.chdir(folder)
-    read_order(Options("next.yaml"))
+    read_request(Options("next.yaml"))
 
 
 @pytest.mark.parametrize(
@@ -284,7 +284,7 @@ def test_strings_of_a_file_are_brought_into_the_box(plain, tmp_path, monkeypatch
     text = text.replace("density: 6142", "density: [5000, 7000]")
     (tmp_path / "next.yaml").write_text(text)
     monkeypatch.chdir(tmp_path)
-    given = read_order(Options("next.yaml")).work.given
+    given = read_request(Options("next.yaml")).experiment.given
     assert np.all(given[:, 0] == 3.0)
     assert given[:, 1].tolist() == np.clip(best["size_ratio"], 0.55, 0.6).tolist()
     assert np.all(given[:, 2] == 6142.0)

@@ -15,9 +15,16 @@ from agglom_mpi.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime import simulation_thread as thread_module
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.messages import FAILED_SAMPLE, NOT_NEEDED, RESULT, failed_sample, storable
-from agglom_mpi.runtime.sample_runner import AbortFlag, Batch, SampleRunner
-from agglom_mpi.runtime.simulation_thread import HELD_BACK, SimulationThread
+from agglom_mpi.runtime.messages import (
+    FAILED_SAMPLE,
+    NOT_NEEDED,
+    RESULT,
+    RankMessage,
+    failed_sample,
+    storable,
+)
+from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
+from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import TASK
 
@@ -40,7 +47,7 @@ class Fake:
     """A simulator that computes nothing, with a say in what goes wrong."""
 
     def __init__(self, act=lambda fake, sample: None):
-        self.watch = AbortFlag(None)
+        self.abort_flag, self.rank = AbortFlag(None), 0
         self.seen = []
         self._act = act
 
@@ -61,28 +68,27 @@ class FakeJob:
         self._done = []
         self._string = int(task["string"])
 
-    def go_on(self):
-        self._fake.watch.begin()
+    def simulate_next(self):
+        self._fake.abort_flag.begin()
         self._fake.simulate(self._left[0])
-        _, hurried = self._fake.watch.end()
-        if self._fake.watch.stopped:
+        _, interrupted = self._fake.abort_flag.end()
+        if self._fake.abort_flag.stopped:
             return False
-        if hurried:
+        if interrupted:
             return True
         self._done.append((self._left.popleft(), 0))
         return bool(self._left)
 
-    def give_up(self):
+    def cancel(self):
         self._done += [(sample, NOT_NEEDED) for sample in self._left]
 
-    def take(self, batch):
+    def collect(self):
         results = np.zeros(len(self._done), RESULT)
         results["string"] = self._string
         for row, done in zip(results, self._done, strict=True):
             row["sample"], row["reason"] = done
         self._done = []
-        if len(results):
-            batch.results.append(results)
+        return RankMessage(self._fake.rank, results)
 
 
 def some(count, first=0, string=0):
@@ -94,28 +100,27 @@ def some(count, first=0, string=0):
 
 def done(simulator, task):
     """Return what comes of one task."""
-    batch, job = Batch([], [], [], []), simulator.begin(task)
-    while job.go_on():
+    job = simulator.begin(task)
+    while job.simulate_next():
         pass
-    job.take(batch)
-    return batch
+    return job.collect()
 
 
 def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
     batch = done(SampleRunner(InversionExperiment(campaign), 2), tasks(campaign)[0])
     outcome = campaign.simulate(campaign.parameters(), 0)
     [result] = batch.results
-    assert batch == ([result], [], [], [])
+    assert (len(batch.failures), batch.final_particles, batch.frames) == (0, None, ())
     assert result["state"] == COMPLETED
     for column in COLUMNS:
-        assert result[column.name][0].tobytes() == outcome.record[column.name].tobytes()
+        assert result[column.name].tobytes() == outcome.record[column.name].tobytes()
     assert result["objective"] == outcome.objective
     assert (result["string"], result["sample"], result["rank"]) == (3, 0, 2)
 
 
 def taken(thread):
     """Wait for the next batch."""
-    return wait_for(thread.take, "a batch")
+    return wait_for(thread.poll, "a batch")
 
 
 def wait_until_it_computes(thread):
@@ -128,7 +133,7 @@ def wait_until_it_computes(thread):
 
     before = spent()
     wait_for(lambda: spent() > before + 0.1, "a busy thread")
-    assert thread.take() is None
+    assert thread.poll() is None
 
 
 def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkeypatch):
@@ -140,7 +145,7 @@ def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkey
     thread.put(tasks(campaign, 2))
     batch = taken(thread)
     thread.stop()
-    results, failures = np.concatenate(batch.results), batch.failures
+    results, failures = batch.results, batch.failures
     assert results["state"].tolist() == [FAILED] * 2
     assert results["reason"].tolist() == [EXCEPTION] * 2
     assert [failure["sample"].item() for failure in failures] == [0, 1]
@@ -164,7 +169,7 @@ def test_batches_come_back_whole_and_in_order():
     thread = SimulationThread(Fake(), Wakeup())
     for first in (0, 10):
         thread.put(some(3, first))
-    numbers = [np.concatenate(taken(thread).results)["sample"].tolist() for _ in range(2)]
+    numbers = [taken(thread).results["sample"].tolist() for _ in range(2)]
     thread.stop()
     assert numbers == [[0, 1, 2], [10, 11, 12]]
 
@@ -172,7 +177,7 @@ def test_batches_come_back_whole_and_in_order():
 def test_tasks_of_a_batch_come_back_together():
     thread = SimulationThread(Fake(), Wakeup())
     thread.put(np.concatenate([some(2), some(1, 7), some(2, 4)]))
-    assert np.concatenate(taken(thread).results)["sample"].tolist() == [0, 1, 7, 4, 5]
+    assert taken(thread).results["sample"].tolist() == [0, 1, 7, 4, 5]
     thread.stop()
 
 
@@ -182,21 +187,21 @@ def test_what_is_finished_does_not_wait_for_long_for_the_rest_of_its_batch(monke
     monkeypatch.setattr(thread_module, "time", clock)
 
     def slow_in_the_end(fake, sample):
-        clock.now += 0.9 * HELD_BACK
+        clock.now += 0.9 * MAX_DELAY
         if sample == 3:
             assert last.wait(HANG)
 
     thread = SimulationThread(Fake(slow_in_the_end), Wakeup())
     thread.put(some(4))
-    assert np.concatenate(taken(thread).results)["sample"].tolist() == [0, 1]
+    assert taken(thread).results["sample"].tolist() == [0, 1]
     last.set()
-    assert np.concatenate(taken(thread).results)["sample"].tolist() == [2, 3]
+    assert taken(thread).results["sample"].tolist() == [2, 3]
     thread.stop()
 
 
 def test_nothing_finished_is_none():
     thread = SimulationThread(Fake(), Wakeup())
-    assert thread.take() is None
+    assert thread.poll() is None
     thread.stop()
 
 
@@ -205,7 +210,7 @@ def test_stopping_abandons_what_runs_and_what_is_queued():
 
     def until_aborted(fake, sample):
         running.set()
-        while not fake.watch.abort[0]:
+        while not fake.abort_flag.abort[0]:
             time.sleep(0.001)
 
     fake = Fake(until_aborted)
@@ -214,7 +219,7 @@ def test_stopping_abandons_what_runs_and_what_is_queued():
         thread.put(some(5))
     assert running.wait(HANG)
     thread.stop()
-    assert thread.take() is None
+    assert thread.poll() is None
     assert len(fake.seen) <= 3
 
 
@@ -228,7 +233,7 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_steps(tmp_path):
     thread.put(tasks(campaign))
     wait_until_it_computes(thread)
     thread.stop()
-    assert thread.take() is None
+    assert thread.poll() is None
 
 
 def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
@@ -241,7 +246,7 @@ def test_stopping_does_not_wait_for_the_last_of_a_billion_events(tmp_path):
     thread.put(batch)
     wait_until_it_computes(thread)
     thread.stop()
-    assert thread.take() is None
+    assert thread.poll() is None
 
 
 class Gate:
@@ -252,23 +257,23 @@ class Gate:
 
     def __call__(self, fake, sample):
         self.begun.set()
-        while not (fake.watch.abort[0] or self.through.is_set()):
+        while not (fake.abort_flag.abort[0] or self.through.is_set()):
             time.sleep(1e-3)
 
 
 def told(batch):
     """Return strings, samples and reasons of a batch of results."""
-    rows = np.concatenate(batch.results)
+    rows = batch.results
     return rows[["string", "sample", "reason"]].tolist()
 
 
-def test_what_is_withdrawn_is_left_out_where_it_is_under_way_and_where_it_waits():
+def test_what_is_cancelled_is_left_out_where_it_is_under_way_and_where_it_waits():
     gate = Gate()
     thread = SimulationThread(Fake(gate), Wakeup())
     thread.put(np.concatenate([some(2, 0, 1), some(1, 0, 2)]))
     thread.put(np.concatenate([some(1, 1, 2), some(2, 2, 1)]))
     assert gate.begun.wait(HANG)
-    thread.withdraw([1])
+    thread.cancel([1])
     thread.put(some(1, 4, 1))  # asked for after that, so that it is wanted
     gate.through.set()
     batches = [told(taken(thread)) for _ in range(3)]
@@ -280,14 +285,14 @@ def test_what_is_withdrawn_is_left_out_where_it_is_under_way_and_where_it_waits(
     ]
 
 
-def test_what_is_under_way_is_not_disturbed_by_what_is_withdrawn_of_others():
+def test_what_is_under_way_is_not_disturbed_by_what_is_cancelled_of_others():
     gate = Gate()
     fake = Fake(gate)
     thread = SimulationThread(fake, Wakeup())
     thread.put(some(2, 0, 1))
     thread.put(some(1, 0, 2))
     assert gate.begun.wait(HANG)
-    thread.withdraw([2, 3])
+    thread.cancel([2, 3])
     gate.through.set()
     assert told(taken(thread)) == [(1, 0, 0), (1, 1, 0)]
     assert told(taken(thread)) == [(2, 0, NOT_NEEDED)]
@@ -295,33 +300,33 @@ def test_what_is_under_way_is_not_disturbed_by_what_is_withdrawn_of_others():
     assert fake.seen == [0, 1]
 
 
-@pytest.mark.parametrize("withdrawn", [[2], [1, 2]])
-def test_nothing_is_answered_after_what_a_stop_has_abandoned(withdrawn):
+@pytest.mark.parametrize("cancelled", [[2], [1, 2]])
+def test_nothing_is_answered_after_what_a_stop_has_abandoned(cancelled):
     for _ in range(20):
         gate = Gate()
         thread = SimulationThread(Fake(gate), Wakeup())
         thread.put(some(1, 0, 1))
         thread.put(some(1, 0, 2))
         assert gate.begun.wait(HANG)
-        thread.withdraw(withdrawn)
+        thread.cancel(cancelled)
         thread.stop()
         answers = []
-        while (batch := thread.take()) is not None:
+        while (batch := thread.poll()) is not None:
             answers += told(batch)
         assert answers == [(1, 0, NOT_NEEDED), (2, 0, NOT_NEEDED)][: len(answers)]
 
 
-def test_a_thread_does_not_remember_withdrawals_for_ever():
+def test_a_thread_does_not_remember_cancellations_for_ever():
     thread = SimulationThread(Fake(), Wakeup())
     for string in range(20):
         thread.put(some(1, 0, string))
         assert taken(thread) is not None
-        thread.withdraw([string])
+        thread.cancel([string])
     thread.stop()
-    assert len(thread._withdrawn) <= 2
+    assert len(thread._cancelled) <= 2
 
 
-def test_withdrawals_at_any_moment_lose_no_sample_and_leave_out_no_other():
+def test_cancellations_at_any_moment_lose_no_sample_and_leave_out_no_other():
     chance, through = np.random.default_rng(3), threading.Event()
 
     def short(fake, sample):
@@ -329,27 +334,27 @@ def test_withdrawals_at_any_moment_lose_no_sample_and_leave_out_no_other():
         time.sleep(1e-5)
 
     thread = SimulationThread(Fake(short), Wakeup())
-    wanted, found, withdrawn = [], [], set()
+    wanted, found, cancelled = [], [], set()
     for string in range(400):
-        if string == 100:  # half of those before are withdrawn before they begin
+        if string == 100:  # half of those before are cancelled before they begin
             through.set()
         for size in (1, 2):
             thread.put(some(size, 0, string))
             wanted += [(string, sample) for sample in range(size)]
         time.sleep(5e-5 * chance.random())
         if chance.random() < 0.5:
-            thread.withdraw([string])
-            withdrawn.add(string)
+            thread.cancel([string])
+            cancelled.add(string)
     while len(found) < len(wanted):
         found += told(taken(thread))
     thread.stop()
     assert [row[:2] for row in found] == wanted
     left_out = {string for string, _, reason in found if reason}
     assert len(left_out) > 20
-    assert left_out <= withdrawn
+    assert left_out <= cancelled
 
 
-def test_a_sample_of_a_billion_events_ends_when_it_is_withdrawn(tmp_path):
+def test_a_sample_of_a_billion_events_ends_when_it_is_cancelled(tmp_path):
     campaign = load_campaign(write_endless(tmp_path / "endless.yaml"))
     simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.warm_up()
@@ -358,8 +363,8 @@ def test_a_sample_of_a_billion_events_ends_when_it_is_withdrawn(tmp_path):
     thread = SimulationThread(simulator, Wakeup())
     thread.put(batch)
     wait_until_it_computes(thread)
-    thread.withdraw([3])
-    results = np.concatenate(taken(thread).results)
+    thread.cancel([3])
+    results = taken(thread).results
     thread.stop()
     assert results[["sample", "reason"]].tolist() == [(0, NOT_NEEDED), (1, NOT_NEEDED)]
     assert results["seconds"][0] > results["seconds"][1] == 0.0
@@ -386,7 +391,7 @@ def test_pictures_of_a_sample_that_fails_end_there(tmp_path):
     task["frames"] = 3
     batch = done(SampleRunner(InversionExperiment(load_campaign(path)), 0), task[0])
     [rows] = batch.frames
-    assert batch == ([], [], [], [rows])
+    assert (len(batch.results), len(batch.failures), batch.final_particles) == (0, 0, None)
     assert rows["particles"].tolist() == [100, 0, 0]
     assert rows["frame"].tolist() == [0, 1, 2]
     assert np.isfinite(rows["position"][0]).all()
@@ -412,9 +417,9 @@ def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever(times
     try:
         for _ in range(times):
             thread.put(some(1))
-            while thread.take() is None:
+            while thread.poll() is None:
                 assert bell.wait(HANG), "nothing rang"
-            assert thread.take() is None
+            assert thread.poll() is None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

@@ -7,7 +7,7 @@ import pytest
 from agglom_mpi.runtime.file_setup import PACKAGE, sources_digest
 
 SAME = [
-    ("search/ensemble.py", "The samples of one string", "All samples of one string"),
+    ("search/ensemble.py", "its samples in order", "all samples in order"),
     ("physics/cooling.py", "\n\n\n", "\n\n\n# A remark.\n"),
     ("config/describe.py", "def ", "def other_"),
     ("report/html.py", "def ", "def other_"),

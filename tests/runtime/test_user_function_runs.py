@@ -15,7 +15,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, TIMED_OUT
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
 from agglom_mpi.variables import NAMES
 
@@ -39,17 +39,16 @@ def agglom(own, monkeypatch):
 def simulated(campaign, samples=3, cut_short=False):
     """Return the batch that a rank makes of the first samples of the string in the middle.
 
-    The first of them may be cut short, by a look that was meant for the sample before.
+    The first of them may be cut short, by a check that was meant for the sample before.
     """
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = samples, campaign.parameters()
     simulator = SampleRunner(InversionExperiment(campaign), 0)
-    simulator.watch.abort[0] = cut_short
-    job, batch = simulator.begin(task[0]), Batch([], [], [], [])
-    while job.go_on():
+    simulator.abort_flag.abort[0] = cut_short
+    job = simulator.begin(task[0])
+    while job.simulate_next():
         pass
-    job.take(batch)
-    return batch
+    return job.collect()
 
 
 def test_decisions_are_made_of_what_the_function_returned(own):
@@ -203,13 +202,13 @@ def test_a_function_that_fails_makes_a_failed_sample_with_its_text(tmp_path, fau
     source = f"seen = []\ndef worth(sample):\n    seen.append(0)\n    if len(seen) == 2: {fault}\n"
     path = write_own(tmp_path, f"{source}    return 0.5\n")
     batch = simulated(load_campaign(path, allow_code=True))
-    [rows] = batch.results
+    rows = batch.results
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
     assert rows["reason"].tolist() == [0, EXCEPTION, 0]
     assert rows["objective"].tolist() == [0.5, 0.0, 0.5]
     [failure] = batch.failures
-    text = failure["text"][0].decode()
-    assert failure["sample"][0] == 1
+    text = failure["text"].decode()
+    assert failure["sample"] == 1
     assert said in text
     assert "shape.py" in text or "must be" in text
 
@@ -219,14 +218,14 @@ COUNTS = "seen = []\ndef worth(sample):\n    seen.append(0)\n    return float(le
 
 def test_a_sample_that_is_cut_short_and_done_again_is_shown_to_the_function_once(tmp_path):
     path = write_own(tmp_path, f"{COUNTS}# done again")
-    [rows] = simulated(load_campaign(path, allow_code=True), cut_short=True).results
+    rows = simulated(load_campaign(path, allow_code=True), cut_short=True).results
     assert rows["objective"].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_sample_that_took_too_long_has_no_objective(tmp_path):
     path = write_own(tmp_path, f"{COUNTS}# too long")
     path.write_text(path.read_text().rstrip() + "\n  max_seconds: 1e-9\n")
-    [rows] = simulated(load_campaign(path, allow_code=True)).results
+    rows = simulated(load_campaign(path, allow_code=True)).results
     assert rows["reason"].tolist() == [TIMED_OUT] * 3
     assert rows["objective"].tolist() == [0.0] * 3
 
@@ -256,7 +255,7 @@ def worth(sample):
     return float(sample.collisions)
 """
     batch = simulated(load_campaign(write_own(tmp_path, source), allow_code=True))
-    [rows] = batch.results
+    rows = batch.results
     assert rows["state"].tolist() == [COMPLETED] * 3
     assert rows["objective"].tolist() == rows["collisions"].tolist()
 
@@ -268,17 +267,17 @@ def test_a_sample_of_another_objective_is_not_copied(tmp_path, monkeypatch):
     text = path.read_text().replace("{law: function, call: 'shape:worth'}", "maximum_growth")
     path.write_text(text)
     monkeypatch.setattr(simulator, "final_particles", None)
-    [rows] = simulated(load_campaign(path)).results
+    rows = simulated(load_campaign(path)).results
     assert rows["state"].tolist() == [COMPLETED] * 3
 
 
 def test_particles_are_stored_as_they_were_beside_a_function(tmp_path):
     path = write_own(tmp_path)
-    plain = simulated(load_campaign(path, allow_code=True)).results[0]
+    plain = simulated(load_campaign(path, allow_code=True)).results
     path.write_text(path.read_text() + "\noutput: {final_particles: true}\n")
     batch = simulated(load_campaign(path, allow_code=True))
-    assert batch.results[0]["objective"].tobytes() == plain["objective"].tobytes()
-    for row, worth in zip(np.concatenate(batch.finals), plain["objective"], strict=True):
+    assert batch.results["objective"].tobytes() == plain["objective"].tobytes()
+    for row, worth in zip(batch.final_particles, plain["objective"], strict=True):
         radii = row["radius"][: int(row["particles"])]
         size = load_campaign(path, allow_code=True).parameters()[NAMES.index("size_ratio")]
         # The function divides b/b0, the file holds b: each rounds once.

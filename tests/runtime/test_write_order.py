@@ -16,37 +16,37 @@ def rows(count, first=0):
 
 
 def test_without_samples_of_other_ranks_nothing_waits():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.store(lambda: stored.append(1))
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.store(lambda: stored.append(1))
     assert stored == [1]
 
 
 def test_a_record_waits_for_every_rank_that_it_rests_on():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.delivered(1, rows(3))
-    backlog.delivered(2, rows(1))
-    backlog.store(lambda: stored.append("result"))
-    backlog.written(1, 2)
-    backlog.written(2, 1)
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.delivered(1, rows(3))
+    barrier.delivered(2, rows(1))
+    barrier.store(lambda: stored.append("result"))
+    barrier.written(1, 2)
+    barrier.written(2, 1)
     assert stored == []
-    backlog.written(1, 1)
+    barrier.written(1, 1)
     assert stored == ["result"]
 
 
 def test_what_came_later_is_not_waited_for():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.delivered(1, rows(3))
-    backlog.store(lambda: stored.append("result"))
-    backlog.delivered(1, rows(5))
-    backlog.written(1, 3)
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.delivered(1, rows(3))
+    barrier.store(lambda: stored.append("result"))
+    barrier.delivered(1, rows(5))
+    barrier.written(1, 3)
     assert stored == ["result"]
 
 
 def test_rows_written_before_their_delivery_is_known_count():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.written(1, 4)
-    backlog.delivered(1, rows(3))
-    backlog.store(lambda: stored.append("result"))
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.written(1, 4)
+    barrier.delivered(1, rows(3))
+    barrier.store(lambda: stored.append("result"))
     assert stored == ["result"]
 
 
@@ -65,30 +65,30 @@ class Model:
     """What ranks and the file hold while steps are taken, and what must be true of it."""
 
     def __init__(self):
-        self.backlog, self.stored, self.asked = WriteOrderBarrier(), [], 0
+        self.barrier, self.stored, self.asked = WriteOrderBarrier(), [], 0
         self.delivered = dict.fromkeys((1, 2, 3), 0)
         self.written = dict.fromkeys((1, 2, 3), 0)
         self.in_file = {rank: set() for rank in (1, 2, 3)}
 
     def deliver(self, rank, count):
         first, self.delivered[rank] = self.delivered[rank], self.delivered[rank] + count
-        self.backlog.delivered(rank, rows(count, first))
+        self.barrier.delivered(rank, rows(count, first))
 
     def write(self, rank, count):
         """A rank writes what it delivered, in order, whoever has written that in its stead."""
         first = self.written[rank]
         self.written[rank] = min(first + count, self.delivered[rank])
         self.in_file[rank] |= set(range(first, self.written[rank]))
-        self.backlog.written(rank, self.written[rank] - first)
+        self.barrier.written(rank, self.written[rank] - first)
 
     def take_over(self, rank):
         """All that a rank has not written must be among what is given back."""
-        taken = [int(row["sample"]) for batch in self.backlog.take_over(rank) for row in batch]
+        taken = [int(row["sample"]) for batch in self.barrier.take_over(rank) for row in batch]
         assert taken == sorted(set(taken))
         assert self.in_file[rank] | set(taken) == set(range(self.delivered[rank]))
         self.in_file[rank] |= set(taken)
-        self.backlog.taken_over()
-        assert self.backlog.take_over(rank) == [], "it waits for a rank that it has given up"
+        self.barrier.taken_over()
+        assert self.barrier.take_over(rank) == [], "it waits for a rank that it has given up"
 
     def store(self):
         number, needed = self.asked, dict(self.delivered)
@@ -98,7 +98,7 @@ class Model:
             assert all(set(range(needed[rank])) <= self.in_file[rank] for rank in needed)
             self.stored.append(number)
 
-        self.backlog.store(action)
+        self.barrier.store(action)
 
 
 @examples(300, STEPS)
@@ -119,28 +119,28 @@ def test_records_are_stored_in_order_once_and_never_before_their_samples(steps):
 
 
 def test_a_rank_that_is_not_heard_any_more_holds_nothing_back():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.delivered(1, rows(3))
-    backlog.delivered(1, rows(2, first=3))
-    backlog.store(lambda: stored.append("result"))
-    backlog.written(1, 3)
-    [batch] = backlog.take_over(1)
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.delivered(1, rows(3))
+    barrier.delivered(1, rows(2, first=3))
+    barrier.store(lambda: stored.append("result"))
+    barrier.written(1, 3)
+    [batch] = barrier.take_over(1)
     assert batch["sample"].tolist() == [3, 4]
     assert stored == []
-    backlog.taken_over()
+    barrier.taken_over()
     assert stored == ["result"]
 
 
 def test_what_a_rank_that_is_back_writes_late_does_not_count_for_what_it_sends_next():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.delivered(1, rows(3))
-    backlog.take_over(1)
-    backlog.taken_over()
-    backlog.delivered(1, rows(2, first=3))
-    backlog.store(lambda: stored.append("result"))
-    backlog.written(1, 3)
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.delivered(1, rows(3))
+    barrier.take_over(1)
+    barrier.taken_over()
+    barrier.delivered(1, rows(2, first=3))
+    barrier.store(lambda: stored.append("result"))
+    barrier.written(1, 3)
     assert stored == []
-    backlog.written(1, 2)
+    barrier.written(1, 2)
     assert stored == ["result"]
 
 
@@ -158,19 +158,19 @@ class Batch:
 
 
 def test_batches_that_wait_are_not_counted_again_for_every_one_that_comes():
-    backlog, many = WriteOrderBarrier(), 1000
+    barrier, many = WriteOrderBarrier(), 1000
     for _ in range(many):
-        backlog.delivered(1, Batch(3))
+        barrier.delivered(1, Batch(3))
     for _ in range(many):
-        backlog.written(1, 3)
-    assert backlog.take_over(1) == []
+        barrier.written(1, 3)
+    assert barrier.take_over(1) == []
     assert Batch.counted < 10 * many
 
 
 def test_at_the_end_all_that_waits_is_stored():
-    backlog, stored = WriteOrderBarrier(), []
-    backlog.delivered(1, rows(3))
+    barrier, stored = WriteOrderBarrier(), []
+    barrier.delivered(1, rows(3))
     for number in range(3):
-        backlog.store(lambda number=number: stored.append(number))
-    backlog.finish()
+        barrier.store(lambda number=number: stored.append(number))
+    barrier.finish()
     assert stored == [0, 1, 2]

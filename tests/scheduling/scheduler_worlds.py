@@ -4,12 +4,14 @@ from collections import Counter, deque
 from functools import cache
 
 import numpy as np
+from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.scheduling.estimators import QUEUED
+from agglom_mpi.scheduling.estimators import QUEUE_PROBABILITY
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
-from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, HOPELESS, Scheduler
+from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
+from agglom_mpi.search.decisions import GenerationSummary, StringEvaluated, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
@@ -40,13 +42,23 @@ class Judge(Ensemble):
 
 
 class Decisions:
-    """An observer that keeps what was decided."""
+    """What an inversion has decided."""
 
     def __init__(self):
         self.results, self.summaries, self.strings = {}, [], []
         self.generation_of, self.ahead = {}, {}
 
-    def announced(self, batch, ids):
+    def record(self, decisions):
+        for decision in decisions:
+            match decision:
+                case StringsProposed(proposals, strings, ahead):
+                    (self.proposed_ahead if ahead else self.proposed)(proposals, strings)
+                case StringEvaluated(string, result):
+                    self.evaluated(string, result)
+                case GenerationSummary():
+                    self.closed(decision)
+
+    def proposed_ahead(self, batch, ids):
         for string, parameters in zip(ids.tolist(), batch.parameters, strict=True):
             assert string not in self.ahead
             self.ahead[string] = parameters.tobytes()
@@ -58,11 +70,11 @@ class Decisions:
             self.generation_of[string] = batch.generation
             self.strings.append((string, parameters.tobytes()))
 
-    def judged(self, string, result):
+    def evaluated(self, string, result):
         assert string not in self.results
         self.results[string] = tuple(result)
 
-    def generation_done(self, summary):
+    def closed(self, summary):
         self.summaries.append((summary.generation, summary.best, summary.population.tolist()))
 
     def everything(self):
@@ -70,12 +82,22 @@ class Decisions:
 
 
 def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
-    decisions = Decisions()
     space = SearchSpace(np.zeros(COUNT), np.ones(COUNT))
     search = GeneticSearch(space, seed=5, population=population, parents=2, rescale=rescale)
-    return Inversion(
-        search, lambda: Judge(max_samples), generations, None, None, decisions
-    ), decisions
+    return Inversion(search, lambda: Judge(max_samples), generations), Decisions()
+
+
+def scheduler_of(inversion, decisions, ranks, *known_and_used):
+    """Return a scheduler whose strings ahead are among the decisions."""
+
+    def propose_ahead(generations):
+        proposed = inversion.propose_ahead(generations)
+        if proposed is None:
+            return []
+        decisions.record([proposed])
+        return proposed.strings.tolist()
+
+    return Scheduler(inversion, propose_ahead, ranks, *known_and_used)
 
 
 @cache
@@ -92,12 +114,12 @@ def simulated(string, parameters, sample):
 def in_order(rescale=None):
     """Decisions of a rank that simulates what is needed next, nothing else, without a scheduler."""
     inversion, decisions = campaign(rescale)
-    inversion.start()
+    decisions.record(inversion.start())
     while not inversion.finished:
-        string, progress = next(iter(inversion.live.items()))
+        string, progress = next(iter(inversion.open_strings.items()))
         sample = progress.next_sample
         outcome = simulated(string, inversion.parameters(string), sample)
-        inversion.accept(string, sample, [outcome])
+        decisions.record(inversion.complete(string, sample, rows_of([outcome])))
     return decisions.everything()
 
 
@@ -122,11 +144,11 @@ class World:
         self.known = dict(known or {})
         self.inversion, self.decisions = campaign(**options)
         for (string, sample), outcome in self.known.items():
-            self.inversion.accept(string, sample, [outcome])
-        self.inversion.start()
+            self.decisions.record(self.inversion.complete(string, sample, rows_of([outcome])))
+        self.decisions.record(self.inversion.start())
         used = [result.samples_used for result in self.inversion.results.values()]
-        self.scheduler = Scheduler(self.inversion, ranks, list(self.known), used)
-        self.outcomes, self.withdrawn = {}, set()
+        self.scheduler = scheduler_of(self.inversion, self.decisions, ranks, list(self.known), used)
+        self.outcomes, self.cancelled = {}, set()
         self.handed, self.lost = Counter(), Counter()
         self._given_up = set()
         self._ranks, self._chance = ranks, chance
@@ -148,7 +170,7 @@ class World:
             if working:
                 self._give_back(self._chance.choice(working))
                 if self._chance.random() < 0.7:
-                    self._withdraw()
+                    self._cancel()
             else:
                 self._wait_for_those_who_are_not_heard()
         assert steps < 100_000, "it does not end"
@@ -173,12 +195,12 @@ class World:
             self._look_at_the_clock()
 
     def _say_something(self, rank):
-        was_silent = self.scheduler.heard(rank, self._now)
+        was_silent = self.scheduler.heartbeat(rank, self._now)
         assert was_silent == (rank in self._silent)
         self._silent.discard(rank)
 
     def _look_at_the_clock(self):
-        for rank in self.scheduler.clock(self._now, PATIENCE):
+        for rank in self.scheduler.mark_silent(self._now, PATIENCE):
             assert self._held[rank]
             assert rank not in self._silent
             self._silent.add(rank)
@@ -207,11 +229,13 @@ class World:
             )
             batch = []
             for task in tasks:
-                batch += self._check(task, QUEUED if self._held[rank] else HOPELESS)
+                batch += self._check(
+                    task, QUEUE_PROBABILITY if self._held[rank] else MIN_PROBABILITY
+                )
             assert 1 <= len(batch) <= MOST_SAMPLES
             self._held[rank].append(deque(batch))
             assert len(self._held[rank]) <= MESSAGES_IN_FLIGHT
-        assert self.scheduler.held.samples == sum(len(b) for held in self._held for b in held)
+        assert self.scheduler.in_flight == sum(len(b) for held in self._held for b in held)
         if any(not self._held[rank] for rank in range(self._ranks) if rank not in self._silent):
             self._check_that_nothing_useful_is_left()
 
@@ -225,7 +249,7 @@ class World:
         assert 0 <= self.decisions.generation_of[string] - inversion.generation <= GENERATIONS_AHEAD
         waiting = self.waited_for()
         assert not waiting or (string, first) in waiting
-        assert self.scheduler._experience.chance(progress.next_sample, first) >= least
+        assert self.scheduler._sample_counts.probability(progress.next_sample, first) >= least
         batch = [(string, sample) for sample in range(first, first + count)]
         self.handed.update(batch)
         self._given_up.difference_update(batch)
@@ -241,19 +265,21 @@ class World:
 
     def waited_for(self):
         """Samples that decisions wait for and that are nobody's."""
-        live = self.inversion.live.items()
+        live = self.inversion.open_strings.items()
         return {pair for i, progress in live if self._free(pair := (i, progress.next_sample))}
 
     def _check_that_nothing_useful_is_left(self):
         """Of no string is there a sample that would be worth it."""
-        for string in self.inversion.live.keys() | self.decisions.ahead.keys():
+        for string in self.inversion.open_strings.keys() | self.decisions.ahead.keys():
             progress = self.inversion.progress(string)
             if progress is None:
                 continue
             judged = progress.next_sample
             for sample in range(judged, progress.max_samples):
                 if self._free((string, sample)):
-                    assert self.scheduler._experience.chance(judged, sample) < HOPELESS
+                    assert (
+                        self.scheduler._sample_counts.probability(judged, sample) < MIN_PROBABILITY
+                    )
                     break
 
     def _give_back(self, rank):
@@ -264,7 +290,7 @@ class World:
         if not batch:
             self._held[rank].popleft()
         done = set(pairs) - self._left_out[rank]
-        self.scheduler.pace.learn([self._typical * self._chance.random() for _ in done])
+        self.scheduler.batch_sizer.learn([self._typical * self._chance.random() for _ in done])
         for piece, fresh in self.scheduler.returned(rank, [pair in done for pair in pairs]):
             turn, pairs = pairs[: piece.size], pairs[piece.size :]
             assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
@@ -273,9 +299,9 @@ class World:
         assert not pairs
         self._say_something(rank)
 
-    def _withdraw(self):
+    def _cancel(self):
         """Ranks learn what they need not do; sometimes too late."""
-        for rank, strings in self.scheduler.withdrawals():
+        for rank, strings in self.scheduler.cancellations():
             assert rank not in self._silent
             for string in strings.tolist():
                 assert self.inversion.progress(string) is None
@@ -283,7 +309,7 @@ class World:
                 assert held
                 if self._chance.random() < 0.8:
                     self._left_out[rank] |= held
-                    self.withdrawn |= held
+                    self.cancelled |= held
 
     def _judge(self, piece: SampleRange, fresh):
         parameters = self.inversion.parameters(piece.string)
@@ -295,5 +321,6 @@ class World:
             ]
             for sample, outcome in enumerate(new, first):
                 self.outcomes[piece.string, sample] = outcome
-            self.inversion.accept(piece.string, first, new)
-        self.scheduler.judged(piece.string)
+            decided = self.inversion.complete(piece.string, first, rows_of(new))
+            self.decisions.record(decided)
+        self.scheduler.update(piece.string)

@@ -36,7 +36,7 @@ class Model:
     """The same as `InFlightTable`, slow and simple."""
 
     def __init__(self):
-        self.lanes = InFlightTable(RANKS)
+        self.table = InFlightTable(RANKS)
         self.batches = [[] for _ in range(RANKS)]
         self.heard = [0.0] * RANKS
         self.silent = set()
@@ -51,24 +51,24 @@ class Model:
         fewest = min(holding.values(), default=MESSAGES_IN_FLIGHT)
         if fewest == MESSAGES_IN_FLIGHT:
             return
-        rank = self.lanes.next_with(fewest)
+        rank = self.table.next_rank(fewest)
         assert holding[rank] == fewest
         if not self.batches[rank]:
             self.heard[rank] = self.now
-        self.lanes.give(rank, pieces, self.now)
+        self.table.assign(rank, pieces, self.now)
         self.batches[rank].append(samples_of(pieces))
 
     def take_back(self, rank, count):
         batches = self.batches[rank]
         expected = [pair for batch in batches for pair in batch][:count]
-        assert samples_of(self.lanes.returned(rank, len(expected))) == expected
+        assert samples_of(self.table.remove(rank, len(expected))) == expected
         for _ in expected:
             batches[0].pop(0)
             if not batches[0]:
                 batches.pop(0)
 
     def hear(self, rank):
-        assert self.lanes.heard(rank, self.now) == (rank in self.silent)
+        assert self.table.heartbeat(rank, self.now) == (rank in self.silent)
         self.silent.discard(rank)
         self.heard[rank] = self.now
 
@@ -79,7 +79,7 @@ class Model:
             for rank in range(RANKS)
             if self.batches[rank] and self.heard[rank] < before and rank not in self.silent
         ]
-        assert self.lanes.fall_silent(before) == fallen
+        assert self.table.mark_silent(before) == fallen
         self.silent.update(fallen)
 
     def settle(self, string):
@@ -89,24 +89,24 @@ class Model:
             for batches in self.batches
         ]
         expected = [(r, count) for r, count in enumerate(counts) if count and r not in self.silent]
-        assert self.lanes.settle(string) == expected
-        assert self.lanes.settle(string) == []
+        assert self.table.close(string) == expected
+        assert self.table.close(string) == []
 
     def compare(self):
-        lanes = self.lanes
-        assert lanes.silent == self.silent
+        table = self.table
+        assert table.silent == self.silent
         for rank in range(RANKS):
             wanted = [pair for batch in self.batches[rank] for pair in batch]
-            assert samples_of(lanes.held(rank)) == wanted
-        assert lanes.samples == sum(len(batch) for held in self.batches for batch in held)
+            assert samples_of(table.ranges(rank)) == wanted
+        assert table.samples == sum(len(batch) for held in self.batches for batch in held)
         for count in range(MESSAGES_IN_FLIGHT + 1):
             ranks = {r for r in range(RANKS) if len(self.batches[r]) == count} - self.silent
-            found = lanes.next_with(count)
+            found = table.next_rank(count)
             assert found in ranks if ranks else found is None
 
 
 @examples(300, STEPS)
-def test_lanes_hold_what_was_given_and_not_returned(steps):
+def test_a_table_holds_what_was_given_and_not_returned(steps):
     model = Model()
     for step, what in steps:
         model.now += 1.0
@@ -132,28 +132,28 @@ def test_a_piece_falls_into_two_that_are_the_whole(first, count, data):
 
 
 def test_the_rank_that_has_had_its_batches_for_longest_is_next():
-    lanes = InFlightTable(3)
+    table = InFlightTable(3)
     for rank in (2, 0, 1):
-        lanes.give(rank, [SampleRange(0, 0, 1)], 0.0)
-    assert lanes.next_with(0) is None
-    assert lanes.next_with(1) == 2
-    lanes.give(2, [SampleRange(0, 0, 1)], 0.0)
-    assert lanes.next_with(1) == 0
-    lanes.returned(2, 1)
-    assert lanes.next_with(1) == 0, "the batch that is left has only begun"
+        table.assign(rank, [SampleRange(0, 0, 1)], 0.0)
+    assert table.next_rank(0) is None
+    assert table.next_rank(1) == 2
+    table.assign(2, [SampleRange(0, 0, 1)], 0.0)
+    assert table.next_rank(1) == 0
+    table.remove(2, 1)
+    assert table.next_rank(1) == 0, "the batch that is left has only begun"
 
 
 def test_a_rank_returns_no_more_than_it_holds():
-    lanes = InFlightTable(1)
-    lanes.give(0, [SampleRange(0, 0, 2)], 0.0)
+    table = InFlightTable(1)
+    table.assign(0, [SampleRange(0, 0, 2)], 0.0)
     with pytest.raises(IndexError):
-        lanes.returned(0, 3)
+        table.remove(0, 3)
 
 
 def test_a_rank_that_had_nothing_to_do_was_not_silent():
-    lanes = InFlightTable(2)
-    assert lanes.fall_silent(100.0) == []
-    lanes.give(0, [SampleRange(0, 0, 1)], 100.0)
-    assert lanes.fall_silent(100.0) == []
-    assert lanes.fall_silent(100.5) == [0]
-    assert lanes.fall_silent(100.5) == [], "once is enough"
+    table = InFlightTable(2)
+    assert table.mark_silent(100.0) == []
+    table.assign(0, [SampleRange(0, 0, 1)], 100.0)
+    assert table.mark_silent(100.0) == []
+    assert table.mark_silent(100.5) == [0]
+    assert table.mark_silent(100.5) == [], "once is enough"

@@ -6,12 +6,21 @@ from functools import cache
 import pytest
 from examples import examples
 from hypothesis import strategies as st
-from scheduler_worlds import MAX_SAMPLES, PATIENCE, World, campaign, in_order, simulated
+from scheduler_worlds import (
+    MAX_SAMPLES,
+    PATIENCE,
+    World,
+    campaign,
+    in_order,
+    scheduler_of,
+    simulated,
+)
+from summary_rows import rows_of
 
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS, ROUND_TRIP_SECONDS
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
-from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, Scheduler
+from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD
 
 RANKS = st.integers(1, 9)
 SEEDS = st.integers(0, 2**32)
@@ -42,9 +51,9 @@ def test_ranks_that_die_or_are_late_change_no_decision(ranks, seed, typical, res
     assert world.decisions.everything() == wanted(rescale)
 
 
-def test_in_these_worlds_samples_are_withdrawn():
+def test_in_these_worlds_samples_are_cancelled():
     worlds = [World(9, random.Random(seed), 1.0).run() for seed in range(20)]
-    assert sum(len(world.withdrawn) for world in worlds) > 20
+    assert sum(len(world.cancelled) for world in worlds) > 20
 
 
 def test_samples_of_ranks_that_fell_silent_are_handed_out_again_and_come_back_twice():
@@ -120,21 +129,22 @@ def test_samples_that_ranks_fell_silent_with_are_remembered_while_a_rank_holds_t
         while not world.inversion.finished:
             world.run(1)
             held = {pair for batches in world._held for batch in batches for pair in batch}
-            assert world.scheduler._doubled.keys() <= held
-            most = max(most, len(world.scheduler._doubled))
+            assert world.scheduler._duplicates._samples.keys() <= held
+            most = max(most, len(world.scheduler._duplicates))
         lost += world.lost.total()
     assert 0 < 5 * most < lost, "it is no test if hardly any come back"
 
 
-def test_the_string_whose_judgement_is_nearest_comes_first():
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 1)
+def test_the_string_that_is_nearest_to_its_result_comes_first():
+    inversion, decisions = campaign()
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 1)
     batches = [tasks[["string", "first"]].tolist() for _, tasks in scheduler.assignments(0.0)]
     assert batches == [[(0, 0)], [(1, 0)]]
     scheduler.returned(0, [True])
-    inversion.accept(0, 0, [simulated(0, inversion.parameters(0), 0)])
-    scheduler.judged(0)
+    first = rows_of([simulated(0, inversion.parameters(0), 0)])
+    decisions.record(inversion.complete(0, 0, first))
+    scheduler.update(0)
     [(_, tasks)] = scheduler.assignments(0.0)
     assert tasks[["string", "first"]].tolist()[0] == (0, 1)
 
@@ -142,17 +152,17 @@ def test_the_string_whose_judgement_is_nearest_comes_first():
 PLENTY = {"population": 2000, "max_samples": 1000, "experience": [1000]}
 
 
-def batches_of(ranks, seconds, experience=(), turnround=ROUND_TRIP_SECONDS, **options):
+def batches_of(ranks, seconds, experience=(), round_trip=ROUND_TRIP_SECONDS, **options):
     """Ranks and numbers of samples of the batches handed out when samples take so long."""
-    inversion, _ = campaign(**options)
-    inversion.start()
-    scheduler = Scheduler(inversion, ranks, (), experience)
-    scheduler.pace.turnround = turnround
+    inversion, decisions = campaign(**options)
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, ranks, (), experience)
+    scheduler.batch_sizer.round_trip = round_trip
     first = [rank for rank, _ in scheduler.assignments(0.0)]
-    scheduler.pace.learn([seconds])
+    scheduler.batch_sizer.learn([seconds])
     for rank in first:
         scheduler.returned(rank, [True])
-    assert scheduler.held.samples == 0
+    assert scheduler.in_flight == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
 
@@ -172,33 +182,33 @@ def test_a_rank_that_has_long_samples_is_not_tied_down():
         assert len(batches_of(3, seconds, **PLENTY)) == 3 * batches
 
 
-@pytest.mark.parametrize(("turnround", "batches"), [(1e-3, 2), (1e-5, 1), (0.0, 1)])
-def test_ranks_hold_the_less_the_sooner_they_get_more(turnround, batches):
-    assert len(batches_of(3, 1e-3, turnround=turnround, **PLENTY)) == 3 * batches
+@pytest.mark.parametrize(("round_trip", "batches"), [(1e-3, 2), (1e-5, 1), (0.0, 1)])
+def test_ranks_hold_the_less_the_sooner_they_get_more(round_trip, batches):
+    assert len(batches_of(3, 1e-3, round_trip=round_trip, **PLENTY)) == 3 * batches
 
 
 def test_more_ranks_than_samples_leave_some_without_work():
     inversion, decisions = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 1000)
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 1000)
     tasks = [task for _, batch in scheduler.assignments(0.0) for task in batch]
     announced = len(decisions.ahead)
     assert announced == GENERATIONS_AHEAD * 2
     assert sum(int(task["count"]) for task in tasks) == (6 + announced) * MAX_SAMPLES
     assert max(int(task["first"]) for task in tasks) == MAX_SAMPLES - 1
-    assert scheduler.held.next_with(0) is not None
+    assert scheduler.next_rank(0) is not None
 
 
 def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 2)
+    inversion, decisions = campaign()
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 2)
     held = {rank: [] for rank in range(2)}
     for rank, tasks in scheduler.assignments(0.0):
         held[rank] += tasks[["string", "first"]].tolist()
-    scheduler.heard(1, 100.0)
-    assert scheduler.clock(100.0, PATIENCE) == [0]
-    scheduler.pace.learn([1e-3])
+    scheduler.heartbeat(1, 100.0)
+    assert scheduler.mark_silent(100.0, PATIENCE) == [0]
+    scheduler.batch_sizer.learn([1e-3])
     scheduler.returned(1, [True] * len(held[1]))
     again = [
         pair
@@ -208,72 +218,72 @@ def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
     assert again == sorted(held[0])
 
 
-def judged_of_three(string):
-    """A scheduler with three ranks that hold samples of a string which is judged then."""
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 3)
+def complete_of_three(string):
+    """A scheduler with three ranks that hold samples of a string which is complete then."""
+    inversion, decisions = campaign()
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 3)
     held = [(rank, batch["string"].tolist()) for rank, batch in scheduler.assignments(0.0)]
     outcomes = [simulated(string, inversion.parameters(string), i) for i in range(MAX_SAMPLES)]
-    inversion.accept(string, 0, outcomes)
+    decisions.record(inversion.complete(string, 0, rows_of(outcomes)))
     assert inversion.progress(string) is None
     return scheduler, {rank for rank, strings in held if string in strings}
 
 
 @pytest.mark.parametrize("by", ["a sample of its own", "a race"])
-def test_what_ranks_hold_of_a_judged_string_is_withdrawn_once(by):
-    scheduler, holders = judged_of_three(1)
-    scheduler.pace.learn([10.0])
+def test_what_ranks_hold_of_a_complete_string_is_cancelled_once(by):
+    scheduler, holders = complete_of_three(1)
+    scheduler.batch_sizer.learn([10.0])
     if by == "a sample of its own":
-        scheduler.judged(1)
-    told = scheduler.withdrawals()
+        scheduler.update(1)
+    told = scheduler.cancellations()
     assert {rank for rank, _ in told} == holders != set()
     assert all(strings.tolist() == [1] for _, strings in told)
-    assert scheduler.withdrawals() == []
+    assert scheduler.cancellations() == []
 
 
-def test_when_all_is_decided_everything_is_withdrawn():
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 3)
+def test_when_all_is_decided_everything_is_cancelled():
+    inversion, decisions = campaign()
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 3)
     held = {
         (rank, string)
         for rank, batch in scheduler.assignments(0.0)
         for string in batch["string"].tolist()
     }
-    scheduler.pace.learn([10.0])
-    scheduler.finish()
-    told = {(rank, i) for rank, strings in scheduler.withdrawals() for i in strings.tolist()}
+    scheduler.batch_sizer.learn([10.0])
+    scheduler.cancel_all()
+    told = {(rank, i) for rank, strings in scheduler.cancellations() for i in strings.tolist()}
     assert told == held
 
 
-def test_samples_that_are_done_before_a_message_arrives_are_not_withdrawn():
-    scheduler, _ = judged_of_three(1)
-    scheduler.pace.learn([0.9 * ROUND_TRIP_SECONDS])
-    scheduler.judged(1)
-    assert scheduler.withdrawals() == []
+def test_samples_that_are_done_before_a_message_arrives_are_not_cancelled():
+    scheduler, _ = complete_of_three(1)
+    scheduler.batch_sizer.learn([0.9 * ROUND_TRIP_SECONDS])
+    scheduler.update(1)
+    assert scheduler.cancellations() == []
 
 
-def test_a_silent_rank_is_told_of_no_withdrawal():
-    scheduler, holders = judged_of_three(1)
-    scheduler.pace.learn([10.0])
-    assert set(scheduler.clock(100.0, PATIENCE)) >= holders
-    scheduler.judged(1)
-    assert scheduler.withdrawals() == []
+def test_a_silent_rank_is_sent_no_cancellation():
+    scheduler, holders = complete_of_three(1)
+    scheduler.batch_sizer.learn([10.0])
+    assert set(scheduler.mark_silent(100.0, PATIENCE)) >= holders
+    scheduler.update(1)
+    assert scheduler.cancellations() == []
 
 
 @pytest.mark.parametrize("used", [[], [2, 2, 3, 3, 9, 9, 9]])
-def test_a_string_that_experience_makes_likelier_to_be_needed_keeps_its_place(used):
-    inversion, _ = campaign()
-    inversion.start()
-    scheduler = Scheduler(inversion, 1, (), used)
+def test_a_string_that_data_make_likelier_to_be_needed_keeps_its_place(used):
+    inversion, decisions = campaign()
+    decisions.record(inversion.start())
+    scheduler = scheduler_of(inversion, decisions, 1, (), used)
     handed = set()
     for _ in range(200):
         for rank, tasks in scheduler.assignments(0.0):
             for string, first, count in tasks[["string", "first", "count"]].tolist():
                 handed |= {(string, first + i) for i in range(count)}
-            scheduler.pace.learn([1.0])
+            scheduler.batch_sizer.learn([1.0])
             scheduler.returned(rank, [True] * int(tasks["count"].sum()))
-            scheduler._experience.learn(MAX_SAMPLES)
+            scheduler._sample_counts.learn(MAX_SAMPLES)
     live = {pair for pair in handed if pair[0] < 6}
     assert len(live) == 6 * MAX_SAMPLES

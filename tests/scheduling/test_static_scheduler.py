@@ -29,12 +29,12 @@ def pairs(batch):
 
 
 def test_tasks_are_handed_out_in_order_to_the_rank_with_the_fewest():
-    errands = StaticScheduler(tasks(8), 2)
-    handed = list(errands.assignments(0.0))
+    scheduler = StaticScheduler(tasks(8), 2)
+    handed = list(scheduler.assignments(0.0))
     assert [rank for rank, _ in handed] == [0, 1] * MESSAGES_IN_FLIGHT
     assert [task.tobytes() for _, task in handed] == [task.tobytes() for task in tasks(8)[:4]]
-    errands.done(1)
-    assert [(rank, pairs(task)) for rank, task in errands.assignments(0.0)] == [(1, [(1, 1)])]
+    scheduler.done(1)
+    assert [(rank, pairs(task)) for rank, task in scheduler.assignments(0.0)] == [(1, [(1, 1)])]
 
 
 def test_without_tasks_nobody_gets_any():
@@ -42,16 +42,16 @@ def test_without_tasks_nobody_gets_any():
 
 
 def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
-    errands = StaticScheduler(tasks(3), 2)
-    assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0]
-    errands.done(1)
-    errands.heard(1, 50.0)
-    assert errands.clock(50.0, PATIENCE) == [0]
-    errands.done(0)
-    again = [(rank, pairs(task)) for rank, task in errands.assignments(50.0)]
+    scheduler = StaticScheduler(tasks(3), 2)
+    assert [rank for rank, _ in scheduler.assignments(0.0)] == [0, 1, 0]
+    scheduler.done(1)
+    scheduler.heartbeat(1, 50.0)
+    assert scheduler.mark_silent(50.0, PATIENCE) == [0]
+    scheduler.done(0)
+    again = [(rank, pairs(task)) for rank, task in scheduler.assignments(50.0)]
     assert again == [(1, [(0, 2)])]
-    assert errands.heard(0, 51.0)
-    assert not errands.heard(0, 52.0)
+    assert scheduler.heartbeat(0, 51.0)
+    assert not scheduler.heartbeat(0, 52.0)
 
 
 def many(strings, samples):
@@ -70,45 +70,45 @@ def keys(batch):
 
 @pytest.mark.parametrize(("seconds", "size"), [(BATCH_SECONDS / 20.5, 20), (1e-9, 74)])
 def test_a_batch_is_worth_a_message_and_no_more_than_a_share_of_what_waits(seconds, size):
-    errands = StaticScheduler(many(4, 150), 2)
-    assert [len(keys(batch)) for _, batch in errands.assignments(0.0)] == [1] * 4
-    errands.pace.learn([seconds])
-    errands.returned(0, [True])
-    [(rank, batch), *_] = errands.assignments(0.0)
+    scheduler = StaticScheduler(many(4, 150), 2)
+    assert [len(keys(batch)) for _, batch in scheduler.assignments(0.0)] == [1] * 4
+    scheduler.batch_sizer.learn([seconds])
+    scheduler.returned(0, [True])
+    [(rank, batch), *_] = scheduler.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, size)
     assert keys(batch) == [(0, 34 + sample) for sample in range(size)]
 
 
 def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
-    errands = StaticScheduler(many(1, 9), 2)
-    list(errands.assignments(0.0))
-    errands.pace.learn([10.0])
-    errands.returned(0, [True] * 2)
-    [(rank, batch)] = errands.assignments(0.0)
+    scheduler = StaticScheduler(many(1, 9), 2)
+    list(scheduler.assignments(0.0))
+    scheduler.batch_sizer.learn([10.0])
+    scheduler.returned(0, [True] * 2)
+    [(rank, batch)] = scheduler.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, 1)
 
 
 def test_what_two_ranks_have_done_counts_once():
-    errands = StaticScheduler(many(1, 4), 2)
-    assert [rank for rank, _ in errands.assignments(0.0)] == [0, 1, 0, 1]
-    errands.heard(1, 50.0)
-    assert errands.clock(50.0, PATIENCE) == [0]
-    errands.pace.learn([0.1])
-    errands.returned(1, [True] * 2)
-    assert [keys(batch) for _, batch in errands.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
-    [(piece, first)] = errands.returned(1, [True])
+    scheduler = StaticScheduler(many(1, 4), 2)
+    assert [rank for rank, _ in scheduler.assignments(0.0)] == [0, 1, 0, 1]
+    scheduler.heartbeat(1, 50.0)
+    assert scheduler.mark_silent(50.0, PATIENCE) == [0]
+    scheduler.batch_sizer.learn([0.1])
+    scheduler.returned(1, [True] * 2)
+    assert [keys(batch) for _, batch in scheduler.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
+    [(piece, first)] = scheduler.returned(1, [True])
     assert (piece, first.tolist()) == ((0, 30, 1), [True])
-    late = errands.returned(0, [True] * 2)
+    late = scheduler.returned(0, [True] * 2)
     assert [(piece.first, first.tolist()) for piece, first in late] == [(30, [False]), (32, [True])]
-    [(piece, first)] = errands.returned(1, [True])
+    [(piece, first)] = scheduler.returned(1, [True])
     assert (piece, first.tolist()) == ((0, 32, 1), [False])
 
 
 class World:
-    """Ranks that do errands, or die; the first one lives for ever."""
+    """Ranks that do tasks, or die; the first one lives for ever."""
 
     def __init__(self, wanted, ranks, chance):
-        self.errands, self.ranks, self.chance = StaticScheduler(wanted, ranks), ranks, chance
+        self.scheduler, self.ranks, self.chance = StaticScheduler(wanted, ranks), ranks, chance
         self.held = [deque() for _ in range(ranks)]
         self.alive, self.now = set(range(ranks)), 0.0
         self.handed, self.lost, self.done = Counter(), Counter(), set()
@@ -120,12 +120,12 @@ class World:
         self.now += seconds
         for rank in sorted(self.alive):
             if self.chance.random() < share_heard:
-                self.errands.heard(rank, self.now)
-        for rank in self.errands.clock(self.now, PATIENCE):
+                self.scheduler.heartbeat(rank, self.now)
+        for rank in self.scheduler.mark_silent(self.now, PATIENCE):
             self.lost.update(self.held[rank])
 
     def hand_out(self):
-        for rank, batch in self.errands.assignments(self.now):
+        for rank, batch in self.scheduler.assignments(self.now):
             [pair] = pairs(batch)
             self.held[rank].append(pair)
             self.handed[pair] += 1
@@ -133,8 +133,8 @@ class World:
 
     def give_back(self, rank):
         self.done.add(self.held[rank].popleft())
-        self.errands.done(rank)
-        self.errands.heard(rank, self.now)
+        self.scheduler.done(rank)
+        self.scheduler.heartbeat(rank, self.now)
 
 
 @examples(150, st.integers(1, 6), st.integers(0, 30), st.integers(0, 2**32), st.floats(0.0, 0.5))

@@ -142,7 +142,7 @@ def test_grown_by_a_border_it_is_as_if_made_at_once(dimensions, count, seed, dec
     assert np.allclose(grown.mean(at), whole.mean(at), **close)
     assert np.allclose(grown.deviation(at) ** 2, whole.deviation(at) ** 2, **close)
     assert np.allclose(grown.deviation_at_points**2, whole.deviation_at_points**2, **close)
-    assert np.allclose(grown.left_out(), whole.left_out(), rtol=1e-6)
+    assert np.allclose(grown.leave_one_out(), whole.leave_one_out(), rtol=1e-6)
 
 
 @cases

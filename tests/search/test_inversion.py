@@ -7,9 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 
+from agglom_mpi.search.decisions import (
+    GENERATIONS_DONE,
+    TARGET_REACHED,
+    GenerationSummary,
+    StringEvaluated,
+    StringsProposed,
+    Target,
+)
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
-from agglom_mpi.search.inversion import GENERATIONS_DONE, TARGET_REACHED, Inversion, Target
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 
@@ -28,7 +36,7 @@ def simulate(parameters, sample):
 class Book(Decisions):
     """Write down all that is decided, the order within a generation left out."""
 
-    def announced(self, batch, ids):
+    def proposed_ahead(self, batch, ids):
         raise AssertionError("nobody asked for strings of coming generations")
 
     def proposed(self, batch, ids):
@@ -39,38 +47,37 @@ class Book(Decisions):
 def inversion(generations=4, target=None, restore=None, rule=None):
     search = GeneticSearch(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
     rule = rule or SuccessiveDifference(0.02)
-    book = Book()
 
     def ensemble():
         return Ensemble(rule, GrowthTarget(), PARTICLES, 2, 12)
 
-    return Inversion(search, ensemble, generations, target, restore, book), book
+    return Inversion(search, ensemble, generations, target, restore), Book()
 
 
-def serve_in_order(process):
+def serve_in_order(process, book):
     """Compute what is needed next, nothing else: a single rank."""
-    process.start()
+    book.start(process)
     while not process.finished:
-        string, progress = next(iter(process.live.items()))
+        string, progress = next(iter(process.open_strings.items()))
         outcome = simulate(process.parameters(string), progress.next_sample)
-        process.accept(string, progress.next_sample, [outcome])
+        book.complete(process, string, progress.next_sample, [outcome])
 
 
 @pytest.fixture(scope="module")
 def reference():
     process, book = inversion()
-    serve_in_order(process)
+    serve_in_order(process, book)
     return book.text()
 
 
-def serve_at_random(process, chance, ahead, repeats):
+def serve_at_random(process, book, chance, ahead, repeats):
     """Start tasks in any order, run ahead, deliver late, in any order and more than once."""
-    process.start()
+    book.start(process)
     flying, started = [], set()
     while not process.finished:
         open_tasks = [
             (string, sample)
-            for string, progress in process.live.items()
+            for string, progress in process.open_strings.items()
             for sample in range(progress.next_sample, progress.next_sample + 1 + ahead)
             if (string, sample) not in started
         ]
@@ -80,48 +87,48 @@ def serve_at_random(process, chance, ahead, repeats):
             flying.extend([task] * chance.randint(1, 1 + repeats))
         else:
             string, sample = flying.pop(chance.randrange(len(flying)))
-            process.accept(string, sample, [simulate(process.parameters(string), sample)])
+            book.complete(process, string, sample, [simulate(process.parameters(string), sample)])
     for string, sample in flying:
-        process.accept(string, sample, [simulate(process.parameters(string), sample)])
+        book.complete(process, string, sample, [simulate(process.parameters(string), sample)])
 
 
 @given(st.integers(0, 2**32), st.integers(0, 30), st.integers(0, 2))
 @settings(max_examples=60, derandomize=True, deadline=None)
 def test_decisions_do_not_depend_on_the_order_of_arrival(reference, seed, ahead, repeats):
     process, book = inversion()
-    serve_at_random(process, random.Random(seed), ahead, repeats)
+    serve_at_random(process, book, random.Random(seed), ahead, repeats)
     assert book.text() == reference
 
 
 def test_a_resume_may_hand_over_everything_before_the_start(reference):
     process, book = inversion()
-    serve_in_order(process)
+    serve_in_order(process, book)
     rows = [(string, sample) for string in book.results for sample in range(12)]
     random.Random(3).shuffle(rows)
     outcomes = {row: simulate(process.parameters(row[0]), row[1]) for row in rows}
     resumed, replayed = inversion()
     for row in rows:
-        resumed.accept(*row, [outcomes[row]])
+        replayed.complete(resumed, *row, [outcomes[row]])
     assert not replayed.batches
-    resumed.start()
+    replayed.start(resumed)
     assert resumed.finished
     assert replayed.text() == reference
 
 
 def test_a_partial_resume_goes_on_to_the_same_end(reference):
-    whole, _ = inversion()
-    serve_in_order(whole)
+    whole, book = inversion()
+    serve_in_order(whole, book)
     resumed, replayed = inversion()
     for string in range(10):
         for sample in range(0, 12, 2):
-            resumed.accept(string, sample, [simulate(whole.parameters(string), sample)])
-    serve_in_order(resumed)
+            replayed.complete(resumed, string, sample, [simulate(whole.parameters(string), sample)])
+    serve_in_order(resumed, replayed)
     assert replayed.text() == reference
 
 
 def test_evaluations_and_samples_are_counted():
     process, book = inversion()
-    serve_in_order(process)
+    serve_in_order(process, book)
     assert process.stop_reason == GENERATIONS_DONE
     assert [summary.generation for summary in book.summaries] == [0, 1, 2, 3]
     assert [summary.evaluations for summary in book.summaries] == [8, 14, 20, 26]
@@ -132,7 +139,7 @@ def test_evaluations_and_samples_are_counted():
 
 def test_a_summary_shows_the_best_string_with_its_error_and_the_mean_of_the_parents():
     process, book = inversion()
-    serve_in_order(process)
+    serve_in_order(process, book)
     for summary in book.summaries:
         ranked = sorted((book.results[i].objective, i) for i in summary.population.tolist())
         assert (summary.objective, summary.best) == ranked[0]
@@ -143,61 +150,61 @@ def test_a_summary_shows_the_best_string_with_its_error_and_the_mean_of_the_pare
 def test_a_generation_is_stored_before_it_can_be_dispatched():
     process, book = inversion()
     seen = []
-    book.proposed = lambda batch, ids: seen.append((len(ids), list(process.live)))
-    assert not process.live
-    process.start()
+    book.proposed = lambda batch, ids: seen.append((len(ids), list(process.open_strings)))
+    assert not process.open_strings
+    book.start(process)
     assert seen == [(8, [])]
-    assert list(process.live) == list(range(8))
+    assert list(process.open_strings) == list(range(8))
 
 
 def test_live_strings_show_what_is_judged_and_the_most_there_can_be():
-    process, _ = inversion(rule=StandardError(1e-9))
-    process.start()
-    assert set(process.live.values()) == {(0, 12)}
-    process.accept(3, 1, [completed(2.0)])
-    assert process.live[3] == (0, 12)
-    process.accept(3, 0, [completed(2.0)])
-    assert process.live[3] == (2, 12)
+    process, book = inversion(rule=StandardError(1e-9))
+    book.start(process)
+    assert set(process.open_strings.values()) == {(0, 12)}
+    book.complete(process, 3, 1, [completed(2.0)])
+    assert process.open_strings[3] == (0, 12)
+    book.complete(process, 3, 0, [completed(2.0)])
+    assert process.open_strings[3] == (2, 12)
 
 
 def test_the_first_copy_of_a_sample_wins():
-    process, _ = inversion(rule=StandardError(1e-9))
-    process.start()
+    process, book = inversion(rule=StandardError(1e-9))
+    book.start(process)
     for sample, ratio in ((1, 2.0), (1, 9.0), (0, 2.0), (0, 9.0), (1, 9.0)):
-        process.accept(0, sample, [completed(ratio)])
+        book.complete(process, 0, sample, [completed(ratio)])
     for sample in range(2, 5):
-        process.accept(0, sample, [completed(2.0)])
+        book.complete(process, 0, sample, [completed(2.0)])
     assert process.results[0].mean_radius_ratio == 2.0
 
 
 def test_samples_after_the_end_of_an_ensemble_are_not_used():
     process, book = inversion()
-    process.start()
+    book.start(process)
     for sample in (5, 4, 3, 2, 1, 0):
-        process.accept(0, sample, [completed(2.5 if sample < 2 else 9.0)])
+        book.complete(process, 0, sample, [completed(2.5 if sample < 2 else 9.0)])
     assert book.results[0].samples_used == 2
     assert book.results[0].objective == 0.25
-    process.accept(0, 6, [completed(9.0)])
+    book.complete(process, 0, 6, [completed(9.0)])
     assert book.results[0].samples_used == 2
 
 
 def test_the_mean_of_the_best_strings_stops_a_campaign_at_its_target():
     whole, book = inversion(generations=30)
-    serve_in_order(whole)
+    serve_in_order(whole, book)
     means = [summary.mean_of_top for summary in book.summaries]
     wanted = means[9]
     process, short = inversion(generations=30, target=Target(2, wanted))
-    serve_in_order(process)
+    serve_in_order(process, short)
     reached = next(i for i, mean in enumerate(means) if mean <= wanted)
     assert process.stop_reason == TARGET_REACHED
     assert len(short.summaries) == reached + 1
-    assert not process.live
+    assert not process.open_strings
 
 
 def test_more_generations_begin_with_the_same_ones():
     short, long = inversion(generations=3), inversion(generations=5)
-    for process, _ in (short, long):
-        serve_in_order(process)
+    for process, book in (short, long):
+        serve_in_order(process, book)
     assert repr(long[1].summaries[:3]) == repr(short[1].summaries)
 
 
@@ -210,10 +217,10 @@ def test_a_resume_goes_by_the_stored_strings_not_by_the_proposed_ones():
         return batch._replace(parameters=np.clip(batch.parameters + moved, 0, 1))
 
     process, book = inversion(restore=restore)
-    serve_in_order(process)
+    serve_in_order(process, book)
     assert calls == [(0, 0), (1, 8), (2, 14), (3, 20)]
-    original, _ = inversion()
-    original.start()
+    original, first = inversion()
+    first.start(original)
     stored = np.clip(original.parameters(0) + moved, 0, 1)
     assert np.array_equal(process.parameters(0), stored)
     told = {
@@ -233,11 +240,30 @@ def test_a_resume_goes_by_the_stored_strings_not_by_the_proposed_ones():
 
 def test_a_campaign_in_which_everything_fails_still_ends():
     process, book = inversion(generations=2)
-    process.start()
+    book.start(process)
     while not process.finished:
-        string, progress = next(iter(process.live.items()))
-        process.accept(string, progress.next_sample, [failed()])
+        string, progress = next(iter(process.open_strings.items()))
+        book.complete(process, string, progress.next_sample, [failed()])
     assert process.stop_reason == GENERATIONS_DONE
     assert all(result.objective == np.inf for result in book.results.values())
     assert book.summaries[-1].objective == np.inf
     assert book.summaries[-1].best == 0
+
+
+def test_decisions_come_in_order_and_none_is_made_before_it_is_asked_for():
+    process, book = inversion(generations=2)
+    whole = []
+    book.record = lambda decisions: whole.extend(decisions)
+    serve_in_order(process, book)
+    kinds = [type(decision) for decision in whole]
+    first = [StringsProposed, *[StringEvaluated] * 8, GenerationSummary]
+    assert kinds == [*first, StringsProposed, *[StringEvaluated] * 6, GenerationSummary]
+    resumed, replayed = inversion(generations=2)
+    for string in range(8):
+        outcomes = [simulate(process.parameters(string), sample) for sample in range(12)]
+        replayed.complete(resumed, string, 0, outcomes)
+    started = resumed.start()
+    assert [type(next(started)) for _ in first] == first
+    assert resumed.generation == 0, "the next generation is not proposed yet"
+    assert type(next(started)) is StringsProposed
+    assert resumed.generation == 1

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 
+from agglom_mpi.search.decisions import Progress
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
-from agglom_mpi.search.inversion import Inversion, Progress
+from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import RANDOM
 from agglom_mpi.search.stopping import SuccessiveDifference
@@ -35,42 +36,41 @@ class Book(Decisions):
         super().__init__()
         self.ahead = []
 
-    def announced(self, batch, ids):
+    def proposed_ahead(self, batch, ids):
         self.ahead.append((batch, ids.tolist()))
 
     def proposed(self, batch, ids):
         self.batches.append((batch, ids.tolist()))
 
-    def judged(self, string, result):
+    def evaluated(self, string, result):
         assert string <= self.batches[-1][1][-1], "of a generation that has not come"
-        super().judged(string, result)
+        super().evaluated(string, result)
 
 
 def inversion(rescale=None, restore=None, generations=GENERATIONS):
     search = GeneticSearch(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
-    book = Book()
 
     def ensemble():
         return Ensemble(SuccessiveDifference(0.02), GrowthTarget(), PARTICLES, 2, 12)
 
-    return Inversion(search, ensemble, generations, None, restore, book), book
+    return Inversion(search, ensemble, generations, restore=restore), Book()
 
 
-def give(process, string, sample):
-    process.accept(string, sample, [simulate(process.parameters(string), sample)])
+def give(process, book, string, sample):
+    book.complete(process, string, sample, [simulate(process.parameters(string), sample)])
 
 
-def judge_ahead(process, string):
+def complete_ahead(process, book, string):
     """Give an announced string its samples until it needs no more."""
     while (progress := process.progress(string)) is not None:
-        give(process, string, progress.next_sample)
+        give(process, book, string, progress.next_sample)
 
 
-def serve(process):
+def serve(process, book):
     """Compute what is needed next, nothing else."""
     while not process.finished:
-        string, progress = next(iter(process.live.items()))
-        give(process, string, progress.next_sample)
+        string, progress = next(iter(process.open_strings.items()))
+        give(process, book, string, progress.next_sample)
 
 
 @pytest.fixture(scope="module")
@@ -79,17 +79,17 @@ def reference():
     books = {}
     for rescale in (None, (2, 0.5)):
         process, books[rescale] = inversion(rescale)
-        process.start()
-        serve(process)
+        books[rescale].start(process)
+        serve(process, books[rescale])
     return books
 
 
 def test_announced_are_the_random_strings_of_the_next_generation_that_is_not(reference):
     process, book = inversion()
-    process.start()
+    book.start(process)
     for generation in range(1, 4):
         first = POPULATION + (generation - 1) * NEW + PARENTS
-        assert process.announce(3) == list(range(first, first + RANDOMS))
+        assert book.propose_ahead(process, 3) == list(range(first, first + RANDOMS))
         batch, ids = book.ahead[-1]
         assert (batch.generation, ids[0]) == (generation, first)
         proposed, numbers = reference[None].batches[generation]
@@ -101,65 +101,67 @@ def test_announced_are_the_random_strings_of_the_next_generation_that_is_not(ref
         for string, parameters in zip(ids, batch.parameters, strict=True):
             assert process.parameters(string).tobytes() == parameters.tobytes()
             assert process.progress(string) == Progress(0, 12)
-            assert string not in process.live
-    assert process.announce(3) == (), "at most three ahead"
-    assert list(process.announce(4)) == list(range(POPULATION + 3 * NEW + PARENTS, 32))
-    assert process.announce(9) == (), "there are only so many generations"
+            assert string not in process.open_strings
+    assert book.propose_ahead(process, 3) == [], "at most three ahead"
+    assert list(book.propose_ahead(process, 4)) == list(range(POPULATION + 3 * NEW + PARENTS, 32))
+    assert book.propose_ahead(process, 9) == [], "there are only so many generations"
 
 
 def test_nothing_is_announced_at_the_end():
-    process, _ = inversion(generations=1)
-    process.start()
-    assert process.announce(4) == ()
-    serve(process)
-    assert process.announce(4) == ()
+    process, book = inversion(generations=1)
+    book.start(process)
+    assert book.propose_ahead(process, 4) == []
+    serve(process, book)
+    assert book.propose_ahead(process, 4) == []
 
 
 def test_strings_of_a_box_that_will_change_are_announced_when_it_has():
     process, book = inversion((2, 0.5))
-    process.start()
-    assert len(process.announce(4)) == RANDOMS
-    assert process.announce(4) == ()
+    book.start(process)
+    assert len(book.propose_ahead(process, 4)) == RANDOMS
+    assert book.propose_ahead(process, 4) == []
     while process.generation < 2:
-        string, progress = next(iter(process.live.items()))
-        give(process, string, progress.next_sample)
-    assert len(process.announce(4)) == RANDOMS
+        string, progress = next(iter(process.open_strings.items()))
+        give(process, book, string, progress.next_sample)
+    assert len(book.propose_ahead(process, 4)) == RANDOMS
     assert [batch.generation for batch, _ in book.ahead] == [1, 3]
 
 
 @pytest.mark.parametrize("rescale", [None, (2, 0.5)])
 def test_strings_judged_ahead_get_the_results_that_they_would_have_got(reference, rescale):
     process, book = inversion(rescale)
-    process.start()
+    book.start(process)
     ahead = []
     while not process.finished:
-        while strings := process.announce(4):
+        while strings := book.propose_ahead(process, 4):
             for string in strings:
-                judge_ahead(process, string)
+                complete_ahead(process, book, string)
                 ahead.append(string)
                 assert string not in book.results, "not before its generation"
-                assert process.used(string) == reference[rescale].results[string].samples_used
-        string, progress = next(iter(process.live.items()))
+                assert (
+                    process.samples_used(string) == reference[rescale].results[string].samples_used
+                )
+        string, progress = next(iter(process.open_strings.items()))
         assert string not in ahead, "it is not live, having been judged"
-        give(process, string, progress.next_sample)
+        give(process, book, string, progress.next_sample)
     assert len(ahead) == RANDOMS * (4 if rescale is None else 2)
     assert book.text() == reference[rescale].text()
     assert process.results == book.results
 
 
 def test_a_string_half_judged_ahead_goes_on_where_it_was():
-    process, _ = inversion()
-    process.start()
-    [string, *_] = process.announce(1)
-    give(process, string, 0)
-    give(process, string, 2)
+    process, book = inversion()
+    book.start(process)
+    [string, *_] = book.propose_ahead(process, 1)
+    give(process, book, string, 0)
+    give(process, book, string, 2)
     assert process.progress(string) == Progress(1, 12)
     while process.generation == 0:
-        live, progress = next(iter(process.live.items()))
-        give(process, live, progress.next_sample)
-    assert process.live[string] == Progress(1, 12)
-    give(process, string, 1)
-    assert string not in process.live or process.live[string] == Progress(3, 12)
+        live, progress = next(iter(process.open_strings.items()))
+        give(process, book, live, progress.next_sample)
+    assert process.open_strings[string] == Progress(1, 12)
+    give(process, book, string, 1)
+    assert string not in process.open_strings or process.open_strings[string] == Progress(3, 12)
 
 
 def test_outcomes_that_come_before_their_string_is_announced_count(reference):
@@ -171,28 +173,27 @@ def test_outcomes_that_come_before_their_string_is_announced_count(reference):
     for string in strings[PARENTS:]:
         used = reference[None].results[string].samples_used
         outcomes = [simulate(rows[string], sample) for sample in range(used)]
-        process.accept(string, 1, outcomes[1:])
-        process.accept(string, 0, outcomes[:1])
-    process.start()
-    announced = process.announce(1)
+        book.complete(process, string, 1, outcomes[1:])
+        book.complete(process, string, 0, outcomes[:1])
+    book.start(process)
+    announced = book.propose_ahead(process, 1)
     assert list(announced) == strings[PARENTS:]
     for string in announced:
         assert process.progress(string) is None
-        assert process.used(string) == reference[None].results[string].samples_used
-    serve(process)
+        assert process.samples_used(string) == reference[None].results[string].samples_used
+    serve(process, book)
     assert book.text() == reference[None].text()
 
 
 def test_samples_after_the_end_of_a_string_judged_ahead_are_not_kept():
     process, book = inversion()
-    process.start()
-    [string, *_] = process.announce(1)
-    judge_ahead(process, string)
-    used = process.used(string)
-    process.accept(string, used, [completed(99.0)] * 5)
-    assert process.used(string) == used
-    assert string not in process._waiting
-    serve(process)
+    book.start(process)
+    [string, *_] = book.propose_ahead(process, 1)
+    complete_ahead(process, book, string)
+    used = process.samples_used(string)
+    book.complete(process, string, used, [completed(99.0)] * 5)
+    assert process.samples_used(string) == used
+    serve(process, book)
     assert book.results[string].samples_used == used
 
 
@@ -204,18 +205,18 @@ def test_a_resume_announces_the_stored_strings_not_the_proposed_ones():
         return batch._replace(parameters=np.clip(batch.parameters + moved, 0, 1))
 
     process, book = inversion(restore=restore)
-    process.start()
-    strings = process.announce(1)
+    book.start(process)
+    strings = book.propose_ahead(process, 1)
     assert calls == [(0, 0), (1, POPULATION + PARENTS)]
-    original, _ = inversion()
-    original.start()
-    original.announce(1)
+    original, first = inversion()
+    first.start(original)
+    first.propose_ahead(original, 1)
     stored = {string: process.parameters(string) for string in strings}
     for string in strings:
         wanted = np.clip(original.parameters(string) + moved, 0, 1)
         assert stored[string].tobytes() == wanted.tobytes()
-        judge_ahead(process, string)
-    serve(process)
+        complete_ahead(process, book, string)
+    serve(process, book)
     for string in strings:
         assert process.parameters(string).tobytes() == stored[string].tobytes()
     batch, ids = book.batches[1]
@@ -230,16 +231,18 @@ def test_decisions_depend_neither_on_announcements_nor_on_the_order(
 ):
     chance = random.Random(seed)
     process, book = inversion(rescale)
-    process.start()
+    book.start(process)
     announced = []
     while not process.finished:
         if chance.random() < 0.1:
-            announced += process.announce(ahead)
-        strings = [s for s in (*process.live, *announced) if process.progress(s) is not None]
+            announced += book.propose_ahead(process, ahead)
+        strings = [
+            s for s in (*process.open_strings, *announced) if process.progress(s) is not None
+        ]
         string = chance.choice(strings)
         judged = process.progress(string).next_sample
         first, count = judged + chance.choice([0, 0, 1, 3]), chance.randint(1, 4)
         parameters = process.parameters(string)
         outcomes = [simulate(parameters, sample) for sample in range(first, first + count)]
-        process.accept(string, first, outcomes)
+        book.complete(process, string, first, outcomes)
     assert book.text() == reference[rescale].text()

@@ -160,7 +160,7 @@ def test_what_each_sample_adds_in_first_order_gives_value_and_error(terms):
     outcomes = [of_radii(radii) for radii in samples_of_radii(13, 60)]
     objective = MomentTargets(terms)
     value, error = objective.of_ensemble(outcomes)
-    numbers = objective.linear(outcomes)
+    numbers = objective.influence_values(outcomes)
     assert np.mean(numbers) == pytest.approx(value, rel=1e-10)
     assert stats.sem(numbers) == pytest.approx(error, rel=1e-9)
 
@@ -208,7 +208,9 @@ def test_one_merge_among_very_many_particles_is_a_spread():
     pooled = PooledMoments()
     pooled.add(10**12, 1.0, (0.0, 0.0, 0.0))
     pooled.add(1, 2 ** (1 / 3), (0.0, 0.0, 0.0))
-    kurtosis = MomentTargets((MomentTarget("kurtosis", 0.0),)).worth(pooled.mean, pooled.central)
+    kurtosis = MomentTargets((MomentTarget("kurtosis", 0.0),)).of_moments(
+        pooled.mean, pooled.central
+    )
     assert kurtosis == pytest.approx(1e12, rel=1e-3)  # n - 2 + 1/(n - 1) of one among n others
 
 
@@ -235,7 +237,7 @@ def test_the_mean_of_a_function_keeps_its_sign():
     for outcome in outcomes:
         ensemble.add(outcome)
     assert ensemble.result().objective == -1.0
-    assert list(itertools.accumulate(MEAN_OF_FUNCTION.linear(outcomes)))[-1] == -4.0
+    assert list(itertools.accumulate(MEAN_OF_FUNCTION.influence_values(outcomes)))[-1] == -4.0
 
 
 def test_the_example_of_the_objectives_is_true():

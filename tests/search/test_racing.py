@@ -17,9 +17,6 @@ GENERATIONS, MOST = 4, 60
 
 
 class Book(Decisions):
-    def announced(self, batch, ids):
-        pass
-
     def proposed(self, batch, ids):
         self.batches.append((batch.parameters.tolist(), ids.tolist()))
 
@@ -34,15 +31,12 @@ def simulate(parameters, sample):
     return completed(worth(parameters) * (1.0 + 0.1 * rng.standard_normal()))
 
 
-def inversion(racing, observer, generations=GENERATIONS):
+def inversion(racing, generations=GENERATIONS):
     rule, objective = StandardError(0.005), MaximumGrowth(PARTICLES)
     return Inversion(
         GeneticSearch(unit_box(), 3, population=12, parents=4),
         lambda: Ensemble(rule, objective, PARTICLES, 5, MOST),
         generations,
-        None,
-        None,
-        observer,
         racing=racing,
     )
 
@@ -50,17 +44,18 @@ def inversion(racing, observer, generations=GENERATIONS):
 def run(racing, shuffle=None):
     """Run to the end, in order or with samples in any order; the book and samples simulated."""
     book = Book()
-    decisions = inversion(racing, book)
-    decisions.start()
+    decisions = inversion(racing)
+    book.start(decisions)
     given = 0
     while not decisions.finished:
-        needs = [(string, p.next_sample) for string, p in decisions.live.items()]
+        needs = [(string, p.next_sample) for string, p in decisions.open_strings.items()]
         if shuffle is not None:
             ahead = [(s, n + k) for s, n in needs for k in range(shuffle.randrange(1, 9))]
             needs = shuffle.sample(ahead, len(ahead))
         for string, sample in needs:
             if sample < MOST and not decisions.finished:
-                decisions.accept(string, sample, [simulate(decisions.parameters(string), sample)])
+                outcome = simulate(decisions.parameters(string), sample)
+                book.complete(decisions, string, sample, [outcome])
                 given += 1
     return book, given
 

@@ -30,9 +30,9 @@ def test_an_ensemble_that_goes_on_is_worth_what_all_its_samples_are():
     outcomes = [completed(r) for r in np.random.default_rng(0).uniform(1.0, 3.0, 30)]
     first = ensemble(12)
     fed(first, outcomes[:12])
-    second = first.again(10)
+    second = first.resample(10)
     fed(second, outcomes[12:22])
-    last = fed(second.again(8), outcomes[22:])
+    last = fed(second.resample(8), outcomes[22:])
     whole = fed(ensemble(30), outcomes)
     assert last._replace(samples_used=30) == whole
     assert last.samples_used == 8
@@ -42,17 +42,17 @@ def test_an_ensemble_that_goes_on_is_worth_what_all_its_samples_are():
 def test_going_on_changes_nothing_of_what_was():
     before = ensemble(3)
     result = fed(before, [completed(1.5), completed(2.5), failed()])
-    fed(before.again(2), [failed(), failed()])
+    fed(before.resample(2), [failed(), failed()])
     assert before.result() == result
 
 
 def test_failures_of_all_samples_decide_whether_a_string_is_given_up():
     good = ensemble(60)
     fed(good, [completed(2.0 + 0.01 * k) for k in range(60)])
-    assert np.isfinite(fed(good.again(5), [failed()] * 5).objective)
+    assert np.isfinite(fed(good.resample(5), [failed()] * 5).objective)
     bad = ensemble(5)
     fed(bad, [completed(2.0)] * 5)
-    assert fed(bad.again(5), [failed()] * 5).objective == np.inf
+    assert fed(bad.resample(5), [failed()] * 5).objective == np.inf
 
 
 def worth(strings):
@@ -92,9 +92,6 @@ def test_without_it_everything_is_as_published():
 
 
 class Book(Decisions):
-    def announced(self, batch, ids):
-        pass
-
     def proposed(self, batch, ids):
         self.batches.append((batch, ids.tolist()))
 
@@ -111,20 +108,17 @@ def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
         GeneticSearch(unit_box(), seed, population=10, parents=4, again=more is not None),
         lambda: ensemble(4),
         generations,
-        None,
-        None,
-        book,
         more_samples=more or 1,
     )
-    inversion.start()
+    book.start(inversion)
     while not inversion.finished:
-        needs = [(s, p.next_sample) for s, p in inversion.live.items()]
+        needs = [(s, p.next_sample) for s, p in inversion.open_strings.items()]
         if shuffle is not None:
-            inversion.announce(2)
+            book.propose_ahead(inversion, 2)
             needs = [(s, n + k) for s, n in needs for k in range(3)]
             shuffle.shuffle(needs)
         for string, number in needs:
-            inversion.accept(string, number, [sample(string, number)])
+            book.complete(inversion, string, number, [sample(string, number)])
     return book
 
 

@@ -18,7 +18,7 @@ from agglom_mpi.search.baselines import RandomSearch, sobol_strings
 from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.surrogate import SurrogateSearch, milestone, spread
+from agglom_mpi.search.surrogate import SurrogateSearch, best_and_spread, milestone
 from agglom_mpi.variables import COUNT
 
 
@@ -95,7 +95,7 @@ def test_a_point_that_was_moved_may_be_moved_again_and_meets_no_other():
     rng = np.random.default_rng(0)
     points = np.zeros((400, 1))
     for _ in range(3):
-        points = np.vstack((points, acquisition.nudged(points, rng)))
+        points = np.vstack((points, acquisition.perturbed(points, rng)))
     assert np.ptp(points) < 2e-6
     moved = 1.0 + 10.0 * points[400:]
     assert len(np.unique(moved)) == len(moved)
@@ -210,7 +210,7 @@ def test_what_is_known_ahead_is_what_is_asked_later(few_candidates, background):
             assert same(ahead[1], batch)
         assert search.known_proposals(generation + 2) is None
         if background:
-            search._thoughts[generation + 1].result()
+            search._pending[generation + 1].result()
         ahead = search.known_proposals(generation + 1)
         assert ahead is not None
         assert ahead[0] == count + len(batch.parameters)
@@ -235,7 +235,7 @@ def test_who_asks_for_the_best_changes_no_bit_of_the_proposals(few_candidates):
 def test_the_model_of_a_generation_is_that_of_all_strings_before_it(few_candidates):
     search = SurrogateSearch(box(3), 5, 12, 5)
     run(search, 12, bowl, 0.05)
-    for fitted in (search._told_before(11), 30):
+    for fitted in (search._count_before(11), 30):
         grown = search._model(fitted, 12)
         whole = type(grown)(grown._covariance, *search._data(len(search)))
         # Conditions are below 1e7: the noise is a hundredth of the variance or more.
@@ -258,7 +258,7 @@ def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates
     search.ask()
     assert search.known_proposals(2) is None
     go_on.set()
-    search._thoughts[2].result(HANG)
+    search._pending[2].result(HANG)
     assert search.known_proposals(2) is not None
 
 
@@ -390,9 +390,9 @@ def test_the_covariance_is_fitted_to_a_part_that_grows_by_a_factor(known):
 def test_a_fit_takes_the_best_half_and_others_evenly():
     objectives = np.random.default_rng(0).permutation(100).astype(float)
     objectives[objectives > 95] = np.inf
-    some = spread(objectives, 20)
+    some = best_and_spread(objectives, 20)
     ranks = np.sort(objectives[some])
     assert len(np.unique(some)) == 20
     assert ranks[:10].tolist() == list(range(10))
     assert np.all(np.diff(ranks[10:-1]) <= 11)
-    assert spread(objectives, 100).tolist() == list(range(100))
+    assert best_and_spread(objectives, 100).tolist() == list(range(100))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from storage_helpers import sample_rows
 
-from agglom_mpi.runtime.generation_digest import DigestAccumulator
+from agglom_mpi.runtime.recorder import DigestAccumulator
 from agglom_mpi.storage.schema import RESULTS, SAMPLES
 from agglom_mpi.storage.table import generation_digest, used_samples
 
@@ -74,18 +74,18 @@ def test_every_parameter_changes_it(rested):
     assert len(found | {before}) == 21
 
 
-def test_evidence_gathers_the_same_from_pieces_in_any_order(rested):
+def test_accumulator_gathers_the_same_from_pieces_in_any_order(rested):
     parameters, results, samples = rested
     earlier, late = samples[[2, 5]], sample_rows(5, 0, 2)
-    evidence = DigestAccumulator(earlier)
-    evidence.proposed(parameters)
-    evidence.simulated(np.concatenate([late, samples[[6, 0]]]))
-    evidence.judged(4, results[1:])
-    evidence.simulated(samples[[1, 4, 3]])
-    evidence.judged(3, results[:1])
-    assert evidence.digest() == digest(*rested)
+    accumulator = DigestAccumulator(earlier)
+    accumulator.begin(parameters)
+    accumulator.add_samples(np.concatenate([late, samples[[6, 0]]]))
+    accumulator.add_result(4, results[1:])
+    accumulator.add_samples(samples[[1, 4, 3]])
+    accumulator.add_result(3, results[:1])
+    assert accumulator.digest() == digest(*rested)
     later = results[:1].copy()
     later["string"] = 5
-    evidence.proposed(parameters[:1])
-    evidence.judged(5, later)
-    assert evidence.digest() == digest(parameters[:1], later, late)
+    accumulator.begin(parameters[:1])
+    accumulator.add_result(5, later)
+    assert accumulator.digest() == digest(parameters[:1], later, late)

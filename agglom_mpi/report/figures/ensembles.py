@@ -60,7 +60,7 @@ def course(data: CampaignData, string: int) -> Course:
     rows = data.sample_rows(string)
     used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == 1]
-    tally, values, errors = objective_of(data).tally(), [], []
+    tally, values, errors = objective_of(data).accumulator(), [], []
     for outcome in summaries(completed):
         tally.add(outcome)
         values.append(tally.value)

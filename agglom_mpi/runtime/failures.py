@@ -1,0 +1,81 @@
+"""Samples that failed: counted, reported to the user, their tracebacks stored."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.outcome import EXCEPTION, FAILED, REASONS, TIMED_OUT
+from agglom_mpi.runtime.recorder import ProgressListener
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.schema import FAILURE_CAPACITY, TOOK_TOO_LONG
+from agglom_mpi.storage.writer import CampaignWriter
+
+
+class FailureLog:
+    """Count failed samples, and store and show why they failed.
+
+    Parameters
+    ----------
+    writer
+        Of the campaign file.
+    stored
+        What earlier legs have written.
+    listener
+        Shown every exception, and the first physical failure of a string.
+
+    Attributes
+    ----------
+    count
+        Samples of all legs that raised or took too long.
+    incomplete
+        Whether a sample took too long and the file has no room left to record it: from then on no
+        decision may be made, as none could be made again.
+    """
+
+    def __init__(
+        self, writer: CampaignWriter, stored: CampaignData, listener: ProgressListener
+    ) -> None:
+        raised = int((stored.all_sample_rows()["reason"] == EXCEPTION).sum())
+        self.count = raised + len(stored.judged_timed_out) + len(stored.fresh_timed_out)
+        self.incomplete = False
+        self._writer = writer
+        self._listener = listener
+        self._strings: set[int] = set()  # with a physical failure that was shown
+        self._full_shown = False
+
+    def add_samples(self, rows: NDArray[np.void]) -> None:
+        """Count the failed ones among samples, rows of `/samples`, (n,)."""
+        if FAILED not in rows["state"].tolist():
+            return
+        for row in rows[rows["state"] == FAILED]:
+            if row["reason"] in (EXCEPTION, TIMED_OUT):
+                self.count += 1
+            elif row["string"] not in self._strings:
+                self._strings.add(int(row["string"]))
+                self._listener.message(
+                    f"string {row['string']} sample {row['sample']} failed: "
+                    f"{REASONS[row['reason']]}; more of this string are counted, not shown"
+                )
+
+    def add_traceback(self, failure: np.void) -> None:
+        """Store and show an exception or timeout, a record of `FAILED_SAMPLE`."""
+        host, text = failure["host"].decode(), failure["text"].decode()
+        room = self._writer.has_room_for_failures
+        kept = self._writer.put_failure(
+            int(failure["string"]),
+            int(failure["sample"]),
+            rank=int(failure["rank"]),
+            host=host,
+            text=text,
+        )
+        shown = text if text.startswith(TOOK_TOO_LONG) else f"raised\n{text}"
+        self._listener.error(
+            f"rank {failure['rank']} on {host}: string {failure['string']} sample "
+            f"{failure['sample']} {shown}"
+        )
+        if not (room or self._full_shown):
+            self._full_shown = True
+            self._listener.error(
+                f"{self._writer.path}: has room for {FAILURE_CAPACITY} failures; "
+                "more texts are lost"
+            )
+        self.incomplete |= not kept and text.startswith(TOOK_TOO_LONG)

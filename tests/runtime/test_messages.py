@@ -1,0 +1,75 @@
+"""What a rank reports arrives as it was, in several messages."""
+
+import numpy as np
+import pytest
+
+from agglom_mpi.runtime.messages import (
+    ALIVE,
+    FAILURE,
+    FINALS,
+    FRAMES,
+    GOODBYE,
+    RESULT,
+    RESULTS,
+    STOP,
+    UNWRITTEN,
+    WRITTEN,
+    RankMessage,
+    decoded,
+    failed_sample,
+    heartbeat,
+    merged,
+    record_types,
+)
+
+GRAINS = 3
+TYPES = record_types(GRAINS)
+
+
+def numbered(tag, count, field="sample"):
+    records = np.zeros(count, TYPES[tag])
+    records[field] = np.arange(count)
+    return records
+
+
+def full_message():
+    failures = np.concatenate([failed_sample(4, sample, 1, "raised") for sample in (5, 6)])
+    frames = numbered(FRAMES, 2, "frame"), numbered(FRAMES, 3, "frame")
+    return RankMessage(1, numbered(RESULTS, 3), failures, numbered(FINALS, 2), frames)
+
+
+def test_records_decoded_and_merged_are_the_message():
+    message = full_message()
+    sent = list(message.records())
+    assert [tag for tag, _ in sent] == [FINALS, FAILURE, *[FRAMES] * 5, RESULTS]
+    received = [
+        decoded(1, tag, np.frombuffer(records.tobytes(), TYPES[tag])) for tag, records in sent
+    ]
+    again = merged(1, received)
+    for name in ("results", "failures", "final_particles"):
+        assert getattr(again, name).tobytes() == getattr(message, name).tobytes()
+    frames = [np.concatenate(each.frames).tobytes() for each in (message, again)]
+    assert frames[0] == frames[1]
+
+
+def test_a_frame_travels_alone():
+    assert [len(records) for tag, records in full_message().records() if tag == FRAMES] == [1] * 5
+
+
+def test_a_message_of_nothing_is_a_heartbeat():
+    message = merged(2, [])
+    assert message.empty
+    assert list(message.records()) == []
+    assert decoded(2, ALIVE, heartbeat(b"name")).empty
+    assert not RankMessage(2, np.zeros(1, RESULT)).empty
+
+
+def test_counts_and_the_last_message_are_decoded():
+    assert decoded(3, WRITTEN, np.array([7])).written == 7
+    goodbye = np.array([(2.5,)], GOODBYE)
+    assert decoded(3, STOP, goodbye)[-2:] == (True, 2.5)
+
+
+def test_a_rank_that_cannot_write_is_an_error_with_its_number():
+    with pytest.raises(OSError, match=r"rank 3 on .*: disc full"):
+        decoded(3, UNWRITTEN, failed_sample(-1, -1, 3, "disc full"))
