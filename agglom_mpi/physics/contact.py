@@ -60,26 +60,26 @@ def restitution_factor_slope(model: Submodel, deficit: float) -> float:
 
 
 @force_scale.register(MeanSpeedDuration, CompressionRecoveryDuration)
-def _plastic_force(model, pair):  # type: ignore[no-untyped-def]
+def _plastic_force(model, pair):
     energy = pair.reduced_mass * pair.approach_speed * pair.approach_speed
     return energy / (2.0 * model.length_ratio * pair.radius)
 
 
 @restitution_factor.register(MeanSpeedDuration)
-def _mean_speed_shape(model, restitution):  # type: ignore[no-untyped-def]
+def _mean_speed_shape(model, restitution):
     return (1.0 + restitution) * (1.0 + restitution)
 
 
 @restitution_factor.register(CompressionRecoveryDuration)
-def _compression_recovery_shape(model, restitution):  # type: ignore[no-untyped-def]
+def _compression_recovery_shape(model, restitution):
     return 1.0
 
 
 @restitution_factor_slope.register(MeanSpeedDuration)
-def _mean_speed_fall(model, deficit):  # type: ignore[no-untyped-def]
+def _mean_speed_fall(model, deficit):
     return 2.0 * deficit / (2.0 - deficit)
 
 
 @restitution_factor_slope.register(CompressionRecoveryDuration)
-def _compression_recovery_fall(model, deficit):  # type: ignore[no-untyped-def]
+def _compression_recovery_fall(model, deficit):
     return 0.0

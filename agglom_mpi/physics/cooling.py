@@ -96,13 +96,13 @@ def equilibrium_temperature(
 
 
 @cooling_rate.register(RadiativeCooling)
-def _radiative_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+def _radiative_rate(law, temperature, surface, capacity):
     radiated = STEFAN_BOLTZMANN * law.emissivity * (temperature**4 - law.surroundings**4)
     return surface / capacity * (radiated + law.convection * (temperature - law.ambient))
 
 
 @cooling_rate.register(QuarticCooling)
-def _quartic_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+def _quartic_rate(law, temperature, surface, capacity):
     excess = max(0.0, temperature - law.start)
     return quartic_coefficient(law) * excess**4
 
@@ -154,7 +154,7 @@ def panel_width(law: RadiativeCooling, distance: float, left: float, guess: floa
 
 
 @exact_temperature.register(RadiativeCooling)
-def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+def _radiative_exact(law, temperature, surface, capacity, time):
     left = time * surface / capacity
     start = temperature - law.equilibrium
     if left <= 0.0 or start == 0.0:
@@ -176,7 +176,7 @@ def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore
 
 
 @exact_temperature.register(QuarticCooling)
-def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+def _quartic_exact(law, temperature, surface, capacity, time):
     excess = temperature - law.start
     if excess <= 0.0:
         return temperature
@@ -185,11 +185,11 @@ def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[n
 
 
 @euler_step.register(RadiativeCooling)
-def _radiative_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+def _radiative_euler(law, temperature, surface, capacity, step):
     return temperature - step * cooling_rate(law, temperature, surface, capacity)
 
 
 @euler_step.register(QuarticCooling)
-def _quartic_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+def _quartic_euler(law, temperature, surface, capacity, step):
     following = temperature - step * cooling_rate(law, temperature, surface, capacity)
     return max(following, min(temperature, law.start))

@@ -55,15 +55,15 @@ def equal_pieces(
 
 
 @breakage.register(None)
-def _unbreakable(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+def _unbreakable(model, pair_loss, own_change, radius, grains):
     return FragmentCount(1, 0.0)
 
 
 @breakage.register(PairEnergyFragmentation)
-def _pair_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+def _pair_energy(model, pair_loss, own_change, radius, grains):
     return equal_pieces(model.surface_energy, 0.5 * pair_loss, radius, grains)
 
 
 @breakage.register(OwnEnergyFragmentation)
-def _own_energy(model, pair_loss, own_change, radius, grains):  # type: ignore[no-untyped-def]
+def _own_energy(model, pair_loss, own_change, radius, grains):
     return equal_pieces(model.surface_energy, abs(own_change), radius, grains)

@@ -44,27 +44,27 @@ def capped_impulse(coefficient: float, pair: ContactPair, deficit: float) -> flo
 
 
 @tangential_impulse.register(None)
-def _frictionless(model, pair, deficit):  # type: ignore[no-untyped-def]
+def _frictionless(model, pair, deficit):
     return 0.0
 
 
 @tangential_impulse.register(RestitutionScaledFriction)
-def _restitution_scaled(model, pair, deficit):  # type: ignore[no-untyped-def]
+def _restitution_scaled(model, pair, deficit):
     return capped_impulse(model.base * deficit, pair, deficit)
 
 
 @tangential_impulse.register(ConstantFriction)
-def _constant(model, pair, deficit):  # type: ignore[no-untyped-def]
+def _constant(model, pair, deficit):
     return capped_impulse(model.base, pair, deficit)
 
 
 @impulse_slopes.register(None)
-def _flat(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _flat(model, pair, lower, upper):
     return 0.0, 0.0
 
 
 @impulse_slopes.register(RestitutionScaledFriction)
-def _restitution_scaled_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _restitution_scaled_slopes(model, pair, lower, upper):
     sliding = 2.0 * model.base * pair.reduced_mass * pair.approach_speed
     least = 0.0 if is_sticking(model.base * upper, pair, upper) else sliding * (1.0 - upper)
     most = 0.0 if is_sticking(model.base * lower, pair, lower) else sliding * (1.0 - lower)
@@ -72,7 +72,7 @@ def _restitution_scaled_slopes(model, pair, lower, upper):  # type: ignore[no-un
 
 
 @impulse_slopes.register(ConstantFriction)
-def _constant_slopes(model, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _constant_slopes(model, pair, lower, upper):
     sliding = -model.base * pair.reduced_mass * pair.approach_speed
     least = 0.0 if is_sticking(model.base, pair, upper) else sliding
     most = 0.0 if is_sticking(model.base, pair, lower) else sliding

@@ -60,12 +60,12 @@ def keeps_root_unique(model: Submodel | None) -> bool:
 
 
 @keeps_root_unique.register(None, PairSplit)
-def _unique(model):  # type: ignore[no-untyped-def]
+def _unique(model):
     return True
 
 
 @keeps_root_unique.register(OwnEnergy)
-def _not_unique(model):  # type: ignore[no-untyped-def]
+def _not_unique(model):
     return False
 
 
@@ -77,29 +77,29 @@ def merge_dissipation(pair: ContactPair) -> float:
 
 
 @impact_heats.register(None)
-def _no_heat(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
+def _no_heat(model, friction, pair, deficit):
     return 0.0, 0.0
 
 
 @least_heat_slopes.register(None)
-def _no_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _no_slopes(model, friction, pair, lower, upper):
     return 0.0, 0.0
 
 
 @merge_heat.register(None)
-def _no_merge_heat(model, pair):  # type: ignore[no-untyped-def]
+def _no_merge_heat(model, pair):
     return 0.0
 
 
 @impact_heats.register(PairSplit)
-def _pair_split(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
+def _pair_split(model, friction, pair, deficit):
     impulse = tangential_impulse(friction, pair, deficit)
     half = 0.5 * (normal_loss(pair, deficit) + friction_loss(pair, impulse))
     return half, half
 
 
 @least_heat_slopes.register(PairSplit)
-def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _pair_split_slopes(model, friction, pair, lower, upper):
     # Both parts are concave in the deficit and without a corner where friction stops the slip.
     work = pair.reduced_mass * pair.approach_speed * pair.approach_speed * (1.0 - upper)
     left = pair.slip_speed - tangential_impulse(friction, pair, upper) / pair.reduced_mass
@@ -108,12 +108,12 @@ def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-
 
 
 @merge_heat.register(PairSplit)
-def _pair_split_merge(model, pair):  # type: ignore[no-untyped-def]
+def _pair_split_merge(model, pair):
     return merge_dissipation(pair)
 
 
 @inlined
-def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: ignore[no-untyped-def]
+def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):
     """Kinetic energy in J that a sphere of this velocity loses to impulses against n and t."""
     work = normal * normal_impulse + tangent * friction_impulse
     square = normal_impulse * normal_impulse + friction_impulse * friction_impulse
@@ -121,7 +121,7 @@ def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: 
 
 
 @inlined
-def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes):  # type: ignore[no-untyped-def]
+def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes):
     """Lower bound of the slope in the deficit of `own_loss`.
 
     `impulse` is the normal impulse at the upper end, where its part is least, and −`momentum` its
@@ -135,7 +135,7 @@ def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes): 
 
 
 @impact_heats.register(OwnEnergy)
-def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
+def _own_energy(model, friction, pair, deficit):
     impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     rubbing = tangential_impulse(friction, pair, deficit)
     work = normal_loss(pair, deficit) * (2.0 / 3.0)
@@ -146,7 +146,7 @@ def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
 
 
 @least_heat_slopes.register(OwnEnergy)
-def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _own_energy_slopes(model, friction, pair, lower, upper):
     momentum = pair.reduced_mass * pair.approach_speed
     impulse = momentum * (2.0 - upper)
     rubbing = (
@@ -165,7 +165,7 @@ def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-
 
 
 @merge_heat.register(OwnEnergy)
-def _own_energy_merge(model, pair):  # type: ignore[no-untyped-def]
+def _own_energy_merge(model, pair):
     return merge_dissipation(pair) + normal_loss(pair, 1.0) * (4.0 / 3.0)
 
 
@@ -181,10 +181,10 @@ def reaction_heat(model: Submodel | None, area: float) -> float:
 
 
 @reaction_heat.register(None)
-def _inert(model, area):  # type: ignore[no-untyped-def]
+def _inert(model, area):
     return 0.0
 
 
 @reaction_heat.register(ContactAreaReaction)
-def _contact_area(model, area):  # type: ignore[no-untyped-def]
+def _contact_area(model, area):
     return model.heat * area

@@ -51,12 +51,12 @@ def root_is_unique(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> bool
 
 
 @root_is_unique.register(ConstantHardness)
-def _always(model, laws, pair):  # type: ignore[no-untyped-def]
+def _always(model, laws, pair):
     return True
 
 
 @root_is_unique.register(ArrheniusHardness)
-def _arrhenius(model, laws, pair):  # type: ignore[no-untyped-def]
+def _arrhenius(model, laws, pair):
     colder = min(pair.temperature_i, pair.temperature_j)
     return keeps_root_unique(laws.heating) and (
         log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
@@ -146,7 +146,7 @@ def restitution_residual(
 
 
 @solve_pressure_law.register(BracketedRoot)
-def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
+def _root_finder(solver, laws, pair):
     scale = log_pressure_scale(laws, pair)
     plastic = log_pressure_ratio(laws, pair, scale, 1.0)
     if plastic >= 0.0:
@@ -166,7 +166,7 @@ def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
 
 
 @solve_pressure_law.register(FixedPointIteration)
-def _published_iteration(solver, laws, pair):  # type: ignore[no-untyped-def]
+def _published_iteration(solver, laws, pair):
     scale = log_pressure_scale(laws, pair)
     if log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
         return RestitutionSolution(1.0, True, 0.0, False)

@@ -93,22 +93,22 @@ def solve_pressure_law(
 
 
 @is_still_in_contact.register(ConstantRestitution, PressureRestitution)
-def _instantaneous(model, pair):  # type: ignore[no-untyped-def]
+def _instantaneous(model, pair):
     return False
 
 
 @is_still_in_contact.register(ContactTimeRestitution)
-def _within_contact_time(model, pair):  # type: ignore[no-untyped-def]
+def _within_contact_time(model, pair):
     return pair.since < model.contact_time
 
 
 @solve_restitution.register(ConstantRestitution, ContactTimeRestitution)
-def _constant(model, laws, pair):  # type: ignore[no-untyped-def]
+def _constant(model, laws, pair):
     return RestitutionSolution(1.0 - model.value, model.value == 0.0, 0.0, False)
 
 
 @solve_restitution.register(PressureRestitution)
-def _pressure(model, laws, pair):  # type: ignore[no-untyped-def]
+def _pressure(model, laws, pair):
     return solve_pressure_law(laws.solver, laws, pair)
 
 

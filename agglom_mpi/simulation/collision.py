@@ -44,7 +44,7 @@ BONDED: Final = 2
 
 
 @inlined
-def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-untyped-def]
+def separation_vector(escape, particles, i, j, half_width):
     """Vector in m from particle i to particle j."""
     r = particles.position
     return (
@@ -55,26 +55,26 @@ def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-u
 
 
 @inlined
-def relative_velocity(particles, i, j):  # type: ignore[no-untyped-def]
+def relative_velocity(particles, i, j):
     """Velocity in m/s of particle i seen from particle j."""
     v = particles.velocity
     return v[0, i] - v[0, j], v[1, i] - v[1, j], v[2, i] - v[2, j]
 
 
 @inlined
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def scaled(a, factor):  # type: ignore[no-untyped-def]
+def scaled(a, factor):
     """Vector times a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @inlined
-def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
+def line_of_centres(scene, particles, i, j):
     """Return the unit vector from i to j; where the centres coincide, that of the velocity."""
     line = separation_vector(scene.escape, particles, i, j, scene.half_width)
     length = math.sqrt(dot(line, line))
@@ -85,7 +85,7 @@ def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
+def slip_direction(normal, velocity, approach):
     """Slip speed in m/s and its unit vector; the vector is zero without slip."""
     slip = (
         velocity[0] - approach * normal[0],
@@ -97,17 +97,17 @@ def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
 
 
 @dispatch
-def cool_until(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+def cool_until(cooling, scene, particles, ledger, i, time):
     """Cool particle i exactly up to `time` in s, where the scene cools on demand."""
 
 
 @cool_until.register(None, EulerCooling)
-def _nothing_due(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+def _nothing_due(cooling, scene, particles, ledger, i, time):
     return None
 
 
 @cool_until.register(ExactCooling)
-def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
+def _cool_exactly(cooling, scene, particles, ledger, i, time):
     surface = 4.0 * math.pi * particles.radius[i] ** 2
     capacity = particles.mass[i] * scene.laws.heat_capacity
     before = particles.temperature[i]
@@ -120,17 +120,17 @@ def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[n
 
 
 @dispatch
-def add_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+def add_heat(heating, scene, particles, ledger, i, heat):
     """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
 
 
 @add_heat.register(None)
-def _no_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+def _no_heat(heating, scene, particles, ledger, i, heat):
     return None
 
 
 @add_heat.register(ANY)
-def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
+def _heat(heating, scene, particles, ledger, i, heat):
     capacity = particles.mass[i] * scene.laws.heat_capacity
     before = particles.temperature[i]
     temperature = before + heat / capacity
@@ -142,7 +142,7 @@ def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untype
 
 
 @inlined
-def contact_pair(scene, particles, ledger, i, j, normal, time):  # type: ignore[no-untyped-def]
+def contact_pair(scene, particles, ledger, i, j, normal, time):
     """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
     cool_until(scene.cooling, scene, particles, ledger, i, time)
     cool_until(scene.cooling, scene, particles, ledger, j, time)
@@ -175,7 +175,7 @@ def contact_pair(scene, particles, ledger, i, j, normal, time):  # type: ignore[
 
 
 @inlined
-def resolve_contact(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+def resolve_contact(scene, particles, ledger, i, j, time):
     """Resolve a contact at `time` in s; bounces are carried out, merges are left to the caller.
 
     Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. New pieces are appended.
@@ -201,7 +201,7 @@ def resolve_contact(scene, particles, ledger, i, j, time):  # type: ignore[no-un
 
 
 @inlined
-def record_impact(ledger, impact):  # type: ignore[no-untyped-def]
+def record_impact(ledger, impact):
     """Enter an impact in the ledger; what is always 0 in a scene compiles to nothing."""
     ledger.tally[COLLISIONS] += 1
     ledger.energy[DISSIPATED] += impact.loss
@@ -214,17 +214,17 @@ def record_impact(ledger, impact):  # type: ignore[no-untyped-def]
 
 
 @dispatch
-def impulse_of(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+def impulse_of(friction, impact, normal, tangent):
     """Impulse in N s, three components, that acts on j and against i."""
 
 
 @impulse_of.register(None)
-def _along_normal(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+def _along_normal(friction, impact, normal, tangent):
     return scaled(normal, impact.normal_impulse)
 
 
 @impulse_of.register(ANY)
-def _with_friction(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+def _with_friction(friction, impact, normal, tangent):
     push, rub = impact.normal_impulse, impact.friction_impulse
     return (
         push * normal[0] + rub * tangent[0],
@@ -234,7 +234,7 @@ def _with_friction(friction, impact, normal, tangent):  # type: ignore[no-untype
 
 
 @inlined
-def apply_impulse(particles, i, factor, impulse):  # type: ignore[no-untyped-def]
+def apply_impulse(particles, i, factor, impulse):
     """Change the velocity of particle i by an impulse in N s times `factor` in 1/kg."""
     particles.velocity[0, i] += factor * impulse[0]
     particles.velocity[1, i] += factor * impulse[1]
@@ -242,7 +242,7 @@ def apply_impulse(particles, i, factor, impulse):  # type: ignore[no-untyped-def
 
 
 @inlined
-def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):  # type: ignore[no-untyped-def]
+def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):
     """Heat particle i after a bounce, and break it if the energy it absorbed suffices."""
     change = own_loss(
         particles.mass[i],
@@ -263,17 +263,17 @@ def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impac
 
 
 @dispatch
-def fragment(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+def fragment(model, scene, particles, ledger, i, pieces, energy):
     """Break particle i into `pieces`, at a surface energy in J, where the scene has breakage."""
 
 
 @fragment.register(None)
-def _unbreakable(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+def _unbreakable(model, scene, particles, ledger, i, pieces, energy):
     return None
 
 
 @fragment.register(ANY)
-def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+def _break(model, scene, particles, ledger, i, pieces, energy):
     if pieces > 1:
         ledger.tally[BREAKUPS] += 1
         ledger.energy[SURFACE] += energy
@@ -281,7 +281,7 @@ def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[
 
 
 @inlined_allocating
-def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
+def split(scene, particles, i, pieces):
     """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
 
     The first piece keeps slot and label, the others are appended. Grains are dealt out as evenly as
@@ -306,7 +306,7 @@ def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def packed_sites(count, radius):  # type: ignore[no-untyped-def]
+def packed_sites(count, radius):
     """Sites in m of touching equal spheres around their centre of mass, shape (3, count).
 
     The `count` sites of a face-centred cubic lattice that are nearest to one of its sites.
@@ -336,14 +336,14 @@ def packed_sites(count, radius):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def merged_radius(first, second):  # type: ignore[no-untyped-def]
+def merged_radius(first, second):
     """Radius of the sphere of both volumes, in any unit of length to the bit."""
     larger = max(first, second)
     return larger * (1.0 + (min(first, second) / larger) ** 3) ** (1.0 / 3.0)
 
 
 @inlined
-def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
+def merge(scene, particles, ledger, i, j, time):
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
     normal = line_of_centres(scene, particles, i, j)
     pair, _ = contact_pair(scene, particles, ledger, i, j, normal, time)

@@ -38,7 +38,7 @@ def draw_velocities(law: Submodel, random: np.random.Generator, velocity: np.nda
 
 
 @draw_velocities.register(UniformX)
-def _uniform_x(law, random, velocity):  # type: ignore[no-untyped-def]
+def _uniform_x(law, random, velocity):
     for i in range(velocity.shape[1]):
         velocity[0, i] = law.speed * random.random()
         velocity[1, i] = 0.0
@@ -46,7 +46,7 @@ def _uniform_x(law, random, velocity):  # type: ignore[no-untyped-def]
 
 
 @draw_velocities.register(SpreadVelocities)
-def _spread(law, random, velocity):  # type: ignore[no-untyped-def]
+def _spread(law, random, velocity):
     for i in range(velocity.shape[1]):
         for axis in range(3):
             scale = law.speed if axis == 0 else law.speed * law.transverse
@@ -91,27 +91,27 @@ def largest_diameter(sizes: Submodel) -> float:
 
 
 @contact_distance.register(EqualSizes)
-def _one_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+def _one_reach(sizes, i, j):
     return sizes.diameter
 
 
 @contact_distance.register(Sizes)
-def _own_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+def _own_reach(sizes, i, j):
     return sizes.radius[i] + sizes.radius[j]
 
 
 @largest_diameter.register(EqualSizes)
-def _one_diameter(sizes):  # type: ignore[no-untyped-def]
+def _one_diameter(sizes):
     return sizes.diameter
 
 
 @largest_diameter.register(Sizes)
-def _twice_the_largest(sizes):  # type: ignore[no-untyped-def]
+def _twice_the_largest(sizes):
     return 2.0 * sizes.largest
 
 
 @inlined_allocating
-def place_randomly(random, escape, position, sizes, half_width):  # type: ignore[no-untyped-def]
+def place_randomly(random, escape, position, sizes, half_width):
     """Place spheres one after another at free random places.
 
     It jams less if the largest come first.
@@ -143,7 +143,7 @@ def place_randomly(random, escape, position, sizes, half_width):  # type: ignore
 
 
 @inlined
-def fill(random, escape, position, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def fill(random, escape, position, cell, head, following, sizes, half_width):
     """Place the spheres into the cells; False if one found no place."""
     for i in range(position.shape[1]):
         free = False
@@ -168,14 +168,14 @@ def fill(random, escape, position, cell, head, following, sizes, half_width):  #
 
 
 @inlined
-def find_cell(position, i, cell, head, half_width):  # type: ignore[no-untyped-def]
+def find_cell(position, i, cell, head, half_width):
     """Find the cell that sphere i is in."""
     for axis in range(3):
         cell[axis] = cell_of(position[axis, i], head.shape[0], half_width)
 
 
 @not_inlined
-def shuffle(random, escape, position, cell, head, following, count, sizes, half_width):  # type: ignore[no-untyped-def]
+def shuffle(random, escape, position, cell, head, following, count, sizes, half_width):
     """Move each of the first `count` spheres a little, where it is free to go."""
     before = (0.0, 0.0, 0.0)
     for i in range(count):
@@ -199,7 +199,7 @@ def shuffle(random, escape, position, cell, head, following, count, sizes, half_
 
 
 @inlined
-def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
+def take_out(cell, head, following, i):
     """Take sphere i out of the list of its cell."""
     j = head[cell[0], cell[1], cell[2]]
     if j == i:
@@ -211,7 +211,7 @@ def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def is_free(escape, position, i, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def is_free(escape, position, i, cell, head, following, sizes, half_width):
     """Whether sphere i overlaps none of the placed ones in the cells around it."""
     cells = head.shape[0]
     if not is_free_of(
@@ -231,7 +231,7 @@ def is_free(escape, position, i, cell, head, following, sizes, half_width):  # t
 
 
 @inlined
-def is_free_of(escape, position, i, j, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def is_free_of(escape, position, i, j, following, sizes, half_width):
     """Whether sphere i overlaps none in the list that starts with j."""
     while j >= 0:
         square = 0.0

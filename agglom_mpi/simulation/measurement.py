@@ -49,17 +49,17 @@ def is_frame_dependent(model: Submodel | None) -> bool:
 
 
 @is_frame_dependent.register(None, Periodic, PairSplit, PairEnergyFragmentation, EventDriven)
-def _galilean(model):  # type: ignore[no-untyped-def]
+def _galilean(model):
     return False
 
 
 @is_frame_dependent.register(Reentry, OwnEnergy, OwnEnergyFragmentation, FixedSteps, AdaptiveSteps)
-def _at_rest(model):  # type: ignore[no-untyped-def]
+def _at_rest(model):
     return True
 
 
 @inlined
-def to_mass_frame(scene, particles):  # type: ignore[no-untyped-def]
+def to_mass_frame(scene, particles):
     """Go to the centre-of-mass frame where the scene allows it; its velocity in m/s."""
     laws = scene.laws
     if is_frame_dependent(scene.engine) or is_frame_dependent(scene.escape):
@@ -75,7 +75,7 @@ def to_mass_frame(scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def to_box_frame(scene, particles, drift, time):  # type: ignore[no-untyped-def]
+def to_box_frame(scene, particles, drift, time):
     """Return to the frame of the box after `time` in s.
 
     Everybody moves by the same rounded way, so that neighbours stay apart after a million boxes.
@@ -90,7 +90,7 @@ def to_box_frame(scene, particles, drift, time):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def total_momentum(particles):  # type: ignore[no-untyped-def]
+def total_momentum(particles):
     """Momentum in kg m/s, three components, and mass in kg."""
     m, v = particles.mass, particles.velocity
     mass, x, y, z = 0.0, 0.0, 0.0, 0.0
@@ -103,7 +103,7 @@ def total_momentum(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def fluctuation_energy(particles):  # type: ignore[no-untyped-def]
+def fluctuation_energy(particles):
     """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
     momentum, mass = total_momentum(particles)
     energy, impetus = 0.0, 0.0
@@ -117,7 +117,7 @@ def fluctuation_energy(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
+def thermal_energy(heating, scene, particles):
     """Thermal energy in J above the scene's temperature; none where nothing heats."""
     energy = 0.0
     if heating is not None:
@@ -129,7 +129,7 @@ def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def cell_edge(particles):  # type: ignore[no-untyped-def]
+def cell_edge(particles):
     """Edge in m of cells for most of the spheres: the largest diameter, or twice the mean one."""
     total = 0.0
     for i in range(particles.size[0]):
@@ -138,7 +138,7 @@ def cell_edge(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
+def count_overlaps(scene, particles):
     """Pairs that overlap by more than rounding; who is too large for cells is met by everybody."""
     half = scene.half_width
     count = particles.size[0]
@@ -159,7 +159,7 @@ def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ignore[no-untyped-def]
+def overlaps_around(scene, particles, cells, order, start, edge, i):
     """Pairs of sphere i and a later one that fits into cells too and that it overlaps."""
     half, r = scene.half_width, particles.position
     a, b, c = (
@@ -184,7 +184,7 @@ def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ig
 
 
 @inlined
-def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
+def overlap(scene, particles, i, j):
     """1 if two spheres overlap by more than rounding, else 0."""
     limit = (particles.radius[i] + particles.radius[j]) * (1.0 - 1e-12)
     squared = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
@@ -192,7 +192,7 @@ def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
+def radius_moments(particles, reference):
     """Mean of b/b⁰ and its central moments 2, 3, 4, dimensionless."""
     count = particles.size[0]
     mean = 0.0
@@ -209,7 +209,7 @@ def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-untyped-def]
+def mean_temperature(temperature, particles, otherwise):
     """Mean temperature by mass in K, not beyond any; `otherwise` where there are none."""
     if temperature is None:
         return otherwise
@@ -223,7 +223,7 @@ def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-unty
 
 
 @inlined
-def measure(scene, particles, out):  # type: ignore[no-untyped-def]
+def measure(scene, particles, out):
     """Write radii and temperature of the final state into the outcome record."""
     mean, second, third, fourth = radius_moments(particles, scene.radius)
     out["mean_radius_ratio"] = mean
@@ -236,7 +236,7 @@ def measure(scene, particles, out):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-untyped-def]
+def measure_ledger(scene, particles, ledger, start, out):
     """Write counts and closure errors into the outcome record.
 
     `start` holds momentum, mass, kinetic energy, sum of m|v| and heat of the start, kinetic energy
@@ -271,7 +271,7 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
 
 
 @inlined
-def is_finite(particles):  # type: ignore[no-untyped-def]
+def is_finite(particles):
     """Whether every coordinate, velocity, radius, mass and temperature is a number."""
     total = 0.0
     for i in range(particles.size[0]):

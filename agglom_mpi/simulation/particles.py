@@ -83,14 +83,14 @@ def new_ledger() -> Ledger:
 
 
 @inlined
-def record_cooling(ledger, energy):  # type: ignore[no-untyped-def]
+def record_cooling(ledger, energy):
     """Enter `energy` in J that a particle has lost to its surroundings in the ledger."""
     ledger.energy[RADIATED] += energy
     ledger.energy[EXCHANGED] += abs(energy)
 
 
 @inlined
-def value_or(values, i, otherwise):  # type: ignore[no-untyped-def]
+def value_or(values, i, otherwise):
     """`values[i]`, or `otherwise` where the scene has no such array."""
     if values is None:
         return otherwise
@@ -98,14 +98,14 @@ def value_or(values, i, otherwise):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def set_value(values, i, value):  # type: ignore[no-untyped-def]
+def set_value(values, i, value):
     """Let `values[i]` be `value`, where the scene has such an array."""
     if values is not None:
         values[i] = value
 
 
 @inlined
-def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
+def new_label(label, labels_given, i):
     """Give slot i a label that nobody had before, where there are labels."""
     if label is not None:
         label[i] = labels_given[0]
@@ -113,7 +113,7 @@ def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def copy_value(values, source, others, target):  # type: ignore[no-untyped-def]
+def copy_value(values, source, others, target):
     """Let `others[target]` be `values[source]`, where the scene has such arrays."""
     if values is not None:
         others[target] = values[source]
@@ -162,7 +162,7 @@ def compact(particles: Particles) -> None:
 
 
 @not_inlined
-def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
+def permute(values, order, count, scratch):
     """Let `values[k]` be what `values[order[k]]` was, for the first `count`, if it is there."""
     if values is None:
         return
@@ -191,52 +191,52 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
 
 
 @dispatch_allocating
-def new_cooling_times(cooling, capacity):  # type: ignore[no-untyped-def]
+def new_cooling_times(cooling, capacity):
     """Return times in s up to which temperatures hold, shape (capacity,), or None."""
 
 
 @new_cooling_times.register(None, EulerCooling)
-def _never_behind(cooling, capacity):  # type: ignore[no-untyped-def]
+def _never_behind(cooling, capacity):
     return None
 
 
 @new_cooling_times.register(ExactCooling)
-def _behind(cooling, capacity):  # type: ignore[no-untyped-def]
+def _behind(cooling, capacity):
     return np.zeros(capacity)
 
 
 @dispatch_allocating
-def new_impact_times(restitution, capacity):  # type: ignore[no-untyped-def]
+def new_impact_times(restitution, capacity):
     """Return times of last impacts in s, shape (capacity,), or None."""
 
 
 @new_impact_times.register(ANY)
-def _forgotten(restitution, capacity):  # type: ignore[no-untyped-def]
+def _forgotten(restitution, capacity):
     return None
 
 
 @new_impact_times.register(ContactTimeRestitution)
-def _remembered(restitution, capacity):  # type: ignore[no-untyped-def]
+def _remembered(restitution, capacity):
     return np.full(capacity, -np.inf)
 
 
 @dispatch_allocating
-def new_grains(fragmentation, capacity):  # type: ignore[no-untyped-def]
+def new_grains(fragmentation, capacity):
     """Return grains in each particle, shape (capacity,), or None."""
 
 
 @new_grains.register(None)
-def _uncounted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+def _uncounted(fragmentation, capacity):
     return None
 
 
 @new_grains.register(ANY)
-def _counted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+def _counted(fragmentation, capacity):
     return np.ones(capacity, np.int64)
 
 
 @inlined_allocating
-def new_temperatures(heating, cooling, capacity, start):  # type: ignore[no-untyped-def]
+def new_temperatures(heating, cooling, capacity, start):
     """Return temperatures in K, shape (capacity,), or None where nothing changes them."""
     if heating is None and cooling is None:
         return None
@@ -244,7 +244,7 @@ def new_temperatures(heating, cooling, capacity, start):  # type: ignore[no-unty
 
 
 @inlined_allocating
-def new_labels(frames, capacity):  # type: ignore[no-untyped-def]
+def new_labels(frames, capacity):
     """Return the numbers of the slots, shape (capacity,), or None where no frames are taken."""
     if frames is None:
         return None
@@ -252,7 +252,7 @@ def new_labels(frames, capacity):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def new_count(frames, start):  # type: ignore[no-untyped-def]
+def new_count(frames, start):
     """Return a count that begins at `start`, shape (1,), or None where no frames are taken."""
     if frames is None:
         return None
@@ -260,7 +260,7 @@ def new_count(frames, start):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
+def new_particles(scene, capacity, frames):
     """Return the grains of a scene, not placed yet, with room for `capacity`.
 
     They have labels if there are `frames` to be taken.
@@ -287,7 +287,7 @@ def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def largest_radius(particles):  # type: ignore[no-untyped-def]
+def largest_radius(particles):
     """Largest radius in m."""
     largest = 0.0
     for i in range(particles.size[0]):

@@ -80,7 +80,7 @@ class Outcome(NamedTuple):
 
 
 @kernel
-def run_sample(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
+def run_sample(scene, random, abort, out, frames):
     """Place, run and measure one sample; one crossing into compiled code.
 
     Parameters
@@ -115,7 +115,7 @@ def run_sample(scene, random, abort, out, frames):  # type: ignore[no-untyped-de
 
 
 @inlined
-def integrate(scene, particles, ledger, abort, record, recorder):  # type: ignore[no-untyped-def]
+def integrate(scene, particles, ledger, abort, record, recorder):
     """Run particles from where they are to the scene's end, and measure them into `record`."""
     record_start(recorder, scene, particles)
     drift = to_mass_frame(scene, particles)

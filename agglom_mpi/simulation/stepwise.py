@@ -71,7 +71,7 @@ def new_observer(scene: Scene, capacity: int) -> Any:
 
 
 @kernel
-def scatter(escape, velocities, random, sizes, half_width, position, velocity):  # type: ignore[no-untyped-def]
+def scatter(escape, velocities, random, sizes, half_width, position, velocity):
     """Place spheres as the grains of a sample are placed, and draw velocities as those have.
 
     Parameters
@@ -96,13 +96,13 @@ def scatter(escape, velocities, random, sizes, half_width, position, velocity): 
 
 
 @kernel
-def overlaps_of(scene, particles):  # type: ignore[no-untyped-def]
+def overlaps_of(scene, particles):
     """Pairs of particles that overlap by more than rounding."""
     return count_overlaps(scene, particles)
 
 
 @kernel
-def start_run(scene, particles, observer, seen):  # type: ignore[no-untyped-def]
+def start_run(scene, particles, observer, seen):
     """Begin a run at the time 0 with particles as they are, and look at them.
 
     Parameters
@@ -124,7 +124,7 @@ def start_run(scene, particles, observer, seen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def advance_run(scene, particles, engine_state, observer, ledger, until, abort, seen):  # type: ignore[no-untyped-def]
+def advance_run(scene, particles, engine_state, observer, ledger, until, abort, seen):
     """Run particles on up to `until` in s, and look at them; see `start_run`.
 
     The ledger is added to. The time reached, in `seen`, is earlier if a budget was used up.
@@ -134,7 +134,7 @@ def advance_run(scene, particles, engine_state, observer, ledger, until, abort, 
 
 
 @inlined
-def observe(scene, particles, engine_state, observer, time, seen):  # type: ignore[no-untyped-def]
+def observe(scene, particles, engine_state, observer, time, seen):
     """Copy the particles as they are at `time` in s, and measure the copies."""
     observer.ledger.energy[RADIATED] = 0.0
     copy_at(scene.engine, scene, particles, engine_state, observer, time)

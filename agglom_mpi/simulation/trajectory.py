@@ -55,7 +55,7 @@ class FrameRecorder(NamedTuple):
 
 
 @inlined_allocating
-def new_recorder(frames, scene, capacity):  # type: ignore[no-untyped-def]
+def new_recorder(frames, scene, capacity):
     """Return what fills `frames`, for particles with room for `capacity`; None without frames."""
     if frames is None:
         return None
@@ -64,21 +64,21 @@ def new_recorder(frames, scene, capacity):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def next_frame(recorder, end_time):  # type: ignore[no-untyped-def]
+def next_frame(recorder, end_time):
     """Time in s of the next frame before the end, at which the final state is taken; or inf."""
     times, k = recorder.frames.times, recorder.taken[0]
     return times[k] if k < times.size and times[k] < end_time else NEVER
 
 
 @inlined
-def record_start(recorder, scene, particles):  # type: ignore[no-untyped-def]
+def record_start(recorder, scene, particles):
     """Take the frame at the start, if one is wanted, of the grains just placed."""
     if recorder is not None:
         record_until(recorder, scene, particles, 0.0)
 
 
 @inlined
-def note_drift(recorder, drift):  # type: ignore[no-untyped-def]
+def note_drift(recorder, drift):
     """Note the velocity in m/s, three components, of the frame of reference from now on."""
     if recorder is not None:
         for axis in range(3):
@@ -86,14 +86,14 @@ def note_drift(recorder, drift):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def record_end(recorder, scene, particles, end):  # type: ignore[no-untyped-def]
+def record_end(recorder, scene, particles, end):
     """Take the frames that are left up to the `end` in s that was reached, of the final state."""
     if recorder is not None:
         record_until(recorder, scene, particles, end)
 
 
 @not_inlined
-def record_until(recorder, scene, particles, time):  # type: ignore[no-untyped-def]
+def record_until(recorder, scene, particles, time):
     """Take all frames up to `time` in s of particles as they are."""
     times = recorder.frames.times
     while recorder.taken[0] < times.size and times[recorder.taken[0]] <= time:
@@ -101,7 +101,7 @@ def record_until(recorder, scene, particles, time):  # type: ignore[no-untyped-d
 
 
 @inlined
-def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
+def copy_all(recorder, particles):
     """Copy the particles, gaps included; the copy."""
     copy = recorder.copy
     for i in range(particles.size[0]):
@@ -111,7 +111,7 @@ def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def finish(recorder, scene, time):  # type: ignore[no-untyped-def]
+def finish(recorder, scene, time):
     """Write down the copies, who are where they are at `time` in s, as a final state is left."""
     cool_copies(recorder, scene, time)
     return_copies(recorder, scene, time)
@@ -119,7 +119,7 @@ def finish(recorder, scene, time):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def cool_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+def cool_copies(recorder, scene, time):
     """Close the gaps between the copies and cool them up to `time` in s."""
     compact(recorder.copy)
     for i in range(recorder.copy.size[0]):
@@ -127,14 +127,14 @@ def cool_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def return_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+def return_copies(recorder, scene, time):
     """Return the copies at `time` in s to the frame of reference of the box."""
     drift = recorder.drift
     to_box_frame(scene, recorder.copy, (drift[0], drift[1], drift[2]), time)
 
 
 @not_inlined
-def store_frame(recorder, scene, particles):  # type: ignore[no-untyped-def]
+def store_frame(recorder, scene, particles):
     """Write particles without gaps into the next frame."""
     frames, f = recorder.frames, recorder.taken[0]
     recorder.taken[0] += 1

@@ -9,7 +9,7 @@ from agglom_mpi.simulation.event_driven.flights import RANGE, catch_up_position,
 
 
 @inlined
-def time_to_leave(coordinate, velocity, low, high):  # type: ignore[no-untyped-def]
+def time_to_leave(coordinate, velocity, low, high):
     """Time in s until a coordinate in m leaves [low, high]."""
     if velocity > 0.0:
         return max(0.0, high - coordinate) / velocity
@@ -17,7 +17,7 @@ def time_to_leave(coordinate, velocity, low, high):  # type: ignore[no-untyped-d
 
 
 @inlined
-def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):  # type: ignore[no-untyped-def]
+def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):
     """Take leaving [low, high] along an axis as the next turn, if it comes first."""
     time = trajectory["time"] + time_to_leave(coordinate, velocity, low, high)
     if time < next_event["turn_time"]:
@@ -26,7 +26,7 @@ def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, fa
 
 
 @inlined
-def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
+def schedule_crossing(scene, cells, flights, i):
     """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
 
     Without cells nothing ranges: in a periodic box the images say when to look again.
@@ -59,7 +59,7 @@ def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def next_cell(index, face, along):  # type: ignore[no-untyped-def]
+def next_cell(index, face, along):
     """Index along its axis of the cell behind a face, and whether the box ended there."""
     if face & 1:
         return (0, 1) if index + 1 == along else (index + 1, 0)
@@ -67,7 +67,7 @@ def next_cell(index, face, along):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def cross_cell(scene, particles, cells, flights, i, now):  # type: ignore[no-untyped-def]
+def cross_cell(scene, particles, cells, flights, i, now):
     """Let particle i take its turn at `now` in s; through which face the look around is due.
 
     A cell's face is where the nine cells behind it come into reach. After a jump to the opposite
@@ -90,7 +90,7 @@ def cross_cell(scene, particles, cells, flights, i, now):  # type: ignore[no-unt
 
 
 @inlined
-def step_cell(next_event, face, along):  # type: ignore[no-untyped-def]
+def step_cell(next_event, face, along):
     """Put a particle into the cell behind a face; ±1 if the box ended there, else 0."""
     if face < 2:
         next_event["a"], beyond = next_cell(next_event["a"], face, along)
@@ -102,7 +102,7 @@ def step_cell(next_event, face, along):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def cross_face(scene, particles, flights, i, face, beyond, now):  # type: ignore[no-untyped-def]
+def cross_face(scene, particles, flights, i, face, beyond, now):
     """Take particle i across a face of the box; through which face the look around is due."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     if is_periodic(scene.escape):

@@ -71,19 +71,19 @@ OVERSIZE: Final = 1
 
 
 @inlined
-def most_cells(count):  # type: ignore[no-untyped-def]
+def most_cells(count):
     """Cells along an axis that memory is kept for: two per particle and axis."""
     return int(2.0 * count ** (1.0 / 3.0)) + 1
 
 
 @inlined
-def padded(along):  # type: ignore[no-untyped-def]
+def padded(along):
     """Cells along an axis with the last block filled up."""
     return (along + BLOCK - 1) // BLOCK * BLOCK
 
 
 @inlined_allocating
-def new_cells(count, capacity):  # type: ignore[no-untyped-def]
+def new_cells(count, capacity):
     """Return room for `count` particles at first and at most `capacity`."""
     return Cells(
         np.zeros(2, np.int64),
@@ -101,7 +101,7 @@ def new_cells(count, capacity):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def lay_out(cells, along):  # type: ignore[no-untyped-def]
+def lay_out(cells, along):
     """Lay out `along`³ empty cells and number them."""
     cells.shape[ALONG] = along
     cells.shape[OVERSIZE] = 0
@@ -118,7 +118,7 @@ def lay_out(cells, along):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def number_of(cells, next_event):  # type: ignore[no-untyped-def]
+def number_of(cells, next_event):
     """Return the number of the cell that a particle is in."""
     place, along = cells.place, cells.shape[ALONG]
     return (
@@ -129,7 +129,7 @@ def number_of(cells, next_event):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def link(cells, next_event, i):  # type: ignore[no-untyped-def]
+def link(cells, next_event, i):
     """Put particle i into its cell."""
     number = number_of(cells, next_event)
     first = cells.head[number]
@@ -141,7 +141,7 @@ def link(cells, next_event, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def unlink(cells, next_event, i):  # type: ignore[no-untyped-def]
+def unlink(cells, next_event, i):
     """Take particle i out of its cell."""
     before, after = cells.preceding[i], cells.following[i]
     if before >= 0:
@@ -153,7 +153,7 @@ def unlink(cells, next_event, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def insert(scene, cells, flights, i):  # type: ignore[no-untyped-def]
+def insert(scene, cells, flights, i):
     """Insert particle i into its cell or, if too large, the list of oversize particles."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     along = cells.shape[ALONG]
@@ -171,7 +171,7 @@ def insert(scene, cells, flights, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def remove(cells, flights, i):  # type: ignore[no-untyped-def]
+def remove(cells, flights, i):
     """Remove particle i from its cell or from the list of oversize particles."""
     place = flights.next_event[i]["oversize"]
     if place < 0:
@@ -203,7 +203,7 @@ CROSSING_COST: Final = 16.0
 
 
 @inlined
-def best_edge(count, diameter, half_width):  # type: ignore[no-untyped-def]
+def best_edge(count, diameter, half_width):
     """Edge s in m of the cells that cost least, for many equal particles.
 
     A collision costs three searches of 27 cells, and as many crossings as cells fit into the mean
@@ -225,7 +225,7 @@ def best_edge(count, diameter, half_width):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def cost_of_look(count, along, oversize):  # type: ignore[no-untyped-def]
+def cost_of_look(count, along, oversize):
     """Pairs that one particle of `count` has to be compared with, on average."""
     if along == 0:
         return float(count)
@@ -233,7 +233,7 @@ def cost_of_look(count, along, oversize):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def rank_largest(particles, rank, count):  # type: ignore[no-untyped-def]
+def rank_largest(particles, rank, count):
     """Sort the largest radii in m into `rank`, descending; the mean radius of `count` particles."""
     rank[:] = 0.0
     total, last = 0.0, rank.size - 1
@@ -250,7 +250,7 @@ def rank_largest(particles, rank, count):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
+def best_cells(scene, particles, cells, count):
     """Cells along an axis that make a look cheapest for the `count` particles as they are."""
     if count <= FEW:
         return 0, float(count)
@@ -268,7 +268,7 @@ def best_cells(scene, particles, cells, count):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def choose_range(cells, largest, half_width):  # type: ignore[no-untyped-def]
+def choose_range(cells, largest, half_width):
     """Choose how far oversize particles move before they look into the cells around them again.
 
     At most by a cell; and, with the `largest` radius in m, so little that the nearest image stays

@@ -35,7 +35,7 @@ from agglom_mpi.simulation.trajectory import copy_all, finish, next_frame
 
 
 @inlined
-def record_flight(recorder, scene, particles, flights, following):  # type: ignore[no-untyped-def]
+def record_flight(recorder, scene, particles, flights, following):
     """Take the frames before the `following` event, whose time is in s."""
     if recorder is not None:
         while next_frame(recorder, scene.end_time) < following:
@@ -43,7 +43,7 @@ def record_flight(recorder, scene, particles, flights, following):  # type: igno
 
 
 @not_inlined
-def take_in_flight(recorder, scene, particles, flights):  # type: ignore[no-untyped-def]
+def take_in_flight(recorder, scene, particles, flights):
     """Take the next frame, before which nothing happens any more."""
     time = next_frame(recorder, scene.end_time)
     copy_in_flight(recorder, scene, particles, flights, time)
@@ -51,7 +51,7 @@ def take_in_flight(recorder, scene, particles, flights):  # type: ignore[no-unty
 
 
 @not_inlined
-def copy_in_flight(recorder, scene, particles, flights, time):  # type: ignore[no-untyped-def]
+def copy_in_flight(recorder, scene, particles, flights, time):
     """Copy the particles to where they are at `time` in s, before which nothing happens."""
     copy = copy_all(recorder, particles)
     for i in range(copy.size[0]):
@@ -60,7 +60,7 @@ def copy_in_flight(recorder, scene, particles, flights, time):  # type: ignore[n
 
 
 @inlined
-def copy_position(scene, copy, flights, i, now):  # type: ignore[no-untyped-def]
+def copy_position(scene, copy, flights, i, now):
     """Move the copy of particle i to where the particle is at `now` in s; not the particle."""
     trajectory, r, half = flights.trajectory[i], copy.position, scene.half_width
     flight = now - trajectory["time"]
@@ -102,7 +102,7 @@ NO_HIT: Final = 3
 
 
 @run_to_end.register(EventDriven)
-def _event_driven(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+def _event_driven(engine, scene, particles, ledger, abort, recorder):
     events = new_events(particles)
     due = rebuild(scene, particles, events, 0.0)
     end = scene.end_time
@@ -113,7 +113,7 @@ def _event_driven(engine, scene, particles, ledger, abort, recorder):  # type: i
 
 
 @inlined
-def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):  # type: ignore[no-untyped-def]
+def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):
     """Let one event happen after another up to `end` in s; the time reached in s.
 
     `due` is how many have to look around first: all at the start, nobody when a run goes on.
@@ -134,19 +134,19 @@ def run_events(engine, scene, particles, ledger, events, due, end, abort, record
 
 
 @inlined
-def next_time(events):  # type: ignore[no-untyped-def]
+def next_time(events):
     """Time of the next event in s."""
     return earliest_time(events.event_queue)
 
 
 @inlined
-def nothing_hit(due, face):  # type: ignore[no-untyped-def]
+def nothing_hit(due, face):
     """Return an event that is no hit."""
     return Event(due, face, NO_HIT, NOBODY, NOBODY, False)
 
 
 @inlined
-def look_around(scene, events, event, now):  # type: ignore[no-untyped-def]
+def look_around(scene, events, event, now):
     """Let all that are due after an event find what they hit next."""
     for k in range(event.due):
         i = events.due[k]
@@ -159,7 +159,7 @@ def look_around(scene, events, event, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untyped-def]
+def take_event(scene, particles, ledger, events, now):
     """Let the next event happen."""
     ledger.tally[STEPS] += 1
     i = earliest(events.event_queue)
@@ -177,7 +177,7 @@ def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untype
 
 
 @inlined
-def process_collision(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped-def]
+def process_collision(scene, particles, ledger, events, i, j, now):
     """Let particles i < j collide; both, or what became of them, are due."""
     flights, cells = events.flights, events.cells
     catch_up_position(scene, particles, flights, i, now)
@@ -195,7 +195,7 @@ def process_collision(scene, particles, ledger, events, i, j, now):  # type: ign
 
 
 @not_inlined
-def predict_again(scene, particles, ledger, events, i, j, kind, size, now):  # type: ignore[no-untyped-def]
+def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
     """Bond particles i and j that hit, or take in the pieces beyond `size`; how many are due."""
     flights, cells = events.flights, events.cells
     remove(cells, flights, i)
@@ -222,7 +222,7 @@ class EventEngineState(NamedTuple):
 
 
 @initialize.register(EventDriven)
-def _start(engine, scene, particles):  # type: ignore[no-untyped-def]
+def _start(engine, scene, particles):
     events = new_events(particles)
     due = np.empty(1, np.int64)
     due[0] = rebuild(scene, particles, events, 0.0)
@@ -230,7 +230,7 @@ def _start(engine, scene, particles):  # type: ignore[no-untyped-def]
 
 
 @advance_to.register(EventDriven)
-def _more_events(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+def _more_events(engine, scene, particles, ledger, engine_state, until, abort):
     due = engine_state.due[0]
     engine_state.due[0] = 0
     return run_events(
@@ -239,5 +239,5 @@ def _more_events(engine, scene, particles, ledger, engine_state, until, abort): 
 
 
 @copy_at.register(EventDriven)
-def _in_flight(engine, scene, particles, engine_state, recorder, time):  # type: ignore[no-untyped-def]
+def _in_flight(engine, scene, particles, engine_state, recorder, time):
     copy_in_flight(recorder, scene, particles, engine_state.events.flights, time)

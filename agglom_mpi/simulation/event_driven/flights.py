@@ -51,7 +51,7 @@ RANGE: Final = 6
 
 
 @inlined
-def load_flight(flights, particles, i, now):  # type: ignore[no-untyped-def]
+def load_flight(flights, particles, i, now):
     """Take over position, velocity and radius of particle i at time `now` in s."""
     trajectory = flights.trajectory[i]
     trajectory["x"] = particles.position[0, i]
@@ -63,7 +63,7 @@ def load_flight(flights, particles, i, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def load_velocity(flights, particles, i):  # type: ignore[no-untyped-def]
+def load_velocity(flights, particles, i):
     """Take over a changed velocity: what was predicted for particle i is void."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     trajectory["u"] = particles.velocity[0, i]
@@ -73,7 +73,7 @@ def load_velocity(flights, particles, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def void_event(next_event):  # type: ignore[no-untyped-def]
+def void_event(next_event):
     """Void what was predicted: the trajectory of the particle is another one now."""
     next_event["version"] += 1
     next_event["hit_time"] = np.inf
@@ -81,7 +81,7 @@ def void_event(next_event):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def catch_up_position(scene, particles, flights, i, now):  # type: ignore[no-untyped-def]
+def catch_up_position(scene, particles, flights, i, now):
     """Move particle i to where it is at `now` in s.
 
     An oversize particle is wrapped into the box. One in a cell stays on the side of the face

@@ -13,19 +13,19 @@ from agglom_mpi.simulation.event_driven.flights import RANGE
 
 
 @inlined
-def low_end(scene, low):  # type: ignore[no-untyped-def]
+def low_end(scene, low):
     """First cell of a range along an axis, cut off at a face that contacts do not cross."""
     return low if is_periodic(scene.escape) else max(low, 0)
 
 
 @inlined
-def high_end(scene, along, high):  # type: ignore[no-untyped-def]
+def high_end(scene, along, high):
     """Last cell of a range along an axis, cut off at a face that contacts do not cross."""
     return high if is_periodic(scene.escape) else min(high, along - 1)
 
 
 @inlined
-def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):  # type: ignore[no-untyped-def]
+def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):
     """Write the particles of the cells from (a0, b0, c0) to (a1, b1, c1) into `near`; how many.
 
     Without a branch per cell: most cells are empty or hold one, in no order a processor could
@@ -54,7 +54,7 @@ def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):  # type: ignore[no-untyped
 
 
 @inlined
-def span_of_oversize(scene, cells, coordinate, radius):  # type: ignore[no-untyped-def]
+def span_of_oversize(scene, cells, coordinate, radius):
     """First and last cell along an axis where an oversize particle may be touched in its range."""
     along = cells.shape[ALONG]
     edge = 2.0 * scene.half_width / along
@@ -67,7 +67,7 @@ def span_of_oversize(scene, cells, coordinate, radius):  # type: ignore[no-untyp
 
 
 @inlined
-def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):  # type: ignore[no-untyped-def]
+def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
     """Write whom a particle at (x, y, z) in m may hit into `near`; how many.
 
     `face` is `RANGE` for everybody, or the face through which the particle came into its cell: then
@@ -99,7 +99,7 @@ BEYOND: Final = 1.0 + 1e-9
 
 
 @inlined
-def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
+def safe_reach(scene, cells):
     """Sum of two radii in m up to which the nearest image stays the only one until the next look.
 
     Without cells none is safe: nobody looks again before an image says so.
@@ -114,7 +114,7 @@ def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):
     """Let particle i look around again before it may touch another image of somebody large."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     if trajectory["radius"] + cells.largest[0] > safe_reach(scene, cells):
@@ -125,7 +125,7 @@ def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):  # ty
 
 
 @inlined
-def first_image(scene, cells, flights, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
+def first_image(scene, cells, flights, count, x, y, z, i, now):
     """Time in s from which another image of someone too large to be safe may touch i."""
     side, half = 2.0 * scene.half_width, scene.half_width
     per_side = 1.0 / side
@@ -149,7 +149,7 @@ def first_image(scene, cells, flights, count, x, y, z, i, now):  # type: ignore[
 
 
 @inlined
-def time_beyond(difference, velocity, end):  # type: ignore[no-untyped-def]
+def time_beyond(difference, velocity, end):
     """Time in s until a difference in m that is within ±`end` is there."""
     if velocity > 0.0:
         return (end - difference) / velocity
@@ -164,13 +164,13 @@ RESOLUTION: Final = 2.0**-51
 
 
 @inlined_fma
-def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
+def squared_cross(dx, dy, dz, du, dv, dw):
     """Square of the cross product of two vectors."""
     return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
 
 
 @inlined
-def is_resolved(trajectory, other, dx, dy, dz, closing):  # type: ignore[no-untyped-def]
+def is_resolved(trajectory, other, dx, dy, dz, closing):
     """Whether two approach by more than the rounding of their velocities.
 
     If not, an impact changes nothing: three that overlap would have such impacts for ever.
@@ -181,7 +181,7 @@ def is_resolved(trajectory, other, dx, dy, dz, closing):  # type: ignore[no-unty
 
 
 @inlined_fma
-def first_hit(scene, flights, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
+def first_hit(scene, flights, near, count, x, y, z, i, now, barred):
     """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
 
     Only hits that come before what the other has in mind count: otherwise the other turns to i
@@ -221,7 +221,7 @@ def first_hit(scene, flights, near, count, x, y, z, i, now, barred):  # type: ig
 
 
 @inlined
-def predict_collision(scene, cells, flights, event_queue, i, now, face, barred):  # type: ignore[no-untyped-def]
+def predict_collision(scene, cells, flights, event_queue, i, now, face, barred):
     """Find whether particle i hits something before what it has in mind, and tell whom it hits."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     flight = now - trajectory["time"]
@@ -241,7 +241,7 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, barred):
 
 
 @inlined
-def note(flights, i, partner, hit_time):  # type: ignore[no-untyped-def]
+def note(flights, i, partner, hit_time):
     """Note that particle i hits `partner` at `hit_time` in s."""
     next_event = flights.next_event[i]
     next_event["hit_time"] = hit_time

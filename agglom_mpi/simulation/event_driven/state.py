@@ -66,7 +66,7 @@ class Events(NamedTuple):
 
 
 @inlined_allocating
-def new_events(particles):  # type: ignore[no-untyped-def]
+def new_events(particles):
     """Return empty events for as many particles as there is room for."""
     capacity = particles.mass.size
     celled = particles.size[0] if capacity > FEW else 0
@@ -80,7 +80,7 @@ def new_events(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
+def settle_in(scene, particles, events, i, now):
     """Start particle i, which is new in its place or its size, at `now` in s."""
     load_flight(events.flights, particles, i, now)
     insert(scene, events.cells, events.flights, i)
@@ -88,7 +88,7 @@ def settle_in(scene, particles, events, i, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def compact_after_merge(scene, particles, events, due, now):  # type: ignore[no-untyped-def]
+def compact_after_merge(scene, particles, events, due, now):
     """Start over if other cells are worth it by now, or empty slots have used up the room.
 
     Returns how many are due: all, after a fresh start, else `due`.
@@ -107,7 +107,7 @@ def compact_after_merge(scene, particles, events, due, now):  # type: ignore[no-
 
 
 @not_inlined
-def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
+def settle_all(scene, particles, events, now):
     """Move everybody to where they are at `now` in s."""
     for i in range(particles.size[0]):
         if particles.mass[i] > 0.0:
@@ -115,7 +115,7 @@ def settle_all(scene, particles, events, now):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def rebuild(scene, particles, events, now):  # type: ignore[no-untyped-def]
+def rebuild(scene, particles, events, now):
     """Close the gaps, choose cells, forget all predictions; how many are due: all."""
     before = particles.size[0]
     compact(particles)
@@ -139,7 +139,7 @@ def rebuild(scene, particles, events, now):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def sort_by_place(scene, particles, events):  # type: ignore[no-untyped-def]
+def sort_by_place(scene, particles, events):
     """Sort the particles by the cells they are in; `Events.due` holds the order meanwhile."""
     flights, cells, order = events.flights, events.cells, events.due
     for i in range(particles.size[0]):

@@ -79,7 +79,7 @@ BUILT_AT: Final = 2
 
 
 @inlined_allocating
-def new_neighbour_list(capacity):  # type: ignore[no-untyped-def]
+def new_neighbour_list(capacity):
     """Room for the lists of `capacity` particles, out of date; none where they are few for ever."""
     listed = capacity if capacity > FEW else 0
     return NeighbourList(
@@ -96,7 +96,7 @@ def new_neighbour_list(capacity):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def update_neighbours(scene, particles, neighbours, time, compacted, wanted):  # type: ignore[no-untyped-def]
+def update_neighbours(scene, particles, neighbours, time, compacted, wanted):
     """Make the lists hold at `time` in s for neighbours nearer than `wanted` in m, or less far.
 
     `compacted` says that particles changed their places.
@@ -110,7 +110,7 @@ def update_neighbours(scene, particles, neighbours, time, compacted, wanted):  #
 
 
 @inlined
-def out_of_date(scene, particles, neighbours, time):  # type: ignore[no-untyped-def]
+def out_of_date(scene, particles, neighbours, time):
     """Whether particles were added, or one moved beyond half of the skin, since the lists."""
     count = particles.size[0]
     if count != neighbours.tally[LISTED]:
@@ -130,13 +130,13 @@ def out_of_date(scene, particles, neighbours, time):  # type: ignore[no-untyped-
 
 
 @inlined
-def unwrapped(difference, width):  # type: ignore[no-untyped-def]
+def unwrapped(difference, width):
     """Shortest equivalent of a displacement in m in a box of `width` in m."""
     return difference - width * np.rint(difference / width)
 
 
 @inlined
-def rebuild(scene, particles, neighbours, time, wanted):  # type: ignore[no-untyped-def]
+def rebuild(scene, particles, neighbours, time, wanted):
     """Make new lists, or none where looking at all is faster."""
     count = particles.size[0]
     few = FEW if neighbours.tally[AGE] >= LASTING else FEW_WHILE_FAST
@@ -162,7 +162,7 @@ def rebuild(scene, particles, neighbours, time, wanted):  # type: ignore[no-unty
 
 
 @inlined_allocating
-def list_from_cells(scene, particles, neighbours, cells, reach):  # type: ignore[no-untyped-def]
+def list_from_cells(scene, particles, neighbours, cells, reach):
     """Collect everything within `reach` in m of each particle from the 27 cells around it.
 
     Three cells in a row of z lie side by side in memory unless the row crosses a face.
@@ -190,7 +190,7 @@ def list_from_cells(scene, particles, neighbours, cells, reach):  # type: ignore
 
 
 @inlined
-def add_near(x, y, z, order, low, high, i, half, reach, candidates, found):  # type: ignore[no-untyped-def]
+def add_near(x, y, z, order, low, high, i, half, reach, candidates, found):
     """Add those of `order[low:high]` within `reach` in m to the list of i; its new length.
 
     Distances are by minimum image under either escape: who re-enters keeps those across the face as
@@ -206,7 +206,7 @@ def add_near(x, y, z, order, low, high, i, half, reach, candidates, found):  # t
 
 
 @inlined
-def note_moved(neighbours, i):  # type: ignore[no-untyped-def]
+def note_moved(neighbours, i):
     """Remember that a contact merged something into particle i, or made it."""
     if not neighbours.is_moved[i]:
         neighbours.is_moved[i] = True
@@ -215,7 +215,7 @@ def note_moved(neighbours, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def square_of(escape, dx, dy, dz, half_width):  # type: ignore[no-untyped-def]
+def square_of(escape, dx, dy, dz, half_width):
     """Square in m² of the distance between two centres; inf to an empty slot."""
     dx = distance_along(escape, dx, half_width)
     dy = distance_along(escape, dy, half_width)
@@ -224,7 +224,7 @@ def square_of(escape, dx, dy, dz, half_width):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def squared_distance(escape, position, i, j, half_width):  # type: ignore[no-untyped-def]
+def squared_distance(escape, position, i, j, half_width):
     """Square in m² of the distance between two particles' centres."""
     return square_of(
         escape,
@@ -236,7 +236,7 @@ def squared_distance(escape, position, i, j, half_width):  # type: ignore[no-unt
 
 
 @inlined
-def nearest_of_all(escape, x, y, z, half_width, row, count, i):  # type: ignore[no-untyped-def]
+def nearest_of_all(escape, x, y, z, half_width, row, count, i):
     """Squared distance in m² to the nearest particle among all, and who; −1 if i is alone."""
     for j in range(count):
         row[j] = square_of(escape, x[i] - x[j], y[i] - y[j], z[i] - z[j], half_width)
@@ -249,7 +249,7 @@ def nearest_of_all(escape, x, y, z, half_width, row, count, i):  # type: ignore[
 
 
 @inlined
-def nearest_listed(escape, x, y, z, half_width, candidates, found, i):  # type: ignore[no-untyped-def]
+def nearest_listed(escape, x, y, z, half_width, candidates, found, i):
     """Squared distance in m² to the nearest candidate of i, and who; −1 without candidates."""
     best, partner = np.inf, -1
     for k in range(found[i]):
@@ -261,7 +261,7 @@ def nearest_listed(escape, x, y, z, half_width, candidates, found, i):  # type: 
 
 
 @inlined
-def find_partners(scene, particles, neighbours, partner, squared, reach):  # type: ignore[no-untyped-def]
+def find_partners(scene, particles, neighbours, partner, squared, reach):
     """Fill in everybody's nearest neighbour by centre distance, and the squared distance in m².
 
     Certain for those nearer than `reach` in m plus the particle's own radius; −1 if there is none.
@@ -283,7 +283,7 @@ def find_partners(scene, particles, neighbours, partner, squared, reach):  # typ
 
 
 @inlined
-def update_partner(scene, particles, neighbours, partner, squared, i):  # type: ignore[no-untyped-def]
+def update_partner(scene, particles, neighbours, partner, squared, i):
     """Bring the nearest neighbour of i up to date after contacts merged or made particles.
 
     Looks at all where the old one is gone, changed or was uncertain, else at the changed ones.

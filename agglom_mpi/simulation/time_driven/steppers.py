@@ -41,7 +41,7 @@ from agglom_mpi.simulation.time_driven.stepping import (
 
 
 @run_to_end.register(FixedSteps)
-def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+def _fixed_steps(engine, scene, particles, ledger, abort, recorder):
     steps = new_steps(particles)
     step = scene.end_time / engine.steps
     for index in range(engine.steps):
@@ -56,7 +56,7 @@ def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ig
 
 
 @advance_to.register(FixedSteps)
-def _more_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+def _more_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):
     step = scene.end_time / engine.steps
     while is_over(engine_state, engine_state.number[0] * step, step, until) and not aborted(abort):
         finish_step(scene, particles, ledger, engine_state)
@@ -67,7 +67,7 @@ def _more_fixed_steps(engine, scene, particles, ledger, engine_state, until, abo
 
 
 @inlined
-def process_contacts_sequentially(scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+def process_contacts_sequentially(scene, particles, ledger, steps, time):
     """Resolve the contacts at the beginning of a step, at `time` in s."""
     partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
     merged = steps.merged[0]
@@ -84,7 +84,7 @@ def process_contacts_sequentially(scene, particles, ledger, steps, time):  # typ
 
 
 @inlined
-def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
+def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):
     """Let each particle collide with its nearest neighbour if they touch; whether any merged."""
     merged = False
     mass, radius, moved = particles.mass, particles.radius, neighbours.tally
@@ -117,7 +117,7 @@ MOST_STEPS: Final = 10_000_000
 
 
 @run_to_end.register(AdaptiveSteps)
-def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):
     steps = new_steps(particles)
     time = 0.0
     while time < scene.end_time and not aborted(abort):
@@ -134,7 +134,7 @@ def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type:
 
 
 @advance_to.register(AdaptiveSteps)
-def _more_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+def _more_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):
     while is_over(
         engine_state, end_of_step(engine_state), engine_state.clock[LENGTH], until
     ) and not aborted(abort):
@@ -149,7 +149,7 @@ def _more_adaptive_steps(engine, scene, particles, ledger, engine_state, until, 
 
 
 @inlined
-def process_contacts_simultaneously(engine, scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
+def process_contacts_simultaneously(engine, scene, particles, ledger, steps, time):
     """Resolve the contacts at the beginning of a step, at `time` in s; how long it is, in s."""
     partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
     count_step(particles, ledger)
@@ -165,7 +165,7 @@ def process_contacts_simultaneously(engine, scene, particles, ledger, steps, tim
 
 
 @inlined_allocating
-def resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
+def resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time):
     """Let nearest neighbours in contact collide, then merge all that bonded; whether any did."""
     bonded_i = [0 for _ in range(0)]
     bonded_j = [0 for _ in range(0)]
@@ -194,7 +194,7 @@ def resolve_simultaneously(scene, particles, ledger, neighbours, partner, square
 
 
 @inlined_allocating
-def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):  # type: ignore[no-untyped-def]
+def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):
     """Merge every chain of bonded pairs into its lowest particle."""
     if len(bonded_i) == 0:
         return
@@ -213,7 +213,7 @@ def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, tim
 
 
 @inlined
-def update_partners(scene, particles, neighbours, partner, squared):  # type: ignore[no-untyped-def]
+def update_partners(scene, particles, neighbours, partner, squared):
     """Bring everybody's nearest neighbour up to date after the contacts of this step."""
     if neighbours.tally[MOVED] == 0:
         return
@@ -225,7 +225,7 @@ def update_partners(scene, particles, neighbours, partner, squared):  # type: ig
 
 
 @inlined
-def smallest_flight(scene, particles, partner, ceiling):  # type: ignore[no-untyped-def]
+def smallest_flight(scene, particles, partner, ceiling):
     """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
     smallest = ceiling
     escape, half, radius = scene.escape, scene.half_width, particles.radius

@@ -55,7 +55,7 @@ class StepperState(NamedTuple):
 
 
 @inlined_allocating
-def new_steps(particles):  # type: ignore[no-untyped-def]
+def new_steps(particles):
     """Return what a stepper keeps before the first step."""
     capacity = particles.mass.size
     return StepperState(
@@ -70,12 +70,12 @@ def new_steps(particles):  # type: ignore[no-untyped-def]
 
 
 @initialize.register(FixedSteps, AdaptiveSteps)
-def _before_the_first(engine, scene, particles):  # type: ignore[no-untyped-def]
+def _before_the_first(engine, scene, particles):
     return new_steps(particles)
 
 
 @inlined
-def note_step(steps, time, length):  # type: ignore[no-untyped-def]
+def note_step(steps, time, length):
     """Note that a step of `length` in s is under way since `time` in s."""
     steps.clock[BEGINNING] = time
     steps.clock[LENGTH] = length
@@ -83,19 +83,19 @@ def note_step(steps, time, length):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def end_of_step(steps):  # type: ignore[no-untyped-def]
+def end_of_step(steps):
     """When the step under way ends, in s."""
     return steps.clock[BEGINNING] + steps.clock[LENGTH]
 
 
 @inlined
-def is_over(steps, end, length, time):  # type: ignore[no-untyped-def]
+def is_over(steps, end, length, time):
     """Whether at `time` in s the step under way, which is to `end`, is over; none always is."""
     return time > end + NEARLY * length
 
 
 @inlined
-def finish_step(scene, particles, ledger, steps):  # type: ignore[no-untyped-def]
+def finish_step(scene, particles, ledger, steps):
     """Let everybody move and cool to the end of the step under way, if there is one."""
     if steps.number[0] > 0:
         move(scene, particles, steps.clock[LENGTH])
@@ -103,7 +103,7 @@ def finish_step(scene, particles, ledger, steps):  # type: ignore[no-untyped-def
 
 
 @copy_at.register(FixedSteps, AdaptiveSteps)
-def _in_step(engine, scene, particles, engine_state, recorder, time):  # type: ignore[no-untyped-def]
+def _in_step(engine, scene, particles, engine_state, recorder, time):
     length = engine_state.clock[LENGTH]
     flight = time - engine_state.clock[BEGINNING]
     if flight > (1.0 - NEARLY) * length:
@@ -112,7 +112,7 @@ def _in_step(engine, scene, particles, engine_state, recorder, time):  # type: i
 
 
 @inlined
-def record_step(recorder, scene, particles, begin, step, end):  # type: ignore[no-untyped-def]
+def record_step(recorder, scene, particles, begin, step, end):
     """Take the frames after `begin` and up to `end` in s, between which all move for `step` in s.
 
     Those at `begin` are taken: contacts come first in a step, and a run that ends has none more.
@@ -126,14 +126,14 @@ def record_step(recorder, scene, particles, begin, step, end):  # type: ignore[n
 
 
 @not_inlined
-def take_in_step(recorder, scene, particles, flight, time):  # type: ignore[no-untyped-def]
+def take_in_step(recorder, scene, particles, flight, time):
     """Take the frame at `time` in s, to which all move for `flight` in s."""
     copy_in_step(recorder, scene, particles, flight)
     finish(recorder, scene, time)
 
 
 @inlined
-def copy_in_step(recorder, scene, particles, flight):  # type: ignore[no-untyped-def]
+def copy_in_step(recorder, scene, particles, flight):
     """Copy the particles, and let the copies move for `flight` in s."""
     copy = copy_all(recorder, particles)
     move(scene, copy, flight)
@@ -141,7 +141,7 @@ def copy_in_step(recorder, scene, particles, flight):  # type: ignore[no-untyped
 
 
 @inlined
-def shift_apart(scene, particles, i, j, distance, reach):  # type: ignore[no-untyped-def]
+def shift_apart(scene, particles, i, j, distance, reach):
     """Shift both spheres along their outgoing velocities by their share of the overlap  [A 8].
 
     `distance` of the centres and `reach`, the sum of the radii, in m, are those at contact.
@@ -161,7 +161,7 @@ def shift_apart(scene, particles, i, j, distance, reach):  # type: ignore[no-unt
 
 
 @inlined
-def move(scene, particles, step):  # type: ignore[no-untyped-def]
+def move(scene, particles, step):
     """Move every particle with its velocity for `step` in s  [A 9]."""
     escape, half = scene.escape, scene.half_width
     for axis in range(3):
@@ -171,17 +171,17 @@ def move(scene, particles, step):  # type: ignore[no-untyped-def]
 
 
 @dispatch
-def cool(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
+def cool(cooling, scene, particles, ledger, step):
     """Cool every particle over one step in s, where the scene cools step by step."""
 
 
 @cool.register(None, ExactCooling)
-def _nothing_to_cool(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
+def _nothing_to_cool(cooling, scene, particles, ledger, step):
     return None
 
 
 @cool.register(EulerCooling)
-def _euler_steps(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
+def _euler_steps(cooling, scene, particles, ledger, step):
     for i in range(particles.size[0]):
         before = particles.temperature[i]
         surface = 4.0 * math.pi * particles.radius[i] ** 2
@@ -195,27 +195,27 @@ def _euler_steps(cooling, scene, particles, ledger, step):  # type: ignore[no-un
 
 
 @inlined
-def count_step(particles, ledger):  # type: ignore[no-untyped-def]
+def count_step(particles, ledger):
     """Book one time step."""
     ledger.tally[STEPS] += 1
     ledger.tally[PARTICLE_STEPS] += particles.size[0]
 
 
 @inlined
-def note_new(particles, neighbours, size_before):  # type: ignore[no-untyped-def]
+def note_new(particles, neighbours, size_before):
     """Tell the neighbour lists of the pieces appended since there were `size_before` slots."""
     for i in range(size_before, particles.size[0]):
         note_moved(neighbours, i)
 
 
 @inlined
-def is_contact(radius, i, j, squared):  # type: ignore[no-untyped-def]
+def is_contact(radius, i, j, squared):
     """Whether two spheres at this squared centre distance in m² touch or overlap."""
     reach = radius[i] + radius[j]
     return squared <= reach * reach
 
 
 @inlined
-def aborted(abort):  # type: ignore[no-untyped-def]
+def aborted(abort):
     """Whether somebody asked this sample to stop."""
     return abort[0] != np.uint8(0)
