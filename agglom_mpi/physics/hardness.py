@@ -1,4 +1,4 @@
-"""How hard is a grain at its temperature?"""
+"""Hardness of a grain as a function of its temperature."""
 
 import math
 from typing import NamedTuple
@@ -45,7 +45,7 @@ def _arrhenius(model, temperature):
 
 
 @softening_rate.register(ConstantHardness)
-def _never_softer(model, temperature):
+def _constant_softening(model, temperature):
     return 0.0
 
 

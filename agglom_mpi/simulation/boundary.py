@@ -13,12 +13,15 @@ class Periodic(NamedTuple):
 
 
 class Reentry(NamedTuple):
-    """As published: who leaves re-enters on the opposite face, and faces hide contacts  [A, B]."""
+    """As published: who leaves re-enters at the opposite face; no contacts across faces  [A, B].
+
+    It is put on the face [A]; [B] prints r → −r, which can leave it outside after a long step.
+    """
 
 
 @dispatch
 def separation(escape: Submodel, difference: float, half_width: float) -> float:
-    """Component in m, signed, of the vector between two particles in the box."""
+    """Signed component in m of the vector between two particles in the box; `difference` in m."""
 
 
 @dispatch
@@ -41,7 +44,10 @@ def nearest_image(escape: Submodel, difference: float, side: float, per_side: fl
 
 @dispatch
 def clamped(escape: Submodel, coordinate: float, half_width: float) -> float:
-    """Coordinate in m of a particle whose leaving the box is an event of its own."""
+    """Coordinate in m of a particle whose leaving the box is an event of its own.
+
+    With real faces it can be outside by rounding only, and must not re-enter before its event.
+    """
 
 
 @dispatch
@@ -129,7 +135,7 @@ def cell_of(coordinate, cells, half_width):
 def sort_into_cells(particles, cells, half_width):
     """Particles in order of their cells, shape (N,), and where each cell starts in that order.
 
-    Cell (a, b, c) of `cells`³ has the number (a·cells + b)·cells + c.
+    Cell (a, b, c) of `cells`³ has the number (a·cells + b)·cells + c; a counting sort.
     """
     count = particles.size[0]
     number = np.empty(count, np.int64)
@@ -152,7 +158,7 @@ def sort_into_cells(particles, cells, half_width):
 
 @inlined
 def wrapped_cell(index, cells):
-    """Index of a cell along one axis, across the face if need be."""
+    """Index of a cell along one axis, wrapped across the faces of the box."""
     if index < 0:
         return index + cells
     return index - cells if index >= cells else index

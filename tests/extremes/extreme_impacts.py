@@ -18,7 +18,7 @@ from agglom_mpi.physics.impact_solvers import TOLERANCE, first_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
 
 EPSILON = 2.0**-52
-MOST_STEPS = 1000
+MAX_STEPS = 1000
 """Steps of the walk to a root that no impact needs: the most in 4.9 million random impacts and
 295 thousand beside folds were 279."""
 

@@ -10,7 +10,7 @@ from contact_pairs import R, encounter, isothermal_laws, pressure_scale
 from extreme_impacts import (
     CLOSED,
     EPSILON,
-    MOST_STEPS,
+    MAX_STEPS,
     assert_sound,
     examples,
     excess_of,
@@ -184,7 +184,7 @@ def test_no_impact_needs_many_steps(make, share):
     @examples(200 * share)
     @given(impacts(make))
     def check(case):
-        assert walk(*case)[1] <= MOST_STEPS
+        assert walk(*case)[1] <= MAX_STEPS
         assert not solve_impact(*case).capped
 
     check()
@@ -226,7 +226,7 @@ def test_beside_a_fold_the_impact_ends_there_or_far_beyond_as_the_fold_says(make
         impact = solve_impact(laws, pair)
         assert not impact.bonds
         assert not impact.capped
-        assert walk(laws, pair)[1] <= MOST_STEPS
+        assert walk(laws, pair)[1] <= MAX_STEPS
         found = math.log(impact.deficit) if impact.deficit > 0.0 else -math.inf
         if excess > 0.0:  # two roots beside the fold, the smaller restitution above it
             assert place <= found <= 0.0

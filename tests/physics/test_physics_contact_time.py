@@ -30,7 +30,7 @@ def plain_and_lasting(restitution, heating, friction):
 
 
 def after(since, *pair):
-    return encounter(*pair, frame=(3.0, -2.0))._replace(since=since)
+    return encounter(*pair, frame=(3.0, -2.0))._replace(time_since_impact=since)
 
 
 @HEATINGS

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy
 from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.physics.impact_solvers import WALK_CAP, first_root, unique_root
+from agglom_mpi.physics.impact_solvers import STEP_CAP, first_root, unique_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
 
 SETTINGS = settings(
@@ -141,7 +141,7 @@ def test_up_to_four_of_softening_the_root_is_unique(case):
     laws, pair = case
     unique, walked, steps = both_roots(laws, pair)
     assume(not math.isnan(unique))
-    assert steps < WALK_CAP
+    assert steps < STEP_CAP
     # Near softening 4 the slope of ln r − ln d may vanish to second order: d moves by the cube root
     excess = [float(plain_log_ratio(laws, pair, math.exp(x)) - x) for x in (unique, walked)]
     assert max(map(abs, excess)) < 1e-12
