@@ -43,7 +43,7 @@ def reference(scene, particles, e, friction=0.0, most=None, end_time=1e9):
         particles.mass,
         scene.half_width,
         end_time,
-        lambda *encounter: e,
+        lambda *pair: e,
         friction=friction,
         escape=escape,
         most=most,

@@ -183,7 +183,7 @@ def test_the_very_fast_and_the_very_slow_collide_as_without_cells(count, escape)
     particles = state(scene, positions, velocities)
     expected = run_reference(
         positions, velocities, particles.radius, particles.mass, HALF, 1e9,
-        lambda *encounter: 1.0, escape=escape, most=count,
+        lambda *pair: 1.0, escape=escape, most=count,
     )  # fmt: skip
     out = recorded(scene, particles, count)
     np.testing.assert_array_equal(out.pairs, [c[1:3] for c in expected.collisions])
