@@ -1,4 +1,4 @@
-"""How kernels are compiled, where their machine code is cached, and how formulas are chosen.
+"""Compile and cache kernels, and choose the formulas of a scene by the types of its submodels.
 
 Numba does not notice an edit in a file that a cached kernel only calls into, so the cache folder is
 keyed by a hash of every source that can end up in a kernel.
@@ -19,7 +19,7 @@ _PACKAGE: Final = Path(__file__).parent
 _KERNEL_SOURCES: Final = ("kernels.py", "outcome.py", "physics/*.py", "simulation/**/*.py")
 
 Submodel: TypeAlias = Any
-"""A NamedTuple of numbers that says by its type which law a scene has."""
+"""A NamedTuple of the numbers of one law in SI units; its type says which law a scene has."""
 
 _CONFIG: Any = numba.config
 _KERNEL: Final[dict[str, Any]] = {
@@ -39,14 +39,14 @@ _ALLOCATING: Final[dict[str, Any]] = {
     "_nrt": True,
 }
 # Without counting references to arrays, which costs more than half of the time of a short loop.
-_STAGE: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
+_INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 @functools.cache
 def sources_digest() -> str:
-    """Hash of all sources that decide what a sample computes, as 64 hexadecimal digits."""
+    """Return a hash of all sources that decide what a sample computes: 64 hexadecimal digits."""
     digest = hashlib.sha256()
     for pattern in _KERNEL_SOURCES:
         for path in sorted(_PACKAGE.glob(pattern)):
@@ -66,10 +66,15 @@ def _writable(folder: Path) -> bool:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels of exactly these sources; made, and known to be writable.
+    """Return the folder of the compiled kernels of exactly these sources; create it if needed.
 
     `NUMBA_CACHE_DIR` names the parent folder if set, else `XDG_CACHE_HOME` or `~/.cache`; where
     that cannot be written, a folder of this user in the temporary directory.
+
+    Raises
+    ------
+    OSError
+        If no candidate can be written; names those tried.
     """
     key = sources_digest()[:16]
     chosen = os.environ.get("NUMBA_CACHE_DIR")
@@ -83,7 +88,7 @@ def cache_folder() -> Path:
 
 
 def kernel(function: F) -> F:
-    """Compile a function that Python calls: cached on disk, without the GIL."""
+    """Compile a function that Python calls; cached on disk, runs without the GIL."""
     if not _CONFIG.DISABLE_JIT:
         _CONFIG.CACHE_DIR = str(cache_folder())
     compiled: F = numba.njit(**_KERNEL)(function)
@@ -91,45 +96,44 @@ def kernel(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile a function that only kernels call and that makes no arrays.
+    """Compile a function that only kernels call and that makes no arrays; copied into its callers.
 
-    The arrays it works on belong to the kernel. It has no code to be called from Python.
+    It counts no references: the arrays it works on belong to the kernel. It cannot be called from
+    Python.
     """
-    compiled: F = numba.njit(**_STAGE)(function)
+    compiled: F = numba.njit(**_INLINED)(function)
     return compiled
 
 
 def not_inlined(function: F) -> F:
-    """Compile a stage that is done rarely, and so is not copied into every place that calls it.
+    """Compile a function like `inlined`, but called instead of copied: for what is done rarely.
 
     Copies are what compilation takes its time for.
     """
-    compiled: F = numba.njit(**{**_STAGE, "forceinline": False})(function)
+    compiled: F = numba.njit(**{**_INLINED, "forceinline": False})(function)
     return compiled
 
 
 def inlined_fma(function: F) -> F:
-    """Compile a stage in which a product and a sum may be rounded once instead of twice."""
-    compiled: F = numba.njit(**_STAGE, fastmath={"contract"})(function)
+    """Compile a function like `inlined` in which a·b + c may be rounded once (fused)."""
+    compiled: F = numba.njit(**_INLINED, fastmath={"contract"})(function)
     return compiled
 
 
 def inlined_allocating(function: F) -> F:
-    """Compile a stage that makes arrays, to return or to use for itself."""
+    """Compile a function like `inlined` that makes arrays, to return them or as work space."""
     compiled: F = numba.njit(**_ALLOCATING)(function)
     return compiled
 
 
 class ANY:
-    """Stands for every type of submodel that nothing else is registered for, but not for None."""
+    """Registers a function for every type of submodel without one of its own, except None."""
 
 
 class Dispatcher:
-    """A formula that is chosen by the type of one submodel, when a kernel is compiled.
+    """A formula whose implementation is chosen by the type of a submodel when a kernel is compiled.
 
-    Used as a decorator on a signature without a body; `register` adds what a type of submodel (a
-    NamedTuple class, `None` for one that the scene leaves out, or `ANY`) computes. Compiled code is
-    specialised to the types, so a scene pays only for what it has.
+    Compiled code is specialised to the types, so a scene pays only for the laws that it has.
     """
 
     def __init__(self, signature: Callable[..., Any]) -> None:
@@ -137,7 +141,13 @@ class Dispatcher:
         self.table: dict[type, Callable[..., Any]] = {}
 
     def register(self, *models: type | None) -> Callable[[F], F]:
-        """Register the decorated function for these types of submodel."""
+        """Return a decorator that registers a function for these types of submodel.
+
+        Parameters
+        ----------
+        models
+            NamedTuple classes; `None` for a submodel that the scene leaves out; `ANY`.
+        """
 
         def register(function: F) -> F:
             for model in models:
@@ -147,39 +157,42 @@ class Dispatcher:
         return register
 
     def of_numba_type(self, model: Any) -> Callable[..., Any] | None:
-        """Return the function of a submodel given as a Numba type."""
+        """Return the function for a submodel given as a Numba type, None if there is none."""
         if isinstance(model, numba.types.NoneType):
             return self.table.get(type(None))
         found = getattr(model, "instance_class", object)
         return self.table.get(found) or self.table.get(ANY)
 
     def of(self, model: Any) -> Callable[..., Any]:
-        """Return the function of a submodel; raises KeyError if there is none."""
+        """Return the function for a submodel; raises KeyError if there is none."""
         if model is not None and type(model) not in self.table:
             return self.table[ANY]
         return self.table[type(model)]
 
 
 def dispatch(signature: Callable[..., Any]) -> Any:
-    """Make `signature` a formula dispatched on the type of its first argument; see `Dispatcher`."""
-    return _ask(signature, {"error_model": "numpy", "_nrt": False})
+    """Decorate a signature without a body: a formula dispatched on the type of its first argument.
+
+    `signature.register(Law)` decorates what the law computes; see `Dispatcher`.
+    """
+    return _dispatched(signature, {"error_model": "numpy", "_nrt": False})
 
 
 def dispatch_allocating(signature: Callable[..., Any]) -> Any:
-    """Make a formula like `dispatch`, whose functions may make arrays for themselves."""
-    return _ask(signature, {"error_model": "numpy", "_nrt": True})
+    """Decorate a signature like `dispatch`; its functions may make arrays."""
+    return _dispatched(signature, {"error_model": "numpy", "_nrt": True})
 
 
-def _ask(signature: Callable[..., Any], options: Any) -> Any:
-    table = Dispatcher(signature)
+def _dispatched(signature: Callable[..., Any], options: Any) -> Any:
+    dispatcher = Dispatcher(signature)
 
     @functools.wraps(signature)
-    def ask(model: Any, *arguments: Any) -> Any:
-        return table.of(model)(model, *arguments)
+    def dispatched(model: Any, *arguments: Any) -> Any:
+        return dispatcher.of(model)(model, *arguments)
 
-    @overload(ask, strict=False, jit_options=options)
+    @overload(dispatched, strict=False, jit_options=options)
     def choose(model: Any, *arguments: Any) -> Any:
-        return table.of_numba_type(model)
+        return dispatcher.of_numba_type(model)
 
-    ask.register = table.register  # type: ignore[attr-defined]
-    return ask
+    dispatched.register = dispatcher.register  # type: ignore[attr-defined]
+    return dispatched

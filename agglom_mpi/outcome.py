@@ -1,4 +1,4 @@
-"""What one sample leaves behind: the record that travels from a rank to the campaign file."""
+"""The result of one sample: its columns, failure reasons, summary for decisions, particles left."""
 
 import math
 from itertools import repeat
@@ -27,9 +27,9 @@ TIMED_OUT: Final = 5
 
 
 class OutcomeColumn(NamedTuple):
-    """One measured quantity of a sample: its storage type, unit and meaning.
+    """One result column of a sample: name, storage type, unit and meaning.
 
-    Campaign files have it from the format version `since` on.
+    `since` is the format version of campaign files that first has it.
     """
 
     name: str
@@ -77,7 +77,7 @@ COLUMNS: Final = (
 """The columns of a sample that physics determines; bit-for-bit reproducible."""
 
 OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
-"""One sample as a structured scalar; ledger columns end it."""
+"""One sample as a structured scalar, fields in the order of `COLUMNS`."""
 
 LEDGER: Final = (
     "momentum_error",
@@ -91,40 +91,49 @@ LEDGER: Final = (
 
 
 class SampleSummary(NamedTuple):
-    """What of a sample decisions are made from."""
+    """What decisions are based on: a sample's state, moments of b/b0, effort and objective."""
 
     completed: bool
     mean_radius_ratio: float
     particles: int
     central_moments: tuple[float, float, float]
-    """Moments 2, 3, 4 of b/b0 over the particles left."""
+    """Central moments 2, 3, 4 of b/b0 over the particles left  [A 24]."""
     steps: int
     particle_steps: int
     objective: float = math.nan
-    """Of this sample alone; nan where it was not asked for."""
+    """Objective of this sample alone; nan where it was not computed."""
 
 
 def summaries(rows: npt.NDArray[np.void]) -> list[SampleSummary]:
-    """Read rows, shape (n,), that have the columns of `OUTCOME` and, perhaps, `objective`."""
+    """Return the summaries of samples.
+
+    Parameters
+    ----------
+    rows
+        Structured array, shape (n,), with the fields of `OUTCOME`; a field `objective` is read if
+        it is there.
+    """
     columns = [rows[name].tolist() for name in ("mean_radius_ratio", "particles")]
     moments = (rows[f"radius_moment_{r}"].tolist() for r in (2, 3, 4))
-    work = [rows[name].tolist() for name in ("steps", "particle_steps")]
+    effort = [rows[name].tolist() for name in ("steps", "particle_steps")]
     completed = (rows["state"] == COMPLETED).tolist()
-    judged = "objective" in (rows.dtype.names or ())
-    worth = rows["objective"].tolist() if judged else repeat(math.nan)
-    return list(map(SampleSummary, completed, *columns, zip(*moments, strict=True), *work, worth))
+    has_objective = "objective" in (rows.dtype.names or ())
+    objectives = rows["objective"].tolist() if has_objective else repeat(math.nan)
+    return list(
+        map(SampleSummary, completed, *columns, zip(*moments, strict=True), *effort, objectives)
+    )
 
 
 FAILED_SUMMARY: Final = SampleSummary(False, 0.0, 0, (0.0, 0.0, 0.0), 0, 0, 0.0)
-"""A sample that failed."""
+"""Summary of any sample that failed."""
 
 
 class FinalParticles(NamedTuple):
     """The n particles left at the end, in the order of their slots.
 
-    Grains start in the order of their placement. Two that bond go on in the slot of one of them,
-    with the event engine the lower; gaps close up; pieces are put at the end. More than 4096 the
-    event engine may sort by their place. So one sample always has one order.
+    The order is the same for every run of a sample: grains start in the order of placement; of two
+    that bond, one keeps its slot (with the event engine the lower); gaps close up; fragments are
+    appended. The event engine may sort more than 4096 particles by position.
 
     Attributes
     ----------
@@ -139,23 +148,32 @@ class FinalParticles(NamedTuple):
 
 
 def final_particles(scene: Any, particles: Any) -> FinalParticles:
-    """Copy what is left of a `Scene` at its end, its final `Particles`, for people and files.
+    """Return copies of the particles left at the end of a sample.
 
-    Grains that the scene did not count are told by mass; temperatures that nothing changes are all
-    the scene's.
+    Where the kernels did not count grains, they follow from the mass; where nothing changes
+    temperatures, all are the scene's.
+
+    Parameters
+    ----------
+    scene
+        The `Scene` that was simulated.
+    particles
+        Its final `Particles`.
     """
     left = int(particles.size[0])
     masses = np.array(particles.mass[:left])
-    warms, counts = particles.temperature is not None, particles.grains is not None
+    has_temperatures, has_grains = particles.temperature is not None, particles.grains is not None
     return FinalParticles(
         radii=np.array(particles.radius[:left]),
         masses=masses,
         grains=(
             np.array(particles.grains[:left])
-            if counts
+            if has_grains
             else np.rint(masses / scene.mass).astype(np.int64)
         ),
         temperatures=(
-            np.array(particles.temperature[:left]) if warms else np.full(left, scene.temperature)
+            np.array(particles.temperature[:left])
+            if has_temperatures
+            else np.full(left, scene.temperature)
         ),
     )

@@ -1,4 +1,4 @@
-"""Random streams: each draw is keyed by what it is for, never by when it happens.
+"""Random streams: each draw is keyed by its purpose, never by when it happens.
 
 All keys begin with the seed of the campaign and a purpose; no two purposes share a stream.
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 SAMPLE: Final = 1
 """Purpose of a sample's stream: placement and velocities of one string and sample number."""
 COMMON_SAMPLE: Final = 2
-"""The same for streams that all strings have in common."""
+"""Purpose of a sample's stream that all strings share (common configurations)."""
 RANDOM_STRING: Final = 101
 OFFSPRING_BLEND: Final = 102
 SOBOL_SCRAMBLE: Final = 103
@@ -23,7 +23,7 @@ SENSITIVITY: Final = 106
 
 
 def search_stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the generator that belongs to a campaign seed and a key.
+    """Return the random generator of one purpose of the search.
 
     Parameters
     ----------
@@ -39,18 +39,18 @@ def search_stream(seed: int, *key: int) -> np.random.Generator:
 def sample_stream(
     seed: int, parameters: NDArray[np.float64], sample: int, common: bool = False
 ) -> np.random.Generator:
-    """Return the random stream of one sample, keyed by what it is and by nothing else.
+    """Return the random generator of one sample, keyed by seed, string and sample number.
 
     Parameters
     ----------
     seed
-        The campaign's seed.
+        Seed of the campaign, not negative.
     parameters
         The ten variables in SI units, shape (10,).
     sample
         Sample number from 0.
     common
-        Whether strings have common configurations; their parameters then play no part.
+        Whether all strings share configurations; the key then leaves the parameters out.
     """
     if common:
         return np.random.Generator(

@@ -2,7 +2,7 @@
 
 The moments of all particles are functions of the samples' means of a few numbers: particles left,
 and the sums of the powers of their radii. So their standard errors follow from the covariance of
-these numbers between samples, which is kept up to date in constant time.
+these numbers between samples (the delta method), which is updated in constant time.
 
 `scipy.special` is imported when it is used: to load it takes a quarter of a second.
 """
@@ -20,7 +20,7 @@ Central = tuple[float, float, float]
 
 
 class RunningMean:
-    """Mean and standard error of the values so far (Welford)."""
+    """Mean and standard error of the values so far (Welford, Technometrics 4, 1962, 419)."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -28,7 +28,7 @@ class RunningMean:
         self._squares = 0.0
 
     def add(self, value: float) -> None:
-        """Take one more value."""
+        """Add one value."""
         self.count += 1
         if self.count == 1:
             self.mean = value
@@ -39,14 +39,14 @@ class RunningMean:
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the mean, nan below two values."""
+        """Standard error of the mean; nan below two values."""
         if self.count < 2:
             return math.nan
         return math.sqrt(self._squares / (self.count - 1) / self.count)
 
 
 class PooledMoments:
-    """Central moments of all members of the groups so far, from the groups' own moments.
+    """Central moments of the members of all groups so far, from each group's own moments.
 
     The sums of powers about the common mean are combined pairwise by the exact shift formulas
     (Chan, Golub and LeVeque 1979; Pébay 2008), so no member is ever looked at again.
@@ -58,7 +58,15 @@ class PooledMoments:
         self._sums = (0.0, 0.0, 0.0)
 
     def add(self, count: int, mean: float, central: Central) -> None:
-        """Take one more group: its size, mean and central moments 2, 3, 4."""
+        """Add one group.
+
+        Parameters
+        ----------
+        count
+            Its members, at least 1.
+        mean, central
+            Their mean and central moments 2, 3, 4.
+        """
         a, b = self.count, count
         n = a + b
         shift = mean - self.mean
@@ -78,16 +86,17 @@ class PooledMoments:
 
     @property
     def central(self) -> tuple[float, float, float]:
-        """Central moments 2, 3, 4 of all members [A 24]; needs a member."""
+        """Central moments 2, 3, 4 of all members [A 24]; needs at least one member."""
         second, third, fourth = self._sums
         return second / self.count, third / self.count, fourth / self.count
 
 
 class PooledMomentErrors:
-    """Means over samples, and covariance, of (mean b/b⁰, n, S1, S2, S3, S4).
+    """Standard errors of functions of the pooled moments of particles, by the delta method.
 
-    S_r is the sum over the n particles of a sample of (b/b⁰ - c)^r; c is the mean of the first
-    sample, so that little cancels.
+    Keeps means over samples, and the covariance, of (mean b/b⁰, n, S1, S2, S3, S4). S_r is the sum
+    over the n particles of a sample of (b/b⁰ − c)^r; c is the mean of the first sample, so that
+    little cancels.
     """
 
     def __init__(self) -> None:
@@ -97,7 +106,7 @@ class PooledMomentErrors:
         self._products = np.zeros((6, 6))
 
     def add(self, particles: int, mean: float, central: Central) -> None:
-        """Take one more sample: its number of particles, their mean and central moments."""
+        """Add one sample: its number of particles, their mean b/b⁰ and central moments 2, 3, 4."""
         if self.count == 0:
             self._origin = mean
         self.count += 1
@@ -113,7 +122,7 @@ class PooledMomentErrors:
         ----------
         slopes
             Its derivatives by `mean`, the mean over samples, and by the central moments `second`,
-            `third` and `fourth` of all particles.
+            `third` and `fourth` of all particles; a derivative left out is 0.
         central
             These three moments.
         """
@@ -127,7 +136,17 @@ class PooledMomentErrors:
         slopes: Mapping[str, float],
         central: Central,
     ) -> float:
-        """Return how far one sample, as for `add`, moves such a function, times their number."""
+        """Return the influence of one sample on a function of the moments.
+
+        That is how far the function moves when this sample is added, times the number of samples.
+
+        Parameters
+        ----------
+        sample
+            Particles, mean and central moments, as for `add`.
+        slopes, central
+            As for `standard_error`.
+        """
         away = self._numbers(*sample) - self._means
         return float(self._gradient(slopes, central) @ away)
 
@@ -146,7 +165,7 @@ class PooledMomentErrors:
         """Return the derivatives by the six means, shape (6,).
 
         With D the distance of the common mean from c, the sums about that mean are binomial sums of
-        S_r; that mean itself moves with S1 - D n, which changes moment r by -r M_{r-1}.
+        S_r; that mean itself moves with S1 − D n, which changes moment r by −r M_{r−1}.
         """
         m2, m3, m4 = central
         n, distance = self._means[1], self._means[2] / self._means[1]
@@ -165,7 +184,7 @@ class PooledMomentErrors:
 
 
 class MeanEstimate(NamedTuple):
-    """A mean over so many independent samples, and its standard error, nan for one of them."""
+    """Mean of `samples` independent values and its standard error, nan for a single one."""
 
     value: float
     error: float
@@ -173,12 +192,12 @@ class MeanEstimate(NamedTuple):
 
     @property
     def half_width(self) -> float:
-        """Half the 95 % t interval; inf where there is none."""
+        """Half the 95 % t interval; inf below two samples."""
         return t_95(self.samples - 1) * self.error if self.samples > 1 else math.inf
 
 
 def mean_of(values: ArrayLike) -> MeanEstimate:
-    """Mean and standard error of independent values, shape (n,); that of none is nan."""
+    """Return mean and standard error of independent values, shape (n,); the mean of none is nan."""
     numbers = np.asarray(values, float)
     if numbers.size == 0:
         return MeanEstimate(math.nan, math.nan, 0)
@@ -188,29 +207,29 @@ def mean_of(values: ArrayLike) -> MeanEstimate:
     return MeanEstimate(float(np.mean(numbers)), error, numbers.size)
 
 
-def t_95(freedom: int) -> float:
+def t_95(degrees_of_freedom: int) -> float:
     """Return the two-sided 95 % quantile of Student's t; see `t_quantile`."""
-    return t_quantile(freedom, 0.95)
+    return t_quantile(degrees_of_freedom, 0.95)
 
 
 @cache
-def t_quantile(freedom: int, coverage: float) -> float:
-    """Return the t with P(|T| < t) = coverage.
+def t_quantile(degrees_of_freedom: int, coverage: float) -> float:
+    """Return the two-sided quantile t of Student's distribution, P(|T| < t) = coverage.
 
     Parameters
     ----------
-    freedom
-        Degrees of freedom, at least 1: one less than the number of samples.
+    degrees_of_freedom
+        At least 1; one less than the number of samples.
     coverage
         The probability, above 0 and below 1.
     """
     from scipy.special import stdtrit
 
-    return float(stdtrit(freedom, 0.5 + 0.5 * coverage))
+    return float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * coverage))
 
 
-def t_tails(t: float, freedom: float) -> float:
-    """Return P(|T| > t), also for fractional degrees of freedom."""
+def t_tails(t: float, degrees_of_freedom: float) -> float:
+    """Return P(|T| > t) of Student's distribution, also for fractional degrees of freedom."""
     from scipy.special import stdtr
 
-    return 2.0 * float(stdtr(freedom, -abs(t)))
+    return 2.0 * float(stdtr(degrees_of_freedom, -abs(t)))

@@ -1,10 +1,10 @@
-"""The ten search variables of the papers: their names, units and order."""
+"""The ten search variables of the papers: their names, units, symbols and order."""
 
 from typing import Final, NamedTuple
 
 
 class Variable(NamedTuple):
-    """One component of a parameter string."""
+    """One component of a parameter string: name, SI unit, symbol and meaning."""
 
     name: str
     unit: str

@@ -61,7 +61,7 @@ def example_law() -> RadiativeCooling:
 
 
 @kernel
-def step_on(law, rest, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
+def step_on(law, rest, surface, capacity, temperature, step, steps):
     """Take Euler steps in s; temperature in K, whether one overshot `rest`, went below zero.
 
     What a step does is judged before the package holds it at the rest of the quartic law, and puts
@@ -77,7 +77,7 @@ def step_on(law, rest, surface, capacity, temperature, step, steps):  # type: ig
 
 
 @kernel
-def cool_on(law, surface, capacity, temperature, step, steps):  # type: ignore[no-untyped-def]
+def cool_on(law, surface, capacity, temperature, step, steps):
     """Exact temperature in K after `steps` intervals of `step` s each."""
     for _ in range(steps):
         temperature = exact_temperature(law, temperature, surface, capacity, step)
@@ -85,7 +85,7 @@ def cool_on(law, surface, capacity, temperature, step, steps):  # type: ignore[n
 
 
 @kernel
-def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):  # type: ignore[no-untyped-def]
+def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):
     """Take `repeats` Euler steps of every grain, in place, as a stepper does; heat lost in J."""
     lost = 0.0
     for _ in range(repeats):
@@ -98,7 +98,7 @@ def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):  # t
 
 
 @kernel
-def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats):  # type: ignore[no-untyped-def]
+def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats):
     """Cool every grain exactly for `duration` s, `repeats` times over; heat lost in J."""
     lost = 0.0
     for _ in range(repeats):

@@ -78,7 +78,7 @@ class FinalStates(NamedTuple):
 
 
 @kernel
-def run_batch(scene, position, velocity, abort, left):  # type: ignore[no-untyped-def]
+def run_batch(scene, position, velocity, abort, left):
     """Run the engine of a scene from each state, which the end replaces; see `InitialStates`."""
     grains = position.shape[2]
     for run in range(position.shape[0]):

@@ -113,7 +113,7 @@ def hardness_of(material: Material, x: NDArray[np.float64]) -> NDArray[np.float6
 
 
 @kernel
-def with_hardness(laws, base):  # type: ignore[no-untyped-def]
+def with_hardness(laws, base):
     """Return the same laws with another H₀ in Pa."""
     return ImpactLaws(
         laws.restitution,
@@ -130,7 +130,7 @@ def with_hardness(laws, base):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):  # type: ignore[no-untyped-def]
+def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):
     """Solve the impact of a pair at every H₀ in Pa, `repeats` times over; fills the last three."""
     for _ in range(repeats):
         for i in range(hardness.size):
@@ -142,7 +142,7 @@ def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):  # 
 
 
 @kernel
-def iterate_as_published(laws, pair, hardness, deficit, count):  # type: ignore[no-untyped-def]
+def iterate_as_published(laws, pair, hardness, deficit, count):
     """Count the iterations of the published method, which the package does not report.
 
     The same loop as `FixedPointIteration`: e ← G(e) from e = 0  [A 20] [B 6b].

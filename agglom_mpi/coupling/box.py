@@ -40,8 +40,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.campaign import Campaign, load_campaign
-from agglom_mpi.coupling.given import check_temperatures, read
-from agglom_mpi.coupling.start import start
+from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.particles import EXHAUSTED
@@ -57,21 +56,21 @@ from agglom_mpi.simulation.stepwise import (
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import Engine
 
-Given = float | npt.ArrayLike | Callable[[np.random.Generator, int], npt.ArrayLike] | Any
+Input = float | npt.ArrayLike | Callable[[np.random.Generator, int], npt.ArrayLike] | Any
 """One value for all, an array, a function of (random, count), or a distribution with `rvs`."""
 
 
 class Box:
     """A box of grains in the scene of a campaign, run for as long as a macroscopic model says.
 
-    It is run by the scene's engine, exactly as a sample is. In how many steps a time is run through
-    does not change a bit of what comes out, nor does looking. Two boxes of one scene, string and
-    sample number are the same. `copy.deepcopy` and `pickle` make another that goes on the same, to
-    try a step or to move it to another process.
+    The scene's engine runs it exactly as a sample. The number of steps in which a time is run
+    through does not change a bit of the result, nor does reading the state. Two boxes of one scene,
+    string and sample number are the same. `copy.deepcopy` and `pickle` make another that continues
+    the same, to try a step or to move it to another process.
 
     Time steps of the engines `fixed` (their length is the scene's end time over their number) and
-    `adaptive` go on across those of the macroscopic model: at a time between two of them particles
-    are where they fly straight on.
+    `adaptive` continue across those of the macroscopic model: at a time between two of them
+    particles are where straight flight takes them.
 
     Parameters
     ----------
@@ -93,21 +92,22 @@ class Box:
         How many grains each particle is made of, shape (n,), where aggregates break; 1 if not
         given.
     particles
-        How many, n, where no array says it; as many as in the scene if not given.
+        Number n, where no array says it; that of the scene if not given.
     sample
-        Which random start; by it and the campaign's seed, what is not given is that of
+        Number of the random start: what is not given is that of
         `campaign.simulate(parameters, sample)`.
     engine
         Another engine than the scene's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
 
-    What is given may be one value for all, an array, a function of (random, n) that returns one,
+    An input may be one value for all, an array, a function of (random, n) that returns one,
     with a numpy Generator, or a distribution with `rvs(size=..., random_state=...)`, such as the
     frozen ones of scipy.stats, which draws each component.
 
     Raises
     ------
     ValueError
-        If something given cannot be; which value it is and what is allowed. A CampaignError is one.
+        If an input is not possible; names it, its value and what is allowed. A CampaignError is a
+        ValueError.
     """
 
     def __init__(
@@ -115,10 +115,10 @@ class Box:
         campaign: Campaign | str | os.PathLike[str],
         parameters: Mapping[str, float | str] | None = None,
         *,
-        radii: Given = None,
-        velocities: Given = None,
-        temperatures: Given = None,
-        positions: Given = None,
+        radii: Input = None,
+        velocities: Input = None,
+        temperatures: Input = None,
+        positions: Input = None,
         grains: npt.ArrayLike | None = None,
         particles: int | None = None,
         sample: int = 0,
@@ -130,18 +130,18 @@ class Box:
         campaign.check_scales(string)
         scene = campaign.scene.build(string, campaign.engine(engine))
         self._random = sample_stream(campaign.seed, string, sample, campaign.common_configurations)
-        self._given = start(
+        self._initial = initial_particles(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains
         )
-        self._drawn = self._random.bit_generator.state
-        total = int(self._given.grains.sum())
+        self._random_state = self._random.bit_generator.state
+        total = int(self._initial.grains.sum())
         self._scene = scene._replace(particles=total)
         breaks = scene.laws.fragmentation is not None
-        self._capacity = 2 * total if breaks else len(self._given.radii)
+        self._capacity = 2 * total if breaks else len(self._initial.radii)
         self._volume = (2.0 * scene.half_width) ** 3
-        self._elapsed, self._begun = 0.0, 0.0  # s since `start_run`, and until then
-        self._kept: Any = None  # by the engine
-        self._seen = np.zeros(1, OBSERVATION)
+        self._elapsed, self._start_time = 0.0, 0.0  # s since `start_run`, and until then
+        self._engine_state: Any = None
+        self._observation = np.zeros(1, OBSERVATION)
         self._abort = np.zeros(1, np.uint8)
         self.reset()
 
@@ -162,16 +162,16 @@ class Box:
 
     @property
     def particles(self) -> BoxParticles:
-        """The particles as they are now."""
-        return particles_of(self._looker.copy)
+        """Copies of the particles at the present time."""
+        return particles_of(self._observer.copy)
 
     def advance(self, dt: float) -> State:
-        """Run the box for a macroscopic time step.
+        """Advance the box by a macroscopic time step.
 
         Parameters
         ----------
         dt
-            s.
+            Length of the step, s.
 
         Returns
         -------
@@ -181,55 +181,57 @@ class Box:
         Raises
         ------
         ValueError
-            If `dt` is no positive time.
+            If `dt` is not finite and greater than 0.
         RuntimeError
-            If the budget of the engine did not suffice, or something is not finite any more. The
-            state is that of the time reached then.
+            If the budget of the engine did not suffice, or a quantity is not finite any more. The
+            state is then that of the time reached.
         """
         until = self._elapsed + _seconds(dt)
         if not until > self._elapsed:
             raise ValueError(f"dt is {dt:g} s; must not be lost in rounding at {self.time:g} s")
-        ledger, pending = empty_ledger(), float(self._seen["pending"][0])
-        arguments = self._particles, self._kept, self._looker, ledger, until, self._abort
-        advance_run(self._scene, *arguments, self._seen)
-        reached = float(self._seen["reached"][0])
+        ledger, pending = empty_ledger(), float(self._observation["pending"][0])
+        arguments = self._particles, self._engine_state, self._observer, ledger, until, self._abort
+        advance_run(self._scene, *arguments, self._observation)
+        reached = float(self._observation["reached"][0])
         step, self._elapsed = reached - self._elapsed, reached
-        time = self._begun + reached
-        self._state = homogenise(self._seen[0], ledger, pending, self._volume, time, step)
-        if ledger.tally[EXHAUSTED]:
+        time = self._start_time + reached
+        self._state = homogenise(self._observation[0], ledger, pending, self._volume, time, step)
+        if ledger.counts[EXHAUSTED]:
             raise RuntimeError(f"the engine's budget was used up at {time:g} s")
-        if not self._seen["finite"][0]:
+        if not self._observation["finite"][0]:
             raise RuntimeError(f"something is not finite any more at {time:g} s")
         return self._state
 
-    def set(self, *, velocities: Given = None, temperatures: Given = None) -> None:
-        """Give the particles other velocities or temperatures, as the constructor takes them.
+    def set(self, *, velocities: Input = None, temperatures: Input = None) -> None:
+        """Set velocities or temperatures of the particles; inputs as for the constructor.
 
-        Arrays are in the order of `particles`, which others keep. The time goes on; rates begin
-        at 0 again, and so do the steps of a time-stepping engine.
+        Arrays are in the order of `particles`. The time goes on; rates begin at 0 again, and so do
+        the steps of a time-stepping engine.
         """
         rows = self.particles
         count = len(rows.radii)
         if velocities is not None:
-            rows = rows._replace(velocities=read("velocities", velocities, self._random, count))
+            rows = rows._replace(
+                velocities=read_values("velocities", velocities, self._random, count)
+            )
         if temperatures is not None:
-            values = read("temperatures", temperatures, self._random, count)
+            values = read_values("temperatures", temperatures, self._random, count)
             check_temperatures(values)
             rows = rows._replace(temperatures=values)
-        struck = self._looker.copy.last_impact
-        since = None if struck is None else struck[:count] - self._elapsed
-        self._set_out(rows, since, int(self._particles.labels_given[0]), self.time)
+        last_impacts = self._observer.copy.last_impact
+        since = None if last_impacts is None else last_impacts[:count] - self._elapsed
+        self._start(rows, since, int(self._particles.labels_given[0]), self.time)
 
     def reset(self) -> State:
-        """Return to what was given at first, at the time 0; that state.
+        """Return to the initial particles at the time 0; returns that state.
 
         What `set` draws from distributions is drawn again the same.
         """
-        self._random.bit_generator.state = self._drawn
-        self._set_out(self._given, None, len(self._given.radii), 0.0)
+        self._random.bit_generator.state = self._random_state
+        self._start(self._initial, None, len(self._initial.radii), 0.0)
         return self._state
 
-    def _set_out(self, rows: BoxParticles, struck: Any, labels_given: int, time: float) -> None:
+    def _start(self, rows: BoxParticles, last_impacts: Any, labels_given: int, time: float) -> None:
         particles: Any = empty_particles(self._scene, self._capacity)
         count = len(rows.radii)
         particles.size[0] = count
@@ -237,15 +239,15 @@ class Box:
         particles.velocity[:, :count] = rows.velocities.T
         for array, values in zip(particles[3:6], rows[2:5], strict=True):
             array[:count] = values
-        if struck is not None:
-            particles.last_impact[:count] = struck
+        if last_impacts is not None:
+            particles.last_impact[:count] = last_impacts
         particles.grains[:count] = rows.grains
         particles.label[:count] = rows.labels
         particles.labels_given[0] = labels_given
-        self._looker = new_observer(self._scene, self._capacity)
-        self._particles, self._begun, self._elapsed = particles, time, 0.0
-        self._kept = start_run(self._scene, particles, self._looker, self._seen)
-        self._state = homogenise(self._seen[0], empty_ledger(), 0.0, self._volume, time, 0.0)
+        self._observer = new_observer(self._scene, self._capacity)
+        self._particles, self._start_time, self._elapsed = particles, time, 0.0
+        self._engine_state = start_run(self._scene, particles, self._observer, self._observation)
+        self._state = homogenise(self._observation[0], empty_ledger(), 0.0, self._volume, time, 0.0)
 
 
 def _seconds(dt: float) -> float:

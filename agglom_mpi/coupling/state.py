@@ -1,4 +1,4 @@
-"""What a macroscopic model reads from a box: its homogenised state, and its particles  [B 9]."""
+"""Outputs of a box for a macroscopic model: the homogenised state and the particles  [B 9]."""
 
 import math
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class State(NamedTuple):
     """A box averaged over its volume; rates and counts are those of the last step.
 
     The kinetic energy per volume is that of the mean flow plus 3/2 · mass_density ·
-    granular_temperature; the second falls by the dissipation rate. With the heating `pair_split`
+    granular_temperature; the latter falls by the dissipation rate. With the heating `pair_split`
     the thermal energy per volume, mass_density · heat capacity · mean_temperature, rises by
     dissipation + heat release − cooling − surface energy rate.
 
@@ -33,7 +33,7 @@ class State(NamedTuple):
     time : float
         Since the box was made or reset, s.
     particles : int
-        Particles there are.
+        Number of particles.
     mean_radius, radius_deviation : float
         Mean and standard deviation (about the mean, over n) of the radii, m.
     mass_density : float
@@ -46,7 +46,7 @@ class State(NamedTuple):
     mean_temperature : float
         By mass, K.
     dissipation_rate : float
-        Kinetic energy that impacts took, W/m³.
+        Kinetic energy that impacts dissipated, W/m³.
     heat_release_rate : float
         Heat of reaction, W/m³.
     cooling_rate : float
@@ -79,7 +79,7 @@ class State(NamedTuple):
 
 
 class BoxParticles(NamedTuple):
-    """The n particles of a box, in SI units: copies, to do with as one likes.
+    """The n particles of a box in SI units; copies, free to be changed.
 
     Attributes
     ----------
@@ -89,8 +89,8 @@ class BoxParticles(NamedTuple):
     grains : array of int64, shape (n,)
         Grains in each.
     labels : array of int64, shape (n,)
-        Who is who: 0 … n−1 as they were given. What two become that bond goes on with the label of
-        one of them; a piece that breaks off gets one that nobody had before.
+        Identities: 0 … n−1 in the order of the inputs. An aggregate keeps the label of one of the
+        two that bonded; pieces that break off get new labels.
     """
 
     positions: npt.NDArray[np.float64]
@@ -103,47 +103,48 @@ class BoxParticles(NamedTuple):
 
 
 def homogenise(
-    seen: Any, ledger: Ledger, pending: float, volume: float, time: float, step: float
+    observation: Any, ledger: Ledger, pending: float, volume: float, time: float, step: float
 ) -> State:
-    """Return the state of a box.
+    """Return the homogenised state of a box.
 
     Parameters
     ----------
-    seen
-        A record of `stretches.LOOK`.
+    observation
+        A record of `OBSERVATION`.
     ledger
-        What the last step booked.
+        Energies and counts of the last step.
     pending
-        Heat in J that was radiated before this step and not yet booked then.
+        Heat in J that was radiated before this step and was in no ledger then.
     volume, time, step
-        Of the box in m³, since its beginning in s, and of the last step in s; 0 if there was none.
+        Volume of the box in m³, time since its beginning in s, length of the last step in s, 0
+        without one.
     """
     per = 1.0 / (volume * step) if step > 0.0 else 0.0
-    energy, tally = (values.tolist() for values in (ledger.energy, ledger.tally))
-    mass = float(seen["mass"])
+    energy, counts = (values.tolist() for values in (ledger.energy, ledger.counts))
+    mass = float(observation["mass"])
     return State(
         time=time,
-        particles=int(seen["particles"]),
-        mean_radius=float(seen["mean_radius"]),
-        radius_deviation=math.sqrt(seen["radius_variance"]),
+        particles=int(observation["particles"]),
+        mean_radius=float(observation["mean_radius"]),
+        radius_deviation=math.sqrt(observation["radius_variance"]),
         mass_density=mass / volume,
-        momentum_density=np.array([seen["x"], seen["y"], seen["z"]]) / volume,
-        granular_temperature=2.0 * float(seen["fluctuation"]) / (3.0 * mass),
-        mean_temperature=float(seen["temperature"]),
+        momentum_density=np.array([observation["x"], observation["y"], observation["z"]]) / volume,
+        granular_temperature=2.0 * float(observation["fluctuation"]) / (3.0 * mass),
+        mean_temperature=float(observation["temperature"]),
         dissipation_rate=energy[DISSIPATED] * per,
         heat_release_rate=energy[REACTION] * per,
-        cooling_rate=(energy[RADIATED] + float(seen["pending"]) - pending) * per,
+        cooling_rate=(energy[RADIATED] + float(observation["pending"]) - pending) * per,
         surface_energy_rate=energy[SURFACE] * per,
-        collisions=tally[COLLISIONS],
-        merges=tally[MERGES],
-        breakups=tally[BREAKUPS],
-        capped_iterations=tally[CAPPED],
-        floored_temperatures=tally[FLOORED],
+        collisions=counts[COLLISIONS],
+        merges=counts[MERGES],
+        breakups=counts[BREAKUPS],
+        capped_iterations=counts[CAPPED],
+        floored_temperatures=counts[FLOORED],
     )
 
 
 def particles_of(particles: Any) -> BoxParticles:
-    """Copy `Particles` without gaps."""
+    """Return copies of kernels' `Particles`, which must have no gaps, as a `BoxParticles`."""
     left = int(particles.size[0])
     return BoxParticles(
         positions=particles.position[:, :left].T.copy(),

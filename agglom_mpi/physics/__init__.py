@@ -1,1 +1,1 @@
-"""One file per physical question; pure scalar formulas, no loops over particles."""
+"""Formulas of one pair or one grain: one file per physical question, no loops over particles."""

@@ -1,4 +1,4 @@
-"""Area and duration of the contact of two spheres."""
+"""Area, duration and mean force of the contact of two spheres."""
 
 import math
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from agglom_mpi.physics.pair import ContactPair
 
 
 class ContactArea(NamedTuple):
-    """a^c = (a₀ + (a_f − a₀)(1 − e))·πb², with 0 ≤ a₀ ≤ a_f  [A 11] [B 4.12]."""
+    """a^c = A(e)·πb², A(e) = a₀ + (a_f − a₀)(1 − e), with 0 ≤ a₀ ≤ a_f  [A 11] [B 4.12]."""
 
     initial: float
     final: float
@@ -16,24 +16,24 @@ class ContactArea(NamedTuple):
 
 @inlined
 def area_fraction(model: ContactArea, deficit: float) -> float:
-    """Contact area over the cross section of the smaller sphere, at 1 − e = `deficit`."""
+    """A(e): contact area over the cross section πb² of the smaller sphere, at 1 − e = `deficit`."""
     return model.initial + (model.final - model.initial) * deficit
 
 
 @inlined
 def area_slope(model: ContactArea, radius: float) -> float:
-    """Change of the contact area with the deficit 1 − e, m²."""
+    """Change of the contact area with the deficit, (a_f − a₀)πb², in m²."""
     return (model.final - model.initial) * math.pi * radius * radius
 
 
 @inlined
 def contact_area(model: ContactArea, deficit: float, radius: float) -> float:
-    """Contact area in m² of spheres whose smaller radius is `radius` in m."""
+    """Contact area A(e)·πb² in m², b the smaller `radius` in m  [A 11] [B 4.12]."""
     return area_fraction(model, deficit) * math.pi * radius * radius
 
 
 class MeanSpeedDuration(NamedTuple):
-    """δt = 2εb / ((1+e)w): the mean of approach and separation speed over a length εb  [A 12]."""
+    """δt = 2εb/((1+e)w): a length εb at the mean of approach and separation speed  [A 12]."""
 
     length_ratio: float
 
@@ -46,40 +46,40 @@ class CompressionRecoveryDuration(NamedTuple):
 
 @dispatch
 def force_scale(model: Submodel, pair: ContactPair) -> float:
-    """Mean force J/δt of a perfectly plastic impact, m*w²/(2εb), in N  [A 6, 12] [B 3.1, 4.10]."""
+    """Mean force J/δt at e = 0, m*w²/(2εb), in N  [A 6, 12] [B 3.1, 4.10]."""
 
 
 @dispatch
 def restitution_factor(model: Submodel, restitution: float) -> float:
-    """Mean force over that of a perfectly plastic impact, dimensionless; never falls with e."""
+    """Mean force over that at e = 0, dimensionless; does not fall with e."""
 
 
 @dispatch
 def restitution_factor_slope(model: Submodel, deficit: float) -> float:
-    """−d ln(force shape)/d ln d at the deficit d = 1 − e, dimensionless; never falls with d."""
+    """−d ln(restitution factor)/d ln d, dimensionless; does not fall with the deficit d."""
 
 
 @force_scale.register(MeanSpeedDuration, CompressionRecoveryDuration)
-def _plastic_force(model, pair):  # type: ignore[no-untyped-def]
+def _plastic_force(model, pair):
     energy = pair.reduced_mass * pair.approach_speed * pair.approach_speed
     return energy / (2.0 * model.length_ratio * pair.radius)
 
 
 @restitution_factor.register(MeanSpeedDuration)
-def _mean_speed_shape(model, restitution):  # type: ignore[no-untyped-def]
+def _mean_speed_factor(model, restitution):
     return (1.0 + restitution) * (1.0 + restitution)
 
 
 @restitution_factor.register(CompressionRecoveryDuration)
-def _compression_recovery_shape(model, restitution):  # type: ignore[no-untyped-def]
+def _compression_recovery_factor(model, restitution):
     return 1.0
 
 
 @restitution_factor_slope.register(MeanSpeedDuration)
-def _mean_speed_fall(model, deficit):  # type: ignore[no-untyped-def]
+def _mean_speed_slope(model, deficit):
     return 2.0 * deficit / (2.0 - deficit)
 
 
 @restitution_factor_slope.register(CompressionRecoveryDuration)
-def _compression_recovery_fall(model, deficit):  # type: ignore[no-untyped-def]
+def _compression_recovery_slope(model, deficit):
     return 0.0

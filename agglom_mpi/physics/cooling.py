@@ -1,4 +1,7 @@
-"""How does a grain cool between impacts?  Motion does not enter: it is integrated exactly."""
+"""Cooling of a grain between impacts: the laws, their exact solutions and published Euler steps.
+
+A temperature does not depend on how the grain moves, so each can be integrated on its own.
+"""
 
 import math
 from typing import Final, NamedTuple
@@ -15,13 +18,24 @@ PANEL: Final = 0.5
 """Width in ln of the distance to equilibrium over which the 8-point rule is exact to rounding."""
 
 COLDEST: Final = 1e-30
-"""An equilibrium in K up to which it is taken as 0 K, so that ln of the distance has a range."""
+"""Equilibrium in K up to which it is taken as 0 K, so that ln of the distance has a range."""
 
 
 class RadiativeCooling(NamedTuple):
     """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19–6.20].
 
-    `equilibrium` in K is where the right side vanishes; `equilibrium_temperature` computes it.
+    Attributes
+    ----------
+    emissivity
+        ε.
+    surroundings
+        θ_s that it radiates to, K.
+    convection
+        h_c, W/(m² K).
+    ambient
+        θ_o of the gas, K.
+    equilibrium
+        θ_e where the right side vanishes, K; `equilibrium_temperature` computes it.
     """
 
     emissivity: float
@@ -35,6 +49,7 @@ class QuarticCooling(NamedTuple):
     """θ' = −(B/(ρC))(θ − θ₀)⁴ above the starting temperature θ₀, nothing below  [A 18].
 
     As published, with its fault: a length is missing, so the numbers mean nothing outside SI.
+    `density` ρ in kg/m³, `heat_capacity` C in J/(kg K), `start` θ₀ in K.
     """
 
     density: float
@@ -43,7 +58,7 @@ class QuarticCooling(NamedTuple):
 
 
 class EulerCooling(NamedTuple):
-    """One explicit step per time step, as published  [A 19] [B 6.21].
+    """One explicit Euler step of a law per time step, as published  [A 19] [B 6.21].
 
     It may oscillate about the surroundings and go below zero. The quartic law is held at θ₀, which
     the exact solution never crosses and beyond which an Euler step runs away.
@@ -53,34 +68,37 @@ class EulerCooling(NamedTuple):
 
 
 class ExactCooling(NamedTuple):
-    """The exact solution, applied to a particle when it is touched."""
+    """The exact solution of a law, applied to a particle only when its temperature is needed."""
 
     law: Submodel
 
 
 @dispatch
 def cooling_rate(law: Submodel, temperature: float, surface: float, capacity: float) -> float:
-    """−θ' in K/s at `temperature`; surface 4πb² in m², capacity mC in J/K."""
+    """−θ' in K/s at `temperature` in K; `surface` 4πb² in m², `capacity` mC in J/K."""
 
 
 @dispatch
 def exact_temperature(
     law: Submodel, temperature: float, surface: float, capacity: float, time: float
 ) -> float:
-    """Exact temperature in K after `time` in s."""
+    """Exact temperature in K after `time` in s; other arguments as for `cooling_rate`."""
 
 
 @dispatch
 def euler_step(
     law: Submodel, temperature: float, surface: float, capacity: float, step: float
 ) -> float:
-    """Temperature in K after one explicit Euler step in s  [A 19] [B 6.21]."""
+    """Temperature in K after one explicit Euler step of `step` in s  [A 19] [B 6.21]."""
 
 
 def equilibrium_temperature(
     emissivity: float, surroundings: float, convection: float, ambient: float
 ) -> float:
-    """Temperature in K at which radiation and convection balance, by bisection to rounding."""
+    """Return the temperature θ_e in K at which radiation and convection balance.
+
+    By bisection to rounding; arguments as the attributes of `RadiativeCooling`.
+    """
     low, high = sorted((surroundings, ambient))
     if emissivity == 0.0 or convection == 0.0 or low == high:
         return surroundings if convection == 0.0 else (ambient if emissivity == 0.0 else low)
@@ -96,26 +114,29 @@ def equilibrium_temperature(
 
 
 @cooling_rate.register(RadiativeCooling)
-def _radiative_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+def _radiative_rate(law, temperature, surface, capacity):
     radiated = STEFAN_BOLTZMANN * law.emissivity * (temperature**4 - law.surroundings**4)
     return surface / capacity * (radiated + law.convection * (temperature - law.ambient))
 
 
 @cooling_rate.register(QuarticCooling)
-def _quartic_rate(law, temperature, surface, capacity):  # type: ignore[no-untyped-def]
+def _quartic_rate(law, temperature, surface, capacity):
     excess = max(0.0, temperature - law.start)
     return quartic_coefficient(law) * excess**4
 
 
 @inlined
 def quartic_coefficient(law: QuarticCooling) -> float:
-    """B/(ρC)  [A 18]."""
+    """B/(ρC) in m/(K³ s), used as if it were 1/(K³ s): the missing length  [A 18]."""
     return STEFAN_BOLTZMANN / (law.density * law.heat_capacity)
 
 
 @inlined
 def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
-    """−d ln|θ − θ_e|/dt over a_s/(mC), at θ = θ_e + `distance`, in W/(m² K)."""
+    """−d ln|θ − θ_e|/dt over a_s/(mC), at θ = θ_e + `distance` in K, in W/(m² K).
+
+    By (θ + θ_e)(θ² + θ_e²), the quotient of θ⁴ − θ_e⁴ and θ − θ_e, which does not cancel near θ_e.
+    """
     rest = law.equilibrium
     temperature = rest + distance
     radiative = (temperature + rest) * (temperature * temperature + rest * rest)
@@ -124,7 +145,10 @@ def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
 
 @inlined
 def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
-    """Time, times a_s/(mC), in which ln|θ − θ_e| falls by `width` from `distance`."""
+    """Time times a_s/(mC), in m² K/W, in which ln|θ − θ_e| falls by `width` from `distance` in K.
+
+    By 8-point Gauss–Legendre quadrature.
+    """
     total = 0.0
     for node, weight in zip(NODES, WEIGHTS):  # noqa: B905
         total += weight / relaxation_rate(law, distance * math.exp(-node * width))
@@ -132,20 +156,27 @@ def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
 
 
 @inlined
-def cooled_towards_zero(law: RadiativeCooling, temperature: float, left: float) -> float:
-    """Temperature in K after `left` = time·a_s/(mC) of θ' ∝ −hθ − Bεθ⁴, a Bernoulli equation."""
+def cooled_towards_zero(law: RadiativeCooling, temperature: float, remaining: float) -> float:
+    """Temperature in K after t·a_s/(mC) = `remaining` where θ_e = 0: θ' ∝ −h_c θ − Bεθ⁴.
+
+    A Bernoulli equation; with h_c = 0 that of a black body in empty space.
+    """
     convection = law.convection
-    grown = -math.expm1(-3.0 * convection * left) / convection if convection > 0.0 else 3.0 * left
+    grown = (
+        -math.expm1(-3.0 * convection * remaining) / convection
+        if convection > 0.0
+        else 3.0 * remaining
+    )
     radiated = STEFAN_BOLTZMANN * law.emissivity * temperature**3 * grown
-    return temperature * math.exp(-convection * left) * (1.0 + radiated) ** (-1.0 / 3.0)
+    return temperature * math.exp(-convection * remaining) * (1.0 + radiated) ** (-1.0 / 3.0)
 
 
 @inlined
-def panel_width(law: RadiativeCooling, distance: float, left: float, guess: float) -> float:
-    """Width of the panel from `distance` that takes the time `left`, by Newton's method."""
+def panel_width(law: RadiativeCooling, distance: float, remaining: float, guess: float) -> float:
+    """Width of the panel from `distance` that takes the time `remaining`, by Newton's method."""
     width = guess
     for _ in range(50):
-        error = panel_time(law, distance, width) - left
+        error = panel_time(law, distance, width) - remaining
         change = error * relaxation_rate(law, distance * math.exp(-width))
         width = min(PANEL, max(0.0, width - change))
         if abs(change) <= 1e-15 * width:
@@ -154,42 +185,44 @@ def panel_width(law: RadiativeCooling, distance: float, left: float, guess: floa
 
 
 @exact_temperature.register(RadiativeCooling)
-def _radiative_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
-    left = time * surface / capacity
+def _radiative_exact(law, temperature, surface, capacity, time):
+    # ln|θ − θ_e| falls smoothly: the time is its integral over the rate, panel by panel.
+    remaining = time * surface / capacity
     start = temperature - law.equilibrium
-    if left <= 0.0 or start == 0.0:
+    if remaining <= 0.0 or start == 0.0:
         return temperature
     if law.equilibrium <= COLDEST or relaxation_rate(law, min(start, 0.0)) == 0.0:
-        return cooled_towards_zero(law, temperature, left)
+        return cooled_towards_zero(law, temperature, remaining)
     distance = start
     taken = panel_time(law, distance, PANEL)
-    while taken < left:
-        left -= taken
+    while taken < remaining:
+        remaining -= taken
         distance *= math.exp(-PANEL)
         if abs(distance) <= 1e-17 * law.equilibrium:
             return law.equilibrium
         taken = panel_time(law, distance, PANEL)
-    width = panel_width(law, distance, left, PANEL * left / taken)
+    width = panel_width(law, distance, remaining, PANEL * remaining / taken)
     if distance == start:  # counted from where it was, which may be far nearer to zero
         return temperature + start * math.expm1(-width)
     return law.equilibrium + distance * math.exp(-width)
 
 
 @exact_temperature.register(QuarticCooling)
-def _quartic_exact(law, temperature, surface, capacity, time):  # type: ignore[no-untyped-def]
+def _quartic_exact(law, temperature, surface, capacity, time):
     excess = temperature - law.start
     if excess <= 0.0:
         return temperature
+    # x' = −c x⁴ is solved by x(0) (1 + 3 c x(0)³ t)^(−1/3).
     growth = 3.0 * quartic_coefficient(law) * time * excess**3
     return law.start + excess * (1.0 + growth) ** (-1.0 / 3.0)
 
 
 @euler_step.register(RadiativeCooling)
-def _radiative_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+def _radiative_euler(law, temperature, surface, capacity, step):
     return temperature - step * cooling_rate(law, temperature, surface, capacity)
 
 
 @euler_step.register(QuarticCooling)
-def _quartic_euler(law, temperature, surface, capacity, step):  # type: ignore[no-untyped-def]
+def _quartic_euler(law, temperature, surface, capacity, step):
     following = temperature - step * cooling_rate(law, temperature, surface, capacity)
     return max(following, min(temperature, law.start))

@@ -1,4 +1,4 @@
-"""How hard is a grain at its temperature?"""
+"""Hardness of a grain as a function of its temperature."""
 
 import math
 from typing import NamedTuple
@@ -31,12 +31,12 @@ def softening_rate(model: Submodel, temperature: float) -> float:
 
 
 @log_hardening.register(ConstantHardness)
-def _not_hardened(model, temperature):  # type: ignore[no-untyped-def]
+def _not_hardened(model, temperature):
     return 0.0
 
 
 @log_hardening.register(ArrheniusHardness)
-def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
+def _arrhenius(model, temperature):
     if model.activation_energy == 0.0:
         return 0.0
     if temperature <= 0.0:
@@ -45,10 +45,10 @@ def _arrhenius(model, temperature):  # type: ignore[no-untyped-def]
 
 
 @softening_rate.register(ConstantHardness)
-def _never_softer(model, temperature):  # type: ignore[no-untyped-def]
+def _constant_softening(model, temperature):
     return 0.0
 
 
 @softening_rate.register(ArrheniusHardness)
-def _arrhenius_rate(model, temperature):  # type: ignore[no-untyped-def]
+def _arrhenius_rate(model, temperature):
     return model.activation_energy / (GAS_CONSTANT * temperature) / temperature

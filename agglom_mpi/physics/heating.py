@@ -13,7 +13,7 @@ from agglom_mpi.physics.friction import (
     normal_loss,
     tangential_impulse,
 )
-from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.pair import ContactPair, is_frame_dependent
 
 
 class PairSplit(NamedTuple):
@@ -46,7 +46,7 @@ def least_heat_slopes(
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
-    """Lower bounds in J of the slopes of both heats in the deficit, over [lower, upper]."""
+    """Lower bounds in J of the slopes of both heats with the deficit, over [lower, upper]."""
 
 
 @dispatch
@@ -56,16 +56,26 @@ def merge_heat(model: Submodel | None, pair: ContactPair) -> float:
 
 @dispatch
 def keeps_root_unique(model: Submodel | None) -> bool:
-    """Whether heat/deficit never rises with the deficit, friction that rises with e set aside."""
+    """Whether heat/deficit never rises with the deficit, apart from friction that rises with e."""
+
+
+@is_frame_dependent.register(PairSplit)
+def _in_every_frame(model):
+    return False
+
+
+@is_frame_dependent.register(OwnEnergy)
+def _in_one_frame(model):
+    return True
 
 
 @keeps_root_unique.register(None, PairSplit)
-def _unique(model):  # type: ignore[no-untyped-def]
+def _unique(model):
     return True
 
 
 @keeps_root_unique.register(OwnEnergy)
-def _not_unique(model):  # type: ignore[no-untyped-def]
+def _not_unique(model):
     return False
 
 
@@ -77,29 +87,29 @@ def merge_dissipation(pair: ContactPair) -> float:
 
 
 @impact_heats.register(None)
-def _no_heat(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
+def _no_heat(model, friction, pair, deficit):
     return 0.0, 0.0
 
 
 @least_heat_slopes.register(None)
-def _no_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _no_slopes(model, friction, pair, lower, upper):
     return 0.0, 0.0
 
 
 @merge_heat.register(None)
-def _no_merge_heat(model, pair):  # type: ignore[no-untyped-def]
+def _no_merge_heat(model, pair):
     return 0.0
 
 
 @impact_heats.register(PairSplit)
-def _pair_split(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
+def _pair_split(model, friction, pair, deficit):
     impulse = tangential_impulse(friction, pair, deficit)
     half = 0.5 * (normal_loss(pair, deficit) + friction_loss(pair, impulse))
     return half, half
 
 
 @least_heat_slopes.register(PairSplit)
-def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _pair_split_slopes(model, friction, pair, lower, upper):
     # Both parts are concave in the deficit and without a corner where friction stops the slip.
     work = pair.reduced_mass * pair.approach_speed * pair.approach_speed * (1.0 - upper)
     left = pair.slip_speed - tangential_impulse(friction, pair, upper) / pair.reduced_mass
@@ -108,26 +118,30 @@ def _pair_split_slopes(model, friction, pair, lower, upper):  # type: ignore[no-
 
 
 @merge_heat.register(PairSplit)
-def _pair_split_merge(model, pair):  # type: ignore[no-untyped-def]
+def _pair_split_merge(model, pair):
     return merge_dissipation(pair)
 
 
 @inlined
-def own_loss(mass, normal, tangent, normal_impulse, friction_impulse):  # type: ignore[no-untyped-def]
-    """Kinetic energy in J that a sphere of this velocity loses to impulses against n and t."""
+def own_energy_loss(mass, normal, tangent, normal_impulse, friction_impulse):
+    """Kinetic energy in J that one sphere loses to impulses in N s against n and t  [B 6.5–6.10].
+
+    `normal` and `tangent` are its velocity components in m/s along the two impulses.
+    """
     work = normal * normal_impulse + tangent * friction_impulse
     square = normal_impulse * normal_impulse + friction_impulse * friction_impulse
     return work - 0.5 * square / mass
 
 
 @inlined
-def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes):  # type: ignore[no-untyped-def]
-    """Lower bound of the slope in the deficit of `own_loss`.
+def least_own_energy_slope(mass, normal, tangent, impulse, momentum, friction_impulses, slopes):
+    """Lower bound in J of the slope of `own_energy_loss` with the deficit.
 
-    `impulse` is the normal impulse at the upper end, where its part is least, and −`momentum` its
-    slope; `rubbing` and `slopes` are ranges of the friction impulse and of its slope.
+    `impulse` is the normal impulse at the upper end, where its part of the slope is least, and
+    −`momentum` its slope; `friction_impulses` and `slopes` are ranges of the friction impulse and
+    of its slope; all in N s.
     """
-    left = (tangent - rubbing[0] / mass, tangent - rubbing[1] / mass)
+    left = (tangent - friction_impulses[0] / mass, tangent - friction_impulses[1] / mass)
     return momentum * (impulse / mass - normal) + min(
         min(left[0] * slopes[0], left[0] * slopes[1]),
         min(left[1] * slopes[0], left[1] * slopes[1]),
@@ -135,56 +149,63 @@ def least_own_slope(mass, normal, tangent, impulse, momentum, rubbing, slopes): 
 
 
 @impact_heats.register(OwnEnergy)
-def _own_energy(model, friction, pair, deficit):  # type: ignore[no-untyped-def]
-    impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
-    rubbing = tangential_impulse(friction, pair, deficit)
-    work = normal_loss(pair, deficit) * (2.0 / 3.0)
+def _own_energy(model, friction, pair, deficit):
+    normal_impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
+    friction_impulse = tangential_impulse(friction, pair, deficit)
+    work = normal_loss(pair, deficit) * (2.0 / 3.0)  # δW = m*w²(1−e²)/3
     return (
-        own_loss(pair.mass_i, pair.normal_i, pair.tangent_i, impulse, rubbing) + work,
-        own_loss(pair.mass_j, -pair.normal_j, -pair.tangent_j, impulse, rubbing) + work,
+        own_energy_loss(
+            pair.mass_i, pair.normal_i, pair.tangent_i, normal_impulse, friction_impulse
+        )
+        + work,
+        own_energy_loss(
+            pair.mass_j, -pair.normal_j, -pair.tangent_j, normal_impulse, friction_impulse
+        )
+        + work,
     )
 
 
 @least_heat_slopes.register(OwnEnergy)
-def _own_energy_slopes(model, friction, pair, lower, upper):  # type: ignore[no-untyped-def]
+def _own_energy_slopes(model, friction, pair, lower, upper):
     momentum = pair.reduced_mass * pair.approach_speed
     impulse = momentum * (2.0 - upper)
-    rubbing = (
+    friction_impulses = (
         tangential_impulse(friction, pair, lower),
         tangential_impulse(friction, pair, upper),
     )
     slopes = impulse_slopes(friction, pair, lower, upper)
     work = momentum * pair.approach_speed * (1.0 - upper) * (2.0 / 3.0)
-    own_i = least_own_slope(
-        pair.mass_i, pair.normal_i, pair.tangent_i, impulse, momentum, rubbing, slopes
+    own_i = least_own_energy_slope(
+        pair.mass_i, pair.normal_i, pair.tangent_i, impulse, momentum, friction_impulses, slopes
     )
-    own_j = least_own_slope(
-        pair.mass_j, -pair.normal_j, -pair.tangent_j, impulse, momentum, rubbing, slopes
+    own_j = least_own_energy_slope(
+        pair.mass_j, -pair.normal_j, -pair.tangent_j, impulse, momentum, friction_impulses, slopes
     )
     return own_i + work, own_j + work
 
 
 @merge_heat.register(OwnEnergy)
-def _own_energy_merge(model, pair):  # type: ignore[no-untyped-def]
+def _own_energy_merge(model, pair):
+    # Both lose together what the merge dissipates, and each gets δW at e = 0.
     return merge_dissipation(pair) + normal_loss(pair, 1.0) * (4.0 / 3.0)
 
 
 class ContactAreaReaction(NamedTuple):
-    """κ a^c for each sphere of the pair  [A 16] [B 6.9]."""
+    """κ a^c for each sphere of the pair; `heat` κ in J/m²  [A 16] [B 6.9]."""
 
     heat: float
 
 
 @dispatch
 def reaction_heat(model: Submodel | None, area: float) -> float:
-    """Reaction heat of one sphere in J, from the contact area in m²."""
+    """Reaction heat of one sphere in J, from the contact area in m²  [A 16] [B 6.9]."""
 
 
 @reaction_heat.register(None)
-def _inert(model, area):  # type: ignore[no-untyped-def]
+def _inert(model, area):
     return 0.0
 
 
 @reaction_heat.register(ContactAreaReaction)
-def _contact_area(model, area):  # type: ignore[no-untyped-def]
+def _contact_area(model, area):
     return model.heat * area

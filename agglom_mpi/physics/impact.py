@@ -1,4 +1,4 @@
-"""What does one impact do to its two spheres?"""
+"""The outcome of one impact: restitution or bonding, impulses, heats."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from agglom_mpi.physics.restitution import ImpactLaws, is_still_in_contact, solv
 
 
 class ImpactResult(NamedTuple):
-    """The outcome of an impact; impulses act on i against n and t, on j along them.
+    """Outcome of an impact; impulses act on i against n and t, on j along them.
 
     Attributes
     ----------
@@ -45,24 +45,25 @@ class ImpactResult(NamedTuple):
 
 @kernel
 def solve_impact(laws: ImpactLaws, pair: ContactPair) -> ImpactResult:
-    """Resolve the impact of a pair: restitution or bonding, impulses, heats  [A 4–17] [B 2–6]."""
+    """Return the outcome of the impact of a pair under the scene's laws  [A 4–17] [B 2–6]."""
     if is_still_in_contact(laws.restitution, pair):
-        normal = 2.0 * pair.reduced_mass * pair.approach_speed
-        return ImpactResult(False, 0.0, normal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+        # Elastic, e = 1: no heat, no reaction, no friction.
+        normal_impulse = 2.0 * pair.reduced_mass * pair.approach_speed
+        return ImpactResult(False, 0.0, normal_impulse, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     solution = solve_restitution(laws.restitution, laws, pair)
     deficit = solution.deficit
     if solution.bonds:
         return ImpactResult(True, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
-    normal = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
-    rubbing = tangential_impulse(laws.friction, pair, deficit)
+    normal_impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
+    friction_impulse = tangential_impulse(laws.friction, pair, deficit)
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
-    loss = normal_loss(pair, deficit) + friction_loss(pair, rubbing)
+    loss = normal_loss(pair, deficit) + friction_loss(pair, friction_impulse)
     return ImpactResult(
         False,
         deficit,
-        normal,
-        rubbing,
+        normal_impulse,
+        friction_impulse,
         heats[0] + reaction,
         heats[1] + reaction,
         2.0 * reaction,

@@ -1,7 +1,7 @@
-"""How is e = G(e) solved?  A root finder that cannot fail, and the published iteration.
+"""Solvers of e = G(e): a root finder that cannot fail, and the published fixed-point iteration.
 
 Bonding is decided first: r(d=1) ≥ 1. Otherwise the impact is the smallest root in e, that is the
-largest in the deficit d.
+largest in the deficit d, which a sufficiently relaxed iteration from e = 0 finds too.
 """
 
 import math
@@ -16,7 +16,7 @@ from agglom_mpi.physics.restitution import (
     RestitutionSolution,
     log_pressure_ratio,
     log_pressure_scale,
-    rootless_step,
+    root_free_step,
     solve_pressure_law,
 )
 
@@ -25,14 +25,14 @@ UNIQUE_HARDENING: Final = 4.0
 d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ₀)/θ² = U/(4Rθ₀)."""
 
 SMALLEST_LOG: Final = -600.0
-"""Below this ln d the impact is elastic: the pressure on so small an area soon overflows."""
+"""ln d below which the impact is elastic: the pressure on so small an area soon overflows."""
 
 TOLERANCE: Final = 4e-15
-WALK_CAP: Final = 10_000
+STEP_CAP: Final = 10_000
 
 
 class BracketedRoot(NamedTuple):
-    """Bracketed root in ln d where the root is unique, a certified walk up from e = 0 elsewhere."""
+    """Bracketing in ln d where the root is unique, certified steps up from e = 0 elsewhere."""
 
 
 class FixedPointIteration(NamedTuple):
@@ -47,16 +47,16 @@ class FixedPointIteration(NamedTuple):
 
 @dispatch
 def root_is_unique(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> bool:
-    """Whether the hardness law leaves e = G(e) a single root for this pair."""
+    """Whether e = G(e) is proven to have a single root for this pair and hardness law."""
 
 
 @root_is_unique.register(ConstantHardness)
-def _always(model, laws, pair):  # type: ignore[no-untyped-def]
+def _always_at_constant_hardness(model, laws, pair):
     return True
 
 
 @root_is_unique.register(ArrheniusHardness)
-def _arrhenius(model, laws, pair):  # type: ignore[no-untyped-def]
+def _at_mild_softening(model, laws, pair):
     colder = min(pair.temperature_i, pair.temperature_j)
     return keeps_root_unique(laws.heating) and (
         log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
@@ -65,7 +65,7 @@ def _arrhenius(model, laws, pair):  # type: ignore[no-untyped-def]
 
 @inlined
 def lower_bracket(laws: ImpactLaws, pair: ContactPair, scale: float, start: float) -> float:
-    """Find some ln d with r(d) ≥ d below `start` = ln r(1) < 0, or less than `SMALLEST_LOG`."""
+    """Find ln d with r(d) ≥ d below `start` = ln r(1) < 0; below `SMALLEST_LOG` the search ends."""
     trial = start
     excess = log_pressure_ratio(laws, pair, scale, math.exp(trial)) - trial
     while excess < 0.0 and trial >= SMALLEST_LOG:
@@ -76,10 +76,10 @@ def lower_bracket(laws: ImpactLaws, pair: ContactPair, scale: float, start: floa
 
 @inlined
 def unique_root(laws: ImpactLaws, pair: ContactPair, scale: float, plastic: float) -> float:
-    """Ln d of the only root, by Chandrupatla's bracketing method.
+    """Ln d of the only root, by Chandrupatla's bracketing method; `plastic` = ln r(1) < 0.
 
     T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145–149: inverse quadratic interpolation where
-    it is safe, bisection elsewhere. `plastic` = ln r(1) < 0.
+    it is safe, bisection elsewhere.
     """
     a = 0.0
     fa = plastic
@@ -118,7 +118,7 @@ def interpolation_fraction(a: float, b: float, c: float, fa: float, fb: float, f
 
 @inlined
 def first_root(laws: ImpactLaws, pair: ContactPair, scale: float) -> tuple[float, int]:
-    """Ln d of the largest root in d, and the steps taken, `WALK_CAP` if that ended the walk.
+    """Ln d of the largest root in d, and the number of steps; `STEP_CAP` steps if that ended it.
 
     Steps down in ln d from 0; each is proven to hold no root, so none is jumped over however many
     there are or however nearly they touch. Near a root the steps are Newton's, and at two roots
@@ -126,13 +126,13 @@ def first_root(laws: ImpactLaws, pair: ContactPair, scale: float) -> tuple[float
     """
     upper = 0.0
     trial = 1.0
-    for count in range(1, WALK_CAP):
-        step = rootless_step(laws, pair, scale, upper, trial)
+    for count in range(1, STEP_CAP):
+        step = root_free_step(laws, pair, scale, upper, trial)
         upper -= step
         trial = 2.0 * step if step > 0.0 else 0.25 * trial
         if upper < SMALLEST_LOG or trial < TOLERANCE * max(1.0, abs(upper)):
             return upper, count
-    return upper, WALK_CAP
+    return upper, STEP_CAP
 
 
 @inlined
@@ -146,7 +146,7 @@ def restitution_residual(
 
 
 @solve_pressure_law.register(BracketedRoot)
-def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
+def _bracketed_root(solver, laws, pair):
     scale = log_pressure_scale(laws, pair)
     plastic = log_pressure_ratio(laws, pair, scale, 1.0)
     if plastic >= 0.0:
@@ -159,14 +159,14 @@ def _root_finder(solver, laws, pair):  # type: ignore[no-untyped-def]
     else:
         logarithm, steps = first_root(laws, pair, scale)
     if logarithm < SMALLEST_LOG:
-        return RestitutionSolution(0.0, False, 0.0, steps == WALK_CAP)
+        return RestitutionSolution(0.0, False, 0.0, steps == STEP_CAP)
     deficit = math.exp(logarithm)
     residual = restitution_residual(laws, pair, scale, deficit)
-    return RestitutionSolution(deficit, False, residual, steps == WALK_CAP)
+    return RestitutionSolution(deficit, False, residual, steps == STEP_CAP)
 
 
 @solve_pressure_law.register(FixedPointIteration)
-def _published_iteration(solver, laws, pair):  # type: ignore[no-untyped-def]
+def _fixed_point_iteration(solver, laws, pair):
     scale = log_pressure_scale(laws, pair)
     if log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
         return RestitutionSolution(1.0, True, 0.0, False)

@@ -1,7 +1,9 @@
-"""Two spheres about to collide, as the scalars that the impact laws need."""
+"""Two spheres about to collide, as the scalars that impact laws need, and their frame."""
 
 import math
 from typing import NamedTuple
+
+from agglom_mpi.kernels import Submodel, dispatch
 
 
 class ContactPair(NamedTuple):
@@ -12,16 +14,16 @@ class ContactPair(NamedTuple):
     approach_speed
         w = (v_i − v_j)·n > 0, m/s.
     slip_speed
-        Magnitude of the tangential relative velocity, m/s.
+        |u_t|, magnitude of the tangential relative velocity, m/s.
     mass_i, mass_j, reduced_mass
-        Masses and m_i m_j/(m_i + m_j), kg.
+        m_i, m_j and m* = m_i m_j/(m_i + m_j), kg.
     radius
-        Smaller of the two radii, m.
+        b, the smaller of the two radii, m.
     temperature_i, temperature_j
         Before the impact, K.
     normal_i, normal_j, tangent_i, tangent_j
         Components of the two velocities along n and t, m/s; frame dependent, used by `OwnEnergy`.
-    since
+    time_since_impact
         Time since the last impact of either, s; inf where neither has had one.
     """
 
@@ -37,4 +39,17 @@ class ContactPair(NamedTuple):
     normal_j: float
     tangent_i: float
     tangent_j: float
-    since: float = math.inf
+    time_since_impact: float = math.inf
+
+
+@dispatch
+def is_frame_dependent(model: Submodel | None) -> bool:
+    """Whether the results of a law, boundary or engine depend on the frame of reference.
+
+    Where none of a scene does, the simulation works in the centre-of-mass frame.
+    """
+
+
+@is_frame_dependent.register(None)
+def _left_out(model):
+    return False

@@ -1,8 +1,9 @@
-"""How much of the approach speed comes back?  One impact is one scalar equation e = G(e).
+"""Coefficient of restitution: the laws, and the equation e = G(e) of the pressure law.
 
-Everything here works with the deficit d = 1 − e and with logarithms: the equation of the pressure
-law is ln d = ln r(d), where r = I/(2 a^c H) is the pressure over twice the hardness. It keeps its
-relative accuracy from a nearly elastic impact to bonding, and no Arrhenius factor overflows.
+All unknowns of an impact are explicit functions of e, so one impact is one scalar equation. It is
+written in the deficit d = 1 − e and in logarithms, ln d = ln r(d), where r = I/(2 a^c H) is the
+pressure over twice the hardness. So it keeps its relative accuracy from a nearly elastic impact to
+bonding, and no Arrhenius factor overflows.
 """
 
 import math
@@ -26,7 +27,7 @@ from agglom_mpi.physics.pair import ContactPair
 class ImpactLaws(NamedTuple):
     """The submodels of a scene that decide an impact; `None` for what the scene leaves out.
 
-    `heat_capacity` in J/(kg K) is inf where nothing heats.
+    `heat_capacity` C in J/(kg K) is inf where nothing heats.
     """
 
     restitution: Submodel
@@ -77,7 +78,7 @@ class RestitutionSolution(NamedTuple):
 
 @dispatch
 def solve_restitution(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
-    """Restitution of a pair under the scene's laws."""
+    """Deficit 1 − e of a pair under the scene's laws, or bonding."""
 
 
 @dispatch
@@ -89,26 +90,26 @@ def is_still_in_contact(model: Submodel, pair: ContactPair) -> bool:
 def solve_pressure_law(
     solver: Submodel, laws: ImpactLaws, pair: ContactPair
 ) -> RestitutionSolution:
-    """Solve e = G(e) by the scene's solver."""
+    """Solve e = G(e) by the scene's solver  [A 6] [B 4.13]."""
 
 
 @is_still_in_contact.register(ConstantRestitution, PressureRestitution)
-def _instantaneous(model, pair):  # type: ignore[no-untyped-def]
+def _instantaneous(model, pair):
     return False
 
 
 @is_still_in_contact.register(ContactTimeRestitution)
-def _within_contact_time(model, pair):  # type: ignore[no-untyped-def]
-    return pair.since < model.contact_time
+def _within_contact_time(model, pair):
+    return pair.time_since_impact < model.contact_time
 
 
 @solve_restitution.register(ConstantRestitution, ContactTimeRestitution)
-def _constant(model, laws, pair):  # type: ignore[no-untyped-def]
+def _constant(model, laws, pair):
     return RestitutionSolution(1.0 - model.value, model.value == 0.0, 0.0, False)
 
 
 @solve_restitution.register(PressureRestitution)
-def _pressure(model, laws, pair):  # type: ignore[no-untyped-def]
+def _pressure(model, laws, pair):
     return solve_pressure_law(laws.solver, laws, pair)
 
 
@@ -116,7 +117,10 @@ def _pressure(model, laws, pair):  # type: ignore[no-untyped-def]
 def higher_temperature(
     laws: ImpactLaws, pair: ContactPair, heats: tuple[float, float], deficit: float
 ) -> float:
-    """Higher of the two temperatures in K after `heats` and the reaction; the softer decides."""
+    """Higher of the two temperatures in K after `heats` in J and the reaction.
+
+    The hotter sphere is the softer one, and H = min(H_i, H_j).
+    """
     reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
     return max(
         pair.temperature_i + (heats[0] + reaction) / (pair.mass_i * laws.heat_capacity),
@@ -133,7 +137,9 @@ def log_pressure_scale(laws: ImpactLaws, pair: ContactPair) -> float:
 
 
 @inlined
-def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: float) -> float:
+def log_ratio_at_temperature(
+    laws: ImpactLaws, scale: float, temperature: float, deficit: float
+) -> float:
     """Ln r from ln X, the temperature after the impact in K, and the deficit; +inf at area 0."""
     area = area_fraction(laws.contact_area, deficit)
     if area <= 0.0:
@@ -146,11 +152,13 @@ def log_bracketed(laws: ImpactLaws, scale: float, temperature: float, deficit: f
 def log_pressure_ratio(laws: ImpactLaws, pair: ContactPair, scale: float, deficit: float) -> float:
     """Ln r(d): pressure of an impact with this deficit over twice its hardness; r(1) ≥ 1 bonds."""
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
-    return log_bracketed(laws, scale, higher_temperature(laws, pair, heats, deficit), deficit)
+    return log_ratio_at_temperature(
+        laws, scale, higher_temperature(laws, pair, heats, deficit), deficit
+    )
 
 
 @inlined
-def proven_step(
+def certified_step(
     laws: ImpactLaws, scale: float, temperature: float, slope: float, upper: float, trial: float
 ) -> float:
     """Way down in ln d from `upper`, at most `trial`, over which r < d holds; 0 if not proven.
@@ -161,9 +169,9 @@ def proven_step(
     """
     top, bottom = math.exp(upper), math.exp(upper - trial)
     end = temperature - slope * (top - bottom)
-    if log_bracketed(laws, scale, max(temperature, end), bottom) < upper - trial:
+    if log_ratio_at_temperature(laws, scale, max(temperature, end), bottom) < upper - trial:
         return trial
-    gap = upper - log_bracketed(laws, scale, temperature, top)
+    gap = upper - log_ratio_at_temperature(laws, scale, temperature, top)
     if temperature <= 0.0 or gap <= 0.0:
         return 0.0
     softening = top * softening_rate(laws.hardness, temperature)
@@ -176,7 +184,7 @@ def proven_step(
 
 
 @inlined
-def rootless_step(
+def root_free_step(
     laws: ImpactLaws, pair: ContactPair, scale: float, upper: float, trial: float
 ) -> float:
     """Way down in ln d from `upper`, at most `trial`, that holds no root; 0 if not proven."""
@@ -190,6 +198,6 @@ def rootless_step(
     warm_i = pair.temperature_i + (heats[0] + reaction) / capacity_i
     warm_j = pair.temperature_j + (heats[1] + reaction) / capacity_j
     return min(
-        proven_step(laws, scale, warm_i, (slopes[0] + rise) / capacity_i, upper, trial),
-        proven_step(laws, scale, warm_j, (slopes[1] + rise) / capacity_j, upper, trial),
+        certified_step(laws, scale, warm_i, (slopes[0] + rise) / capacity_i, upper, trial),
+        certified_step(laws, scale, warm_j, (slopes[1] + rise) / capacity_j, upper, trial),
     )

@@ -1,6 +1,6 @@
-"""How large and how heavy is a grain of a scene, and how long does a run take?
+"""Scales of a scene for one parameter string: size and mass of a grain, end time.
 
-Plain numbers for one parameter string, refused where float64 cannot calculate with them.
+Values that float64 cannot calculate with are refused.
 """
 
 import math
@@ -18,7 +18,7 @@ LARGEST_EXPONENT: Final = 600.0
 
 
 def grain_radius(scene: Any, value: Mapping[str, float]) -> float:
-    """b⁰ = ℓ D/N^⅓ in m.
+    """Return the radius of a grain b⁰ = ℓ D/N^⅓ in m; ℓ is the diameter over the spacing 2D/N^⅓.
 
     Parameters
     ----------
@@ -31,7 +31,13 @@ def grain_radius(scene: Any, value: Mapping[str, float]) -> float:
 
 
 def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
-    """Mass of a grain in kg; a ValueError if it is beyond `LIGHTEST` and `HEAVIEST`."""
+    """Return the mass of a grain in kg; arguments as for `grain_radius`.
+
+    Raises
+    ------
+    ValueError
+        If it is not between `LIGHTEST` and `HEAVIEST`.
+    """
     radius = grain_radius(scene, value)
     power = math.log10(value["density"]) + 3.0 * math.log10(radius) if radius > 0.0 else -math.inf
     # A power of a length is not the same in every unit, in the last digit; products are.
@@ -46,10 +52,15 @@ def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
 
 
 def end_time(scene: Any, value: Mapping[str, float]) -> float:
-    """End time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) where the scene asks for it  [A 13].
+    """Return the end time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) if the scene says so  [A 13].
 
     S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
-    √(6 a_f H β/ρ) with the hardness at the starting temperature; a ValueError if that is none.
+    √(6 a_f H β/ρ) with the hardness at the starting temperature; arguments as for `grain_radius`.
+
+    Raises
+    ------
+    ValueError
+        If the critical speed is not positive and finite.
     """
     if not isinstance(scene.end_time, str):
         return float(scene.end_time)

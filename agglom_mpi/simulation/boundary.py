@@ -13,12 +13,15 @@ class Periodic(NamedTuple):
 
 
 class Reentry(NamedTuple):
-    """As published: who leaves re-enters on the opposite face, and faces hide contacts  [A, B]."""
+    """As published: who leaves re-enters at the opposite face; no contacts across faces  [A, B].
+
+    It is put on the face [A]; [B] prints r → −r, which can leave it outside after a long step.
+    """
 
 
 @dispatch
 def separation(escape: Submodel, difference: float, half_width: float) -> float:
-    """Component in m, signed, of the vector between two particles in the box."""
+    """Signed component in m of the vector between two particles in the box; `difference` in m."""
 
 
 @dispatch
@@ -41,7 +44,10 @@ def nearest_image(escape: Submodel, difference: float, side: float, per_side: fl
 
 @dispatch
 def clamped(escape: Submodel, coordinate: float, half_width: float) -> float:
-    """Coordinate in m of a particle whose leaving the box is an event of its own."""
+    """Coordinate in m of a particle whose leaving the box is an event of its own.
+
+    With real faces it can be outside by rounding only, and must not re-enter before its event.
+    """
 
 
 @dispatch
@@ -50,7 +56,7 @@ def is_periodic(escape: Submodel) -> bool:
 
 
 @separation.register(Periodic)
-def _minimum_image(escape, difference, half_width):  # type: ignore[no-untyped-def]
+def _minimum_image(escape, difference, half_width):
     if difference > half_width:
         return difference - 2.0 * half_width
     if difference < -half_width:
@@ -59,23 +65,23 @@ def _minimum_image(escape, difference, half_width):  # type: ignore[no-untyped-d
 
 
 @separation.register(Reentry)
-def _plain(escape, difference, half_width):  # type: ignore[no-untyped-def]
+def _plain(escape, difference, half_width):
     return difference
 
 
 @distance_along.register(Periodic)
-def _minimum_image_distance(escape, difference, half_width):  # type: ignore[no-untyped-def]
+def _minimum_image_distance(escape, difference, half_width):
     plain = abs(difference)
     return min(plain, abs(2.0 * half_width - plain))
 
 
 @distance_along.register(Reentry)
-def _plain_distance(escape, difference, half_width):  # type: ignore[no-untyped-def]
+def _plain_distance(escape, difference, half_width):
     return abs(difference)
 
 
 @wrapped.register(Periodic)
-def _wrapped_periodically(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+def _wrapped_periodically(escape, coordinate, half_width):
     if abs(coordinate) <= half_width:
         return coordinate
     side = 2.0 * half_width
@@ -83,53 +89,53 @@ def _wrapped_periodically(escape, coordinate, half_width):  # type: ignore[no-un
 
 
 @wrapped.register(Reentry)
-def _opposite_face(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+def _opposite_face(escape, coordinate, half_width):
     if abs(coordinate) <= half_width:
         return coordinate
     return -half_width if coordinate > 0.0 else half_width
 
 
 @nearest_image.register(Periodic)
-def _rounded_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
+def _rounded_image(escape, difference, side, per_side):
     return difference - side * np.rint(difference * per_side)
 
 
 @nearest_image.register(Reentry)
-def _no_image(escape, difference, side, per_side):  # type: ignore[no-untyped-def]
+def _no_image(escape, difference, side, per_side):
     return difference
 
 
 @clamped.register(Periodic)
-def _clamped_periodically(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+def _clamped_periodically(escape, coordinate, half_width):
     return wrapped(escape, coordinate, half_width)
 
 
 @clamped.register(Reentry)
-def _clamped_to_faces(escape, coordinate, half_width):  # type: ignore[no-untyped-def]
+def _clamped_to_faces(escape, coordinate, half_width):
     return min(max(coordinate, -half_width), half_width)
 
 
 @is_periodic.register(Periodic)
-def _has_images(escape):  # type: ignore[no-untyped-def]
+def _has_images(escape):
     return True
 
 
 @is_periodic.register(Reentry)
-def _has_no_images(escape):  # type: ignore[no-untyped-def]
+def _has_no_images(escape):
     return False
 
 
 @inlined
-def cell_of(coordinate, cells, half_width):  # type: ignore[no-untyped-def]
+def cell_of(coordinate, cells, half_width):
     """Index along one axis of the cell of a coordinate in m."""
     return min(cells - 1, max(0, int((coordinate + half_width) / (2.0 * half_width) * cells)))
 
 
 @inlined_allocating
-def sort_into_cells(particles, cells, half_width):  # type: ignore[no-untyped-def]
+def sort_into_cells(particles, cells, half_width):
     """Particles in order of their cells, shape (N,), and where each cell starts in that order.
 
-    Cell (a, b, c) of `cells`³ has the number (a·cells + b)·cells + c.
+    Cell (a, b, c) of `cells`³ has the number (a·cells + b)·cells + c; a counting sort.
     """
     count = particles.size[0]
     number = np.empty(count, np.int64)
@@ -151,8 +157,8 @@ def sort_into_cells(particles, cells, half_width):  # type: ignore[no-untyped-de
 
 
 @inlined
-def wrapped_cell(index, cells):  # type: ignore[no-untyped-def]
-    """Index of a cell along one axis, across the face if need be."""
+def wrapped_cell(index, cells):
+    """Index of a cell along one axis, wrapped across the faces of the box."""
     if index < 0:
         return index + cells
     return index - cells if index >= cells else index

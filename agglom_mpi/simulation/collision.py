@@ -1,4 +1,4 @@
-"""What a contact does to the particles: bounce, bond or break, with everything booked."""
+"""What a contact does to the particles: bounce, bond or break, entered in the ledger."""
 
 import math
 from typing import Final
@@ -7,14 +7,11 @@ import numpy as np
 
 from agglom_mpi.kernels import ANY, dispatch, inlined, inlined_allocating
 from agglom_mpi.physics.contact import contact_area
-from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, exact_temperature
-from agglom_mpi.physics.fragmentation import (
-    breakage,
-)
+from agglom_mpi.physics.fragmentation import breakage
 from agglom_mpi.physics.heating import (
     merge_dissipation,
     merge_heat,
-    own_loss,
+    own_energy_loss,
     reaction_heat,
 )
 from agglom_mpi.physics.impact import solve_impact
@@ -25,18 +22,16 @@ from agglom_mpi.simulation.particles import (
     CAPPED,
     COLLISIONS,
     DISSIPATED,
-    FLOORED,
     MERGES,
     REACTION,
     SURFACE,
-    UNRESOLVED,
     copy_slot,
     empty_slot,
     new_label,
-    record_cooling,
     set_value,
     value_or,
 )
+from agglom_mpi.simulation.temperature import add_heat, cool_until
 
 RECEDING: Final = 0
 BOUNCED: Final = 1
@@ -44,8 +39,8 @@ BONDED: Final = 2
 
 
 @inlined
-def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-untyped-def]
-    """Vector in m from particle i to particle j."""
+def separation_vector(escape, particles, i, j, half_width):
+    """Vector in m from particle i to particle j, across faces where the box is periodic."""
     r = particles.position
     return (
         separation(escape, r[0, j] - r[0, i], half_width),
@@ -55,26 +50,26 @@ def separation_vector(escape, particles, i, j, half_width):  # type: ignore[no-u
 
 
 @inlined
-def relative_velocity(particles, i, j):  # type: ignore[no-untyped-def]
-    """Velocity in m/s of particle i seen from particle j."""
+def relative_velocity(particles, i, j):
+    """Velocity v_i − v_j in m/s of particle i relative to particle j."""
     v = particles.velocity
     return v[0, i] - v[0, j], v[1, i] - v[1, j], v[2, i] - v[2, j]
 
 
 @inlined
-def dot(a, b):  # type: ignore[no-untyped-def]
-    """Scalar product."""
+def dot(a, b):
+    """Scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def scaled(a, factor):  # type: ignore[no-untyped-def]
+def scaled(a, factor):
     """Vector times a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @inlined
-def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
+def line_of_centres(scene, particles, i, j):
     """Return the unit vector from i to j; where the centres coincide, that of the velocity."""
     line = separation_vector(scene.escape, particles, i, j, scene.half_width)
     length = math.sqrt(dot(line, line))
@@ -85,8 +80,8 @@ def line_of_centres(scene, particles, i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
-    """Slip speed in m/s and its unit vector; the vector is zero without slip."""
+def slip_direction(normal, velocity, approach):
+    """Slip speed |u_t| in m/s and its unit vector; the vector is zero without slip."""
     slip = (
         velocity[0] - approach * normal[0],
         velocity[1] - approach * normal[1],
@@ -96,54 +91,12 @@ def slip_direction(normal, velocity, approach):  # type: ignore[no-untyped-def]
     return speed, scaled(slip, 1.0 / speed) if speed > 0.0 else (0.0, 0.0, 0.0)
 
 
-@dispatch
-def cool_until(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
-    """Cool particle i exactly up to `time` in s, where the scene cools on demand."""
-
-
-@cool_until.register(None, EulerCooling)
-def _nothing_due(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
-    return None
-
-
-@cool_until.register(ExactCooling)
-def _cool_exactly(cooling, scene, particles, ledger, i, time):  # type: ignore[no-untyped-def]
-    surface = 4.0 * math.pi * particles.radius[i] ** 2
-    capacity = particles.mass[i] * scene.laws.heat_capacity
-    before = particles.temperature[i]
-    elapsed = time - particles.cooled_to[i]
-    after = exact_temperature(cooling.law, before, surface, capacity, elapsed)
-    if after != before:
-        record_cooling(ledger, capacity * (before - after))
-    particles.temperature[i] = after
-    particles.cooled_to[i] = time
-
-
-@dispatch
-def add_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
-    """Give particle i `heat` in J; a temperature below zero is put at zero and counted."""
-
-
-@add_heat.register(None)
-def _no_heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
-    return None
-
-
-@add_heat.register(ANY)
-def _heat(heating, scene, particles, ledger, i, heat):  # type: ignore[no-untyped-def]
-    capacity = particles.mass[i] * scene.laws.heat_capacity
-    before = particles.temperature[i]
-    temperature = before + heat / capacity
-    ledger.energy[UNRESOLVED] += heat - capacity * (temperature - before)
-    if temperature < 0.0:
-        ledger.tally[FLOORED] += 1
-        temperature = 0.0
-    particles.temperature[i] = temperature
-
-
 @inlined
-def contact_pair(scene, particles, ledger, i, j, normal, time):  # type: ignore[no-untyped-def]
-    """Bring both particles' temperatures up to `time` and describe the pair along its normal."""
+def contact_pair(scene, particles, ledger, i, j, normal, time):
+    """Pair at contact with temperatures at `time` in s, and the unit vector of its slip.
+
+    Cools both particles up to `time` first, where the scene cools exactly.
+    """
     cool_until(scene.cooling, scene, particles, ledger, i, time)
     cool_until(scene.cooling, scene, particles, ledger, j, time)
     velocity = relative_velocity(particles, i, j)
@@ -175,10 +128,11 @@ def contact_pair(scene, particles, ledger, i, j, normal, time):  # type: ignore[
 
 
 @inlined
-def resolve_contact(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
-    """Resolve a contact at `time` in s; bounces are carried out, merges are left to the caller.
+def resolve_contact(scene, particles, ledger, i, j, time):
+    """Resolve a contact at `time` in s; the caller carries out a merge.
 
-    Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. New pieces are appended.
+    Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. Fragments are appended. Only approaching
+    pairs are in contact: aggregates overlap when they form.
     """
     normal = line_of_centres(scene, particles, i, j)
     if not dot(relative_velocity(particles, i, j), normal) > 0.0:
@@ -201,50 +155,53 @@ def resolve_contact(scene, particles, ledger, i, j, time):  # type: ignore[no-un
 
 
 @inlined
-def record_impact(ledger, impact):  # type: ignore[no-untyped-def]
-    """Enter an impact in the ledger; what is always 0 in a scene compiles to nothing."""
-    ledger.tally[COLLISIONS] += 1
+def record_impact(ledger, impact):
+    """Enter a bounce in the ledger; what is always 0 in a scene compiles to nothing."""
+    ledger.counts[COLLISIONS] += 1
     ledger.energy[DISSIPATED] += impact.loss
     if impact.reaction != 0.0:
         ledger.energy[REACTION] += impact.reaction
     if impact.residual != 0.0:
         ledger.residual[0] = max(ledger.residual[0], impact.residual)
     if impact.capped:
-        ledger.tally[CAPPED] += 1
+        ledger.counts[CAPPED] += 1
 
 
 @dispatch
-def impulse_of(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+def impulse_of(friction, impact, normal, tangent):
     """Impulse in N s, three components, that acts on j and against i."""
 
 
 @impulse_of.register(None)
-def _along_normal(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
+def _along_normal(friction, impact, normal, tangent):
     return scaled(normal, impact.normal_impulse)
 
 
 @impulse_of.register(ANY)
-def _with_friction(friction, impact, normal, tangent):  # type: ignore[no-untyped-def]
-    push, rub = impact.normal_impulse, impact.friction_impulse
+def _with_friction(friction, impact, normal, tangent):
+    along_n, along_t = impact.normal_impulse, impact.friction_impulse
     return (
-        push * normal[0] + rub * tangent[0],
-        push * normal[1] + rub * tangent[1],
-        push * normal[2] + rub * tangent[2],
+        along_n * normal[0] + along_t * tangent[0],
+        along_n * normal[1] + along_t * tangent[1],
+        along_n * normal[2] + along_t * tangent[2],
     )
 
 
 @inlined
-def apply_impulse(particles, i, factor, impulse):  # type: ignore[no-untyped-def]
-    """Change the velocity of particle i by an impulse in N s times `factor` in 1/kg."""
+def apply_impulse(particles, i, factor, impulse):
+    """Change the velocity of particle i by an impulse in N s times `factor` ±1/m in 1/kg."""
     particles.velocity[0, i] += factor * impulse[0]
     particles.velocity[1, i] += factor * impulse[1]
     particles.velocity[2, i] += factor * impulse[2]
 
 
 @inlined
-def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):  # type: ignore[no-untyped-def]
-    """Heat particle i after a bounce, and break it if the energy it absorbed suffices."""
-    change = own_loss(
+def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impact, heat):
+    """Heat particle i after a bounce, and break it if the energy it absorbed suffices.
+
+    The surface energy of the fragments comes out of its heat  [B 6.5–6.10].
+    """
+    change = own_energy_loss(
         particles.mass[i],
         normal_speed,
         tangent_speed,
@@ -263,29 +220,29 @@ def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impac
 
 
 @dispatch
-def fragment(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
-    """Break particle i into `pieces`, at a surface energy in J, where the scene has breakage."""
+def fragment(model, scene, particles, ledger, i, pieces, energy):
+    """Break particle i into `pieces` for a surface energy in J; nothing without fragmentation."""
 
 
 @fragment.register(None)
-def _unbreakable(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+def _unbreakable(model, scene, particles, ledger, i, pieces, energy):
     return None
 
 
 @fragment.register(ANY)
-def _break(model, scene, particles, ledger, i, pieces, energy):  # type: ignore[no-untyped-def]
+def _break(model, scene, particles, ledger, i, pieces, energy):
     if pieces > 1:
-        ledger.tally[BREAKUPS] += 1
+        ledger.counts[BREAKUPS] += 1
         ledger.energy[SURFACE] += energy
-        split(scene, particles, i, pieces)
+        split_particle(scene, particles, i, pieces)
 
 
 @inlined_allocating
-def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
+def split_particle(scene, particles, i, pieces):
     """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
 
-    The first piece keeps slot and label, the others are appended. Grains are dealt out as evenly as
-    whole numbers allow.
+    The first piece keeps slot and label, the others are appended. Grains are shared out as evenly
+    as whole numbers allow.
     """
     grains = particles.grains[i]
     particles.mass[i] /= pieces
@@ -306,7 +263,7 @@ def split(scene, particles, i, pieces):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def packed_sites(count, radius):  # type: ignore[no-untyped-def]
+def packed_sites(count, radius):
     """Sites in m of touching equal spheres around their centre of mass, shape (3, count).
 
     The `count` sites of a face-centred cubic lattice that are nearest to one of its sites.
@@ -336,15 +293,19 @@ def packed_sites(count, radius):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def merged_radius(first, second):  # type: ignore[no-untyped-def]
+def merged_radius(first, second):
     """Radius of the sphere of both volumes, in any unit of length to the bit."""
     larger = max(first, second)
     return larger * (1.0 + (min(first, second) / larger) ** 3) ** (1.0 / 3.0)
 
 
 @inlined
-def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
-    """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j."""
+def merge(scene, particles, ledger, i, j, time):
+    """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j.
+
+    At the centre of mass, with the total momentum; heat of the dissipated energy, the reaction, and
+    what mixing both temperatures leaves by rounding.
+    """
     normal = line_of_centres(scene, particles, i, j)
     pair, _ = contact_pair(scene, particles, ledger, i, j, normal, time)
     line = separation_vector(scene.escape, particles, i, j, scene.half_width)
@@ -353,8 +314,8 @@ def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
     laws = scene.laws
     area = contact_area(laws.contact_area, 1.0, pair.radius)
     reaction = 2.0 * reaction_heat(laws.reaction, area)
-    ledger.tally[COLLISIONS] += 1
-    ledger.tally[MERGES] += 1
+    ledger.counts[COLLISIONS] += 1
+    ledger.counts[MERGES] += 1
     ledger.energy[REACTION] += reaction
     ledger.energy[DISSIPATED] += merge_dissipation(pair)
     v = particles.velocity
@@ -362,13 +323,16 @@ def merge(scene, particles, ledger, i, j, time):  # type: ignore[no-untyped-def]
         coordinate = particles.position[axis, i] + share * line[axis]
         particles.position[axis, i] = wrapped(scene.escape, coordinate, scene.half_width)
         v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
+    # Both have the same heat capacity per mass: the mean by mass, and what its rounding loses.
     mixed = pair.temperature_i + share * (pair.temperature_j - pair.temperature_i)
     set_value(particles.temperature, i, mixed)
-    left = pair.mass_i * (pair.temperature_i - mixed) + pair.mass_j * (pair.temperature_j - mixed)
+    remainder = pair.mass_i * (pair.temperature_i - mixed) + pair.mass_j * (
+        pair.temperature_j - mixed
+    )
     particles.radius[i] = merged_radius(particles.radius[i], particles.radius[j])
     particles.mass[i] = mass
     grains = value_or(particles.grains, i, 1) + value_or(particles.grains, j, 1)
     set_value(particles.grains, i, grains)
     empty_slot(particles, j)
-    heat = merge_heat(laws.heating, pair) + reaction + left * laws.heat_capacity
+    heat = merge_heat(laws.heating, pair) + reaction + remainder * laws.heat_capacity
     add_heat(laws.heating, scene, particles, ledger, i, heat)

@@ -1,4 +1,4 @@
-"""One finished sample as a user's own objective function sees it."""
+"""A finished sample as a user's own objective function receives it."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.variables import NAMES
 
 
 class Sample(NamedTuple):
-    """What a function `module:function` is given; arrays cannot be written to.
+    """Argument of a user's function `module:function`; its arrays are read-only.
 
     Attributes
     ----------
@@ -53,10 +53,12 @@ class Sample(NamedTuple):
 def finished_sample(
     scene: "Scene", parameters: NDArray[np.float64], record: Any, final: FinalParticles
 ) -> Sample:
-    """Return what a function is given of a completed sample.
+    """Return what a user's function receives of a completed sample.
 
     Parameters
     ----------
+    scene
+        The scene that was simulated; radii are relative to its grain radius.
     parameters
         The string, shape (10,), nan where the scene uses no such variable.
     record
@@ -70,10 +72,10 @@ def finished_sample(
         parameters=MappingProxyType({name: v for name, v in values if not np.isnan(v)}),
         particles=int(record["particles"]),
         mean_radius_ratio=float(record["mean_radius_ratio"]),
-        moments=_locked(np.array(moments, float)),
-        radii=_locked(final.radii / scene.radius),
-        temperatures=_locked(final.temperatures),
-        grains=_locked(final.grains),
+        moments=_read_only(np.array(moments, float)),
+        radii=_read_only(final.radii / scene.radius),
+        temperatures=_read_only(final.temperatures),
+        grains=_read_only(final.grains),
         end_time=float(record["end_time"]),
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
@@ -81,7 +83,7 @@ def finished_sample(
     )
 
 
-def _locked(array: NDArray[Any]) -> NDArray[Any]:
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""What a sample looks like at set times: the arrays that are filled, and the times."""
+"""Frames: the particles of a sample at set times, as arrays, and the choice of the times."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,11 +13,11 @@ Integers = npt.NDArray[np.int64]
 
 
 class Frames(NamedTuple):
-    """The particles of one sample at F times, of at most N, which is the number of grains.
+    """The particles of one sample at F times; at most N, the number of grains.
 
-    Of frame f the first n = `particles[f]` places are filled, in the order of the final state; in
-    the others are nan, 0 grains and the label −1. Positions are in the box, −D ≤ r ≤ D, also in a
-    periodic one: who leaves it comes back on the other side. Velocities are those in the frame of
+    Of frame f the first n = `particles[f]` entries are filled, in the order of the final state; the
+    others hold nan, 0 grains and the label −1. Positions are in the box, −D ≤ r ≤ D, also in a
+    periodic one, where who leaves comes back on the other side. Velocities are in the frame of
     reference of the box.
 
     Attributes
@@ -25,11 +25,11 @@ class Frames(NamedTuple):
     times
         Shape (F,), s, ascending.
     particles
-        Particles there are, shape (F,).
+        Particles present, shape (F,).
     labels
-        Who is who, shape (F, N). Grains are numbered 0 … N−1 as they are placed; what two become
-        that bond goes on with the label of one of them, and a piece that breaks off gets a number
-        that nobody had before, while one piece keeps the label.
+        Identities, shape (F, N). Grains are numbered 0 … N−1 as they are placed; an aggregate keeps
+        the label of one of the two that bonded; of the pieces of a broken one, one keeps its label
+        and the others get new numbers.
     positions, velocities
         Shape (F, N, 3), m and m/s.
     radii, masses, temperatures
@@ -50,7 +50,7 @@ class Frames(NamedTuple):
 
 
 def new_frames(times: Floats, grains: int) -> Frames:
-    """Return empty frames at `times` in s, shape (F,), of a scene of so many grains."""
+    """Return empty frames at `times` in s, shape (F,), of a scene of `grains` grains."""
     count = len(times)
     return Frames(
         times=times,
@@ -77,7 +77,7 @@ def frame_times(frames: int | Sequence[float] | Floats, end_time: float) -> Floa
     Raises
     ------
     ValueError
-        If there is no such set of frames: what is wrong with them.
+        If this gives no times from 0 to the end that ascend; says why.
     """
     if isinstance(frames, int | np.integer) and not isinstance(frames, bool):
         if frames < 1:

@@ -1,7 +1,8 @@
-"""Start of the grains: velocities, and random sequential placement without overlap.
+"""Initial state: random sequential placement without overlap, and starting velocities.
 
-It jams from a volume fraction of a third on, near 0.38 nearly always. Who finds no place then lets
-the others move about: equilibrium leaves gaps for one more up to far denser packings.
+Placement one after another jams from a volume fraction of a third on, near 0.38 nearly always. A
+sphere that finds no place then lets the others move about: the equilibrium fluid leaves gaps for
+one more up to far denser packings.
 """
 
 from typing import Final, NamedTuple
@@ -34,11 +35,11 @@ class SpreadVelocities(NamedTuple):
 
 @dispatch
 def draw_velocities(law: Submodel, random: np.random.Generator, velocity: np.ndarray) -> None:
-    """Fill `velocity`, shape (3, N), m/s."""
+    """Fill `velocity`, shape (3, N), m/s, with random starting velocities."""
 
 
 @draw_velocities.register(UniformX)
-def _uniform_x(law, random, velocity):  # type: ignore[no-untyped-def]
+def _uniform_x(law, random, velocity):
     for i in range(velocity.shape[1]):
         velocity[0, i] = law.speed * random.random()
         velocity[1, i] = 0.0
@@ -46,7 +47,7 @@ def _uniform_x(law, random, velocity):  # type: ignore[no-untyped-def]
 
 
 @draw_velocities.register(SpreadVelocities)
-def _spread(law, random, velocity):  # type: ignore[no-untyped-def]
+def _spread(law, random, velocity):
     for i in range(velocity.shape[1]):
         for axis in range(3):
             scale = law.speed if axis == 0 else law.speed * law.transverse
@@ -64,7 +65,7 @@ At φ = 0.38 one trial in 3000 succeeds at equilibrium (Carnahan and Starling).
 """
 
 STRIDE: Final = 0.2
-"""How far a sphere tries to move along an axis at most, over its diameter."""
+"""Largest displacement along an axis of a sphere that makes room, over its diameter."""
 
 
 class EqualSizes(NamedTuple):
@@ -74,7 +75,7 @@ class EqualSizes(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Each sphere has its own radius in m, shape (N,); the `largest` in m is one of them."""
+    """Each sphere has its own `radius` in m, shape (N,); the `largest` in m is one of them."""
 
     radius: np.ndarray
     largest: float
@@ -91,32 +92,31 @@ def largest_diameter(sizes: Submodel) -> float:
 
 
 @contact_distance.register(EqualSizes)
-def _one_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+def _one_diameter_apart(sizes, i, j):
     return sizes.diameter
 
 
 @contact_distance.register(Sizes)
-def _own_reach(sizes, i, j):  # type: ignore[no-untyped-def]
+def _sum_of_radii(sizes, i, j):
     return sizes.radius[i] + sizes.radius[j]
 
 
 @largest_diameter.register(EqualSizes)
-def _one_diameter(sizes):  # type: ignore[no-untyped-def]
+def _one_diameter(sizes):
     return sizes.diameter
 
 
 @largest_diameter.register(Sizes)
-def _twice_the_largest(sizes):  # type: ignore[no-untyped-def]
+def _twice_the_largest(sizes):
     return 2.0 * sizes.largest
 
 
 @inlined_allocating
-def place_randomly(random, escape, position, sizes, half_width):  # type: ignore[no-untyped-def]
+def place_randomly(random, escape, position, sizes, half_width):
     """Place spheres one after another at free random places.
 
-    It jams less if the largest come first.
-
-    Cells hold the spheres placed so far, so a trial looks at its 27 cells only.
+    The largest should come first: that jams less. Cells hold the spheres placed so far, so a trial
+    looks at its 27 cells only.
 
     Parameters
     ----------
@@ -139,22 +139,22 @@ def place_randomly(random, escape, position, sizes, half_width):  # type: ignore
     head = np.full((cells, cells, cells), -1, np.int64)
     following = np.full(count, -1, np.int64)
     cell = np.empty(3, np.int64)
-    return fill(random, escape, position, cell, head, following, sizes, half_width)
+    return place_all(random, escape, position, cell, head, following, sizes, half_width)
 
 
 @inlined
-def fill(random, escape, position, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def place_all(random, escape, position, cell, head, following, sizes, half_width):
     """Place the spheres into the cells; False if one found no place."""
     for i in range(position.shape[1]):
         free = False
-        for turn in range(SHUFFLES + 1):
-            if turn > 0:
+        for shuffles in range(SHUFFLES + 1):
+            if shuffles > 0:
                 shuffle(random, escape, position, cell, head, following, i, sizes, half_width)
-            trials = ATTEMPTS if turn == 0 else ATTEMPTS_BETWEEN
+            trials = ATTEMPTS if shuffles == 0 else ATTEMPTS_BETWEEN
             for _ in range(trials):
                 for axis in range(3):
                     position[axis, i] = 2.0 * half_width * random.random() - half_width
-                find_cell(position, i, cell, head, half_width)
+                set_cell(position, i, cell, head, half_width)
                 if is_free(escape, position, i, cell, head, following, sizes, half_width):
                     free = True
                     break
@@ -168,19 +168,19 @@ def fill(random, escape, position, cell, head, following, sizes, half_width):  #
 
 
 @inlined
-def find_cell(position, i, cell, head, half_width):  # type: ignore[no-untyped-def]
-    """Find the cell that sphere i is in."""
+def set_cell(position, i, cell, head, half_width):
+    """Write the cell that sphere i is in into `cell`."""
     for axis in range(3):
         cell[axis] = cell_of(position[axis, i], head.shape[0], half_width)
 
 
 @not_inlined
-def shuffle(random, escape, position, cell, head, following, count, sizes, half_width):  # type: ignore[no-untyped-def]
-    """Move each of the first `count` spheres a little, where it is free to go."""
+def shuffle(random, escape, position, cell, head, following, count, sizes, half_width):
+    """Move each of the first `count` spheres a little, if its new place is free (Monte Carlo)."""
     before = (0.0, 0.0, 0.0)
     for i in range(count):
-        find_cell(position, i, cell, head, half_width)
-        take_out(cell, head, following, i)
+        set_cell(position, i, cell, head, half_width)
+        remove_from_cell(cell, head, following, i)
         before = (position[0, i], position[1, i], position[2, i])
         boxed = True
         for axis in range(3):
@@ -188,19 +188,19 @@ def shuffle(random, escape, position, cell, head, following, count, sizes, half_
             moved = position[axis, i] + stride * (2.0 * random.random() - 1.0)
             boxed = boxed and (is_periodic(escape) or abs(moved) <= half_width)
             position[axis, i] = wrapped(escape, moved, half_width)
-        find_cell(position, i, cell, head, half_width)
+        set_cell(position, i, cell, head, half_width)
         free = is_free(escape, position, i, cell, head, following, sizes, half_width)
         if not (boxed and free):
             for axis in range(3):
                 position[axis, i] = before[axis]
-            find_cell(position, i, cell, head, half_width)
+            set_cell(position, i, cell, head, half_width)
         following[i] = head[cell[0], cell[1], cell[2]]
         head[cell[0], cell[1], cell[2]] = i
 
 
 @inlined
-def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
-    """Take sphere i out of the list of its cell."""
+def remove_from_cell(cell, head, following, i):
+    """Remove sphere i from the list of its cell."""
     j = head[cell[0], cell[1], cell[2]]
     if j == i:
         head[cell[0], cell[1], cell[2]] = following[i]
@@ -211,7 +211,7 @@ def take_out(cell, head, following, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def is_free(escape, position, i, cell, head, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def is_free(escape, position, i, cell, head, following, sizes, half_width):
     """Whether sphere i overlaps none of the placed ones in the cells around it."""
     cells = head.shape[0]
     if not is_free_of(
@@ -231,7 +231,7 @@ def is_free(escape, position, i, cell, head, following, sizes, half_width):  # t
 
 
 @inlined
-def is_free_of(escape, position, i, j, following, sizes, half_width):  # type: ignore[no-untyped-def]
+def is_free_of(escape, position, i, j, following, sizes, half_width):
     """Whether sphere i overlaps none in the list that starts with j."""
     while j >= 0:
         square = 0.0

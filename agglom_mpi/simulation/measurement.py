@@ -1,16 +1,16 @@
-"""Quantities that are measured of a sample, and the frame that it is simulated in.
+"""Quantities that are measured of a sample, and the frame of reference of the simulation.
 
-In that of the centre of mass, if nothing asks for another: a drifting cloud crosses cells for
-nothing, and a drift a million times the other velocities takes six digits from them.
+That is the centre of mass, unless a law of the scene depends on the frame: a drifting cloud would
+cross cells for nothing, and a drift a million times the other velocities would take six digits
+from them.
 """
 
 import math
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating
-from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
-from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.physics.pair import is_frame_dependent
 from agglom_mpi.simulation.boundary import (
     Periodic,
     Reentry,
@@ -40,27 +40,23 @@ from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.time_driven.neighbours import squared_distance
 
 
-@dispatch
-def is_frame_dependent(model: Submodel | None) -> bool:
-    """Whether a submodel's results depend on the frame of reference.
-
-    Those of time steps do: they shift overlapping spheres along their velocities  [A 8].
-    """
-
-
-@is_frame_dependent.register(None, Periodic, PairSplit, PairEnergyFragmentation, EventDriven)
-def _galilean(model):  # type: ignore[no-untyped-def]
+@is_frame_dependent.register(Periodic, EventDriven)
+def _in_every_frame(model):
     return False
 
 
-@is_frame_dependent.register(Reentry, OwnEnergy, OwnEnergyFragmentation, FixedSteps, AdaptiveSteps)
-def _at_rest(model):  # type: ignore[no-untyped-def]
+# Time steps shift overlapping spheres along their velocities [A 8].
+@is_frame_dependent.register(Reentry, FixedSteps, AdaptiveSteps)
+def _in_one_frame(model):
     return True
 
 
 @inlined
-def to_mass_frame(scene, particles):  # type: ignore[no-untyped-def]
-    """Go to the centre-of-mass frame where the scene allows it; its velocity in m/s."""
+def to_mass_frame(scene, particles):
+    """Change to the centre-of-mass frame if no law depends on the frame.
+
+    Returns the velocity of that frame in m/s, three components; 0 if it was not changed.
+    """
     laws = scene.laws
     if is_frame_dependent(scene.engine) or is_frame_dependent(scene.escape):
         return 0.0, 0.0, 0.0
@@ -75,22 +71,22 @@ def to_mass_frame(scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def to_box_frame(scene, particles, drift, time):  # type: ignore[no-untyped-def]
+def to_box_frame(scene, particles, drift, time):
     """Return to the frame of the box after `time` in s.
 
-    Everybody moves by the same rounded way, so that neighbours stay apart after a million boxes.
+    All move by the same rounded displacement, so that neighbours stay apart after a million boxes.
     """
     for axis in range(3):
         if drift[axis] != 0.0:
-            way = wrapped(scene.escape, drift[axis] * time, scene.half_width)
+            shift = wrapped(scene.escape, drift[axis] * time, scene.half_width)
             for i in range(particles.size[0]):
                 particles.velocity[axis, i] += drift[axis]
-                moved = particles.position[axis, i] + way
+                moved = particles.position[axis, i] + shift
                 particles.position[axis, i] = wrapped(scene.escape, moved, scene.half_width)
 
 
 @inlined
-def total_momentum(particles):  # type: ignore[no-untyped-def]
+def total_momentum(particles):
     """Momentum in kg m/s, three components, and mass in kg."""
     m, v = particles.mass, particles.velocity
     mass, x, y, z = 0.0, 0.0, 0.0, 0.0
@@ -103,22 +99,22 @@ def total_momentum(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def fluctuation_energy(particles):  # type: ignore[no-untyped-def]
+def fluctuation_energy(particles):
     """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
     momentum, mass = total_momentum(particles)
-    energy, impetus = 0.0, 0.0
+    energy, momentum_scale = 0.0, 0.0
     for i in range(particles.size[0]):
         square = 0.0
         for axis in range(3):
             square += (particles.velocity[axis, i] - momentum[axis] / mass) ** 2
         energy += 0.5 * particles.mass[i] * square
-        impetus += particles.mass[i] * math.sqrt(square)
-    return energy, impetus
+        momentum_scale += particles.mass[i] * math.sqrt(square)
+    return energy, momentum_scale
 
 
 @inlined
-def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
-    """Thermal energy in J above the scene's temperature; none where nothing heats."""
+def thermal_energy(heating, scene, particles):
+    """Thermal energy in J above the scene's temperature; 0 where nothing heats."""
     energy = 0.0
     if heating is not None:
         capacity = scene.laws.heat_capacity
@@ -129,8 +125,8 @@ def thermal_energy(heating, scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def cell_edge(particles):  # type: ignore[no-untyped-def]
-    """Edge in m of cells for most of the spheres: the largest diameter, or twice the mean one."""
+def cell_edge(particles):
+    """Edge in m of cells for most spheres: the largest diameter, at most twice the mean one."""
     total = 0.0
     for i in range(particles.size[0]):
         total += particles.radius[i]
@@ -138,8 +134,11 @@ def cell_edge(particles):  # type: ignore[no-untyped-def]
 
 
 @inlined_allocating
-def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
-    """Pairs that overlap by more than rounding; who is too large for cells is met by everybody."""
+def count_overlaps(scene, particles):
+    """Count the pairs that overlap by more than rounding.
+
+    Spheres that fit into cells are compared within these, larger ones with all.
+    """
     half = scene.half_width
     count = particles.size[0]
     most = int((2.0 * count) ** (1.0 / 3.0)) + 1
@@ -159,8 +158,8 @@ def count_overlaps(scene, particles):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ignore[no-untyped-def]
-    """Pairs of sphere i and a later one that fits into cells too and that it overlaps."""
+def overlaps_around(scene, particles, cells, order, start, edge, i):
+    """Overlaps of sphere i with later ones in the cells around that fit into cells too."""
     half, r = scene.half_width, particles.position
     a, b, c = (
         cell_of(r[0, i], cells, half),
@@ -184,7 +183,7 @@ def overlaps_around(scene, particles, cells, order, start, edge, i):  # type: ig
 
 
 @inlined
-def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
+def overlap(scene, particles, i, j):
     """1 if two spheres overlap by more than rounding, else 0."""
     limit = (particles.radius[i] + particles.radius[j]) * (1.0 - 1e-12)
     squared = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
@@ -192,8 +191,8 @@ def overlap(scene, particles, i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
-    """Mean of b/b⁰ and its central moments 2, 3, 4, dimensionless."""
+def radius_moments(particles, reference):
+    """Mean of b/b⁰ and its central moments 2, 3, 4, dimensionless  [A 24]; `reference` b⁰ in m."""
     count = particles.size[0]
     mean = 0.0
     for i in range(count):
@@ -209,8 +208,8 @@ def radius_moments(particles, reference):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-untyped-def]
-    """Mean temperature by mass in K, not beyond any; `otherwise` where there are none."""
+def mean_temperature(temperature, particles, otherwise):
+    """Mass-weighted mean temperature in K, kept between the extremes; `otherwise` without any."""
     if temperature is None:
         return otherwise
     total, mass = 0.0, 0.0
@@ -223,7 +222,7 @@ def mean_temperature(temperature, particles, otherwise):  # type: ignore[no-unty
 
 
 @inlined
-def measure(scene, particles, out):  # type: ignore[no-untyped-def]
+def measure(scene, particles, out):
     """Write radii and temperature of the final state into the outcome record."""
     mean, second, third, fourth = radius_moments(particles, scene.radius)
     out["mean_radius_ratio"] = mean
@@ -236,29 +235,29 @@ def measure(scene, particles, out):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-untyped-def]
+def measure_ledger(scene, particles, ledger, start, out):
     """Write counts and closure errors into the outcome record.
 
-    `start` holds momentum, mass, kinetic energy, sum of m|v| and heat of the start, kinetic energy
-    and sum in the centre-of-mass frame, heat above the scene's temperature. With heat the first law
-    is closed; without, only what impacts dissipate.
+    `start` holds the momentum, mass, kinetic energy, sum of m|v| and heat at the start: kinetic
+    energy and sum in the centre-of-mass frame, heat above the scene's temperature. With heat the
+    first law is closed; without, kinetic energy against what impacts dissipate.
     """
-    tally, energy = ledger.tally, ledger.energy
-    out["steps"] = tally[STEPS]
-    out["particle_steps"] = tally[PARTICLE_STEPS]
-    out["collisions"] = tally[COLLISIONS]
-    out["merges"] = tally[MERGES]
-    out["breakups"] = tally[BREAKUPS]
-    out["capped_iterations"] = tally[CAPPED]
-    out["floored_temperatures"] = tally[FLOORED]
+    counts, energy = ledger.counts, ledger.energy
+    out["steps"] = counts[STEPS]
+    out["particle_steps"] = counts[PARTICLE_STEPS]
+    out["collisions"] = counts[COLLISIONS]
+    out["merges"] = counts[MERGES]
+    out["breakups"] = counts[BREAKUPS]
+    out["capped_iterations"] = counts[CAPPED]
+    out["floored_temperatures"] = counts[FLOORED]
     out["largest_residual"] = ledger.residual[0]
     momentum, _ = total_momentum(particles)
-    initial_momentum, _, initial_energy, impetus, heat = start
+    initial_momentum, _, initial_energy, momentum_scale, heat = start
     square = 0.0
     for axis in range(3):
         square += (momentum[axis] - initial_momentum[axis]) ** 2
     change = math.sqrt(square)
-    out["momentum_error"] = change / impetus if impetus > 0.0 else change
+    out["momentum_error"] = change / momentum_scale if momentum_scale > 0.0 else change
     kinetic, _ = fluctuation_energy(particles)
     balance = kinetic - initial_energy
     if scene.laws.heating is None:
@@ -271,8 +270,8 @@ def measure_ledger(scene, particles, ledger, start, out):  # type: ignore[no-unt
 
 
 @inlined
-def is_finite(particles):  # type: ignore[no-untyped-def]
-    """Whether every coordinate, velocity, radius, mass and temperature is a number."""
+def is_finite(particles):
+    """Whether every coordinate, velocity, radius, mass and temperature is finite."""
     total = 0.0
     for i in range(particles.size[0]):
         total += particles.radius[i] + particles.mass[i]

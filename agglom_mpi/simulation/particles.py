@@ -1,4 +1,4 @@
-"""Particles of one sample as a struct of arrays, with the energies exchanged."""
+"""Particles of one sample as a struct of arrays, and the ledger of energies and counts."""
 
 from typing import Final, NamedTuple
 
@@ -6,9 +6,7 @@ import numpy as np
 
 from agglom_mpi.kernels import ANY, dispatch_allocating, inlined, inlined_allocating, not_inlined
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling
-from agglom_mpi.physics.restitution import (
-    ContactTimeRestitution,
-)
+from agglom_mpi.physics.restitution import ContactTimeRestitution
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -17,8 +15,8 @@ SURFACE: Final = 2
 DISSIPATED: Final = 3
 UNRESOLVED: Final = 4
 EXCHANGED: Final = 5
-"""Places in `Ledger.energy`: what a temperature is too coarse for (float64 has 3e-14 K left at
-300 K), and what was radiated and absorbed together, without signs."""
+"""Places in `Ledger.energy`, J. UNRESOLVED: heat too small for a temperature to change by (float64
+resolves 3e-14 K at 300 K); EXCHANGED: sum of |radiated|, the scale of the closure error."""
 
 COLLISIONS: Final = 0
 MERGES: Final = 1
@@ -31,10 +29,10 @@ EXHAUSTED: Final = 7
 
 
 class Ledger(NamedTuple):
-    """What a sample books: energies in J, counts, and the largest solver residual."""
+    """What a sample adds up: energies in J, counts, and the largest solver residual."""
 
     energy: np.ndarray
-    tally: np.ndarray
+    counts: np.ndarray
     residual: np.ndarray
 
 
@@ -54,13 +52,13 @@ class Particles(NamedTuple):
     temperature
         Shape (capacity,), K; without it the scene's holds for all.
     cooled_to
-        Time in s up to which `temperature` holds, shape (capacity,).
+        Time in s up to which `temperature` is cooled, shape (capacity,).
     last_impact
         Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
-        Original grains in each particle, shape (capacity,); what cannot break need not count them.
+        Original grains in each particle, shape (capacity,); only counted where particles can break.
     label, labels_given
-        Who is who, shape (capacity,), and how many labels were given, shape (1,); see `Frames`.
+        Identities, shape (capacity,), and how many were given, shape (1,); see `Frames`.
     """
 
     size: np.ndarray
@@ -83,14 +81,14 @@ def new_ledger() -> Ledger:
 
 
 @inlined
-def record_cooling(ledger, energy):  # type: ignore[no-untyped-def]
+def record_cooling(ledger, energy):
     """Enter `energy` in J that a particle has lost to its surroundings in the ledger."""
     ledger.energy[RADIATED] += energy
     ledger.energy[EXCHANGED] += abs(energy)
 
 
 @inlined
-def value_or(values, i, otherwise):  # type: ignore[no-untyped-def]
+def value_or(values, i, otherwise):
     """`values[i]`, or `otherwise` where the scene has no such array."""
     if values is None:
         return otherwise
@@ -98,23 +96,23 @@ def value_or(values, i, otherwise):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def set_value(values, i, value):  # type: ignore[no-untyped-def]
-    """Let `values[i]` be `value`, where the scene has such an array."""
+def set_value(values, i, value):
+    """Set `values[i]`, where the scene has such an array."""
     if values is not None:
         values[i] = value
 
 
 @inlined
-def new_label(label, labels_given, i):  # type: ignore[no-untyped-def]
-    """Give slot i a label that nobody had before, where there are labels."""
+def new_label(label, labels_given, i):
+    """Give slot i a label that no particle had before, where there are labels."""
     if label is not None:
         label[i] = labels_given[0]
         labels_given[0] += 1
 
 
 @inlined
-def copy_value(values, source, others, target):  # type: ignore[no-untyped-def]
-    """Let `others[target]` be `values[source]`, where the scene has such arrays."""
+def copy_value(values, source, others, target):
+    """Copy `values[source]` to `others[target]`, where the scene has such arrays."""
     if values is not None:
         others[target] = values[source]
 
@@ -142,7 +140,7 @@ def copy_slot(particles: Particles, source: int, target: int) -> None:
 
 @inlined
 def empty_slot(particles: Particles, i: int) -> None:
-    """Take a particle out; `compact` closes the gap."""
+    """Empty the slot of a particle; `compact` closes the gap."""
     particles.mass[i] = 0.0
     particles.radius[i] = 0.0
     for axis in range(3):
@@ -162,8 +160,8 @@ def compact(particles: Particles) -> None:
 
 
 @not_inlined
-def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
-    """Let `values[k]` be what `values[order[k]]` was, for the first `count`, if it is there."""
+def permute(values, order, count, scratch):
+    """Reorder the first `count` values: `values[k]` becomes `values[order[k]]`; None stays None."""
     if values is None:
         return
     for k in range(count):
@@ -174,7 +172,7 @@ def permute(values, order, count, scratch):  # type: ignore[no-untyped-def]
 
 @inlined_allocating
 def reorder(particles: Particles, order: np.ndarray) -> None:
-    """Let slot k be what slot `order[k]` was, for all slots in use."""
+    """Reorder all slots in use: slot k becomes what slot `order[k]` was."""
     count = particles.size[0]
     scratch = np.empty(count)
     for axis in range(3):
@@ -191,77 +189,77 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
 
 
 @dispatch_allocating
-def new_cooling_times(cooling, capacity):  # type: ignore[no-untyped-def]
-    """Return times in s up to which temperatures hold, shape (capacity,), or None."""
+def new_cooling_times(cooling, capacity):
+    """Return times in s up to which temperatures are cooled, shape (capacity,); None if unused."""
 
 
 @new_cooling_times.register(None, EulerCooling)
-def _never_behind(cooling, capacity):  # type: ignore[no-untyped-def]
+def _no_cooling_times(cooling, capacity):
     return None
 
 
 @new_cooling_times.register(ExactCooling)
-def _behind(cooling, capacity):  # type: ignore[no-untyped-def]
+def _cooling_times(cooling, capacity):
     return np.zeros(capacity)
 
 
 @dispatch_allocating
-def new_impact_times(restitution, capacity):  # type: ignore[no-untyped-def]
-    """Return times of last impacts in s, shape (capacity,), or None."""
+def new_impact_times(restitution, capacity):
+    """Return times of last impacts in s, shape (capacity,); None if unused."""
 
 
 @new_impact_times.register(ANY)
-def _forgotten(restitution, capacity):  # type: ignore[no-untyped-def]
+def _no_impact_times(restitution, capacity):
     return None
 
 
 @new_impact_times.register(ContactTimeRestitution)
-def _remembered(restitution, capacity):  # type: ignore[no-untyped-def]
+def _impact_times(restitution, capacity):
     return np.full(capacity, -np.inf)
 
 
 @dispatch_allocating
-def new_grains(fragmentation, capacity):  # type: ignore[no-untyped-def]
-    """Return grains in each particle, shape (capacity,), or None."""
+def new_grains(fragmentation, capacity):
+    """Return grains in each particle, shape (capacity,); None where none can break."""
 
 
 @new_grains.register(None)
-def _uncounted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+def _no_grain_counts(fragmentation, capacity):
     return None
 
 
 @new_grains.register(ANY)
-def _counted(fragmentation, capacity):  # type: ignore[no-untyped-def]
+def _grain_counts(fragmentation, capacity):
     return np.ones(capacity, np.int64)
 
 
 @inlined_allocating
-def new_temperatures(heating, cooling, capacity, start):  # type: ignore[no-untyped-def]
-    """Return temperatures in K, shape (capacity,), or None where nothing changes them."""
+def new_temperatures(heating, cooling, capacity, start):
+    """Return temperatures in K, shape (capacity,); None where nothing changes them."""
     if heating is None and cooling is None:
         return None
     return np.full(capacity, start)
 
 
 @inlined_allocating
-def new_labels(frames, capacity):  # type: ignore[no-untyped-def]
-    """Return the numbers of the slots, shape (capacity,), or None where no frames are taken."""
+def new_labels(frames, capacity):
+    """Return the numbers of the slots, shape (capacity,); None where no frames are taken."""
     if frames is None:
         return None
     return np.arange(capacity)
 
 
 @inlined_allocating
-def new_count(frames, start):  # type: ignore[no-untyped-def]
-    """Return a count that begins at `start`, shape (1,), or None where no frames are taken."""
+def new_count(frames, start):
+    """Return a counter that begins at `start`, shape (1,); None where no frames are taken."""
     if frames is None:
         return None
     return np.full(1, start)
 
 
 @inlined_allocating
-def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
-    """Return the grains of a scene, not placed yet, with room for `capacity`.
+def new_particles(scene, capacity, frames):
+    """Return the grains of a scene, not placed yet, with room for `capacity` particles.
 
     They have labels if there are `frames` to be taken.
     """
@@ -287,7 +285,7 @@ def new_particles(scene, capacity, frames):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def largest_radius(particles):  # type: ignore[no-untyped-def]
+def largest_radius(particles):
     """Largest radius in m."""
     largest = 0.0
     for i in range(particles.size[0]):

@@ -1,4 +1,4 @@
-"""One sample: a pure function of (campaign, parameters, sample number)."""
+"""One sample: a pure function of scene and random stream, from placement to result."""
 
 from typing import Any, NamedTuple
 
@@ -10,7 +10,6 @@ import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register t
 from agglom_mpi import outcome as result
 from agglom_mpi.kernels import inlined, kernel
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.simulation.collision import cool_until
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import EqualSizes, draw_velocities, place_randomly
 from agglom_mpi.simulation.measurement import (
@@ -25,7 +24,8 @@ from agglom_mpi.simulation.measurement import (
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger, new_particles
 from agglom_mpi.simulation.scene import Scene, run_to_end
-from agglom_mpi.simulation.trajectory import new_recorder, note_drift, record_end, record_start
+from agglom_mpi.simulation.temperature import cool_until
+from agglom_mpi.simulation.trajectory import new_recorder, record_end, record_start, set_drift
 
 
 class Outcome(NamedTuple):
@@ -74,13 +74,13 @@ class Outcome(NamedTuple):
 
     @property
     def measured(self) -> result.SampleSummary:
-        """What decisions are made from."""
+        """Summary that decisions are based on."""
         [measured] = result.summaries(np.array([self.record], result.OUTCOME))
         return measured._replace(objective=self.objective)
 
 
 @kernel
-def run_sample(scene, random, abort, out, frames):  # type: ignore[no-untyped-def]
+def run_sample(scene, random, abort, out, frames):
     """Place, run and measure one sample; one crossing into compiled code.
 
     Parameters
@@ -115,18 +115,18 @@ def run_sample(scene, random, abort, out, frames):  # type: ignore[no-untyped-de
 
 
 @inlined
-def integrate(scene, particles, ledger, abort, record, recorder):  # type: ignore[no-untyped-def]
+def integrate(scene, particles, ledger, abort, record, recorder):
     """Run particles from where they are to the scene's end, and measure them into `record`."""
     record_start(recorder, scene, particles)
     drift = to_mass_frame(scene, particles)
-    note_drift(recorder, drift)
+    set_drift(recorder, drift)
     heat = thermal_energy(scene.laws.heating, scene, particles)
     start = (*total_momentum(particles), *fluctuation_energy(particles), heat)
     end = run_to_end(scene.engine, scene, particles, ledger, abort, recorder)
     record["end_time"] = end
     for i in range(particles.size[0]):
         cool_until(scene.cooling, scene, particles, ledger, i, end)
-    if ledger.tally[EXHAUSTED] > 0:
+    if ledger.counts[EXHAUSTED] > 0:
         record["reason"] = result.BUDGET_EXCEEDED
         return
     if not is_finite(particles):
@@ -145,10 +145,21 @@ def simulate_scene(
     abort: npt.NDArray[np.uint8] | None = None,
     frames: Frames | None = None,
 ) -> tuple[Any, Any]:
-    """Run one sample of a typed scene; its `OUTCOME` record and its final `Particles`.
+    """Run one sample; return its `OUTCOME` record and its final `Particles`.
 
-    `final_particles` makes them what people and files want. `frames`, from `new_frames` for as
-    many grains as the scene has, are filled; without them nothing is compiled for them.
+    Parameters
+    ----------
+    scene
+        The scene.
+    random
+        Stream of the sample; see `sample_stream`.
+    abort
+        Shape (1,); another thread ends the run early by setting it to 1.
+    frames
+        Filled if given; from `new_frames` for the scene's number of grains. Without them no code
+        is compiled for frames.
+
+    `final_particles` makes arrays of SI values of the particles.
     """
     out = np.zeros(1, result.OUTCOME)
     abort = np.zeros(1, np.uint8) if abort is None else abort

@@ -5,9 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import Submodel, dispatch, dispatch_allocating
-from agglom_mpi.physics.restitution import (
-    ImpactLaws,
-)
+from agglom_mpi.physics.restitution import ImpactLaws
 from agglom_mpi.simulation.particles import Ledger, Particles
 
 
@@ -18,20 +16,20 @@ class FixedSteps(NamedTuple):
 
 
 class AdaptiveSteps(NamedTuple):
-    """Steps of the smallest gap over approach speed within [floor, ceiling], s  [B 6.14]."""
+    """Steps of the smallest gap over approach speed within [floor, ceiling] in s  [B 6.14]."""
 
     floor: float
     ceiling: float
 
 
 class EventDriven(NamedTuple):
-    """Exact times; at most `budget` events per grain, crossings of cells included."""
+    """Collisions at exact times; at most `budget` events per grain, cell crossings included."""
 
     budget: int
 
 
 class Scene(NamedTuple):
-    """Everything that one sample is a function of, random numbers aside.
+    """All that one sample is a function of, apart from its random numbers.
 
     `particles` equal grains of `radius` in m and `mass` in kg in a cube of half-width
     `half_width` in m, for `end_time` in s from `temperature` in K.
@@ -59,15 +57,15 @@ def run_to_end(
     abort: np.ndarray,
     recorder: Submodel | None,
 ) -> float:
-    """Run a placed scene to its end time, or until `abort[0]` is set; the time reached in s.
+    """Run a placed scene to its end time, or until `abort[0]` is set; return the time reached in s.
 
-    What a `recorder` wants to see between start and end is taken on the way.
+    Frames that a `recorder` has to take between start and end are taken on the way.
     """
 
 
 @dispatch_allocating
 def initialize(engine: Submodel, scene: Submodel, particles: Particles) -> Submodel:
-    """Return what an engine keeps beside particles that start at the time 0, for `advance_to`."""
+    """Return the state that an engine keeps beside particles at the time 0, for `advance_to`."""
 
 
 @dispatch_allocating
@@ -80,10 +78,10 @@ def advance_to(
     until: float,
     abort: np.ndarray,
 ) -> float:
-    """Let happen what happens up to `until` in s, as `run_to_end` does; the time reached in s.
+    """Process what happens up to `until` in s, as `run_to_end` does; return the time reached in s.
 
-    Nothing is brought to an end there, so that in how many stretches a run is done does not change
-    a bit of it; `copy_at` says where the particles are.
+    The particles are not moved to `until`, so that the number of parts a run is done in does not
+    change a bit of it; `copy_at` gives where they are.
     """
 
 

@@ -1,7 +1,7 @@
-"""A run in stretches, from a given state: the kernels behind `agglom_mpi.coupling`.
+"""A run in parts, from a given state: the kernels behind `agglom_mpi.coupling`.
 
-The engines are those of a sample. Looking is done on copies, so that it does not matter to what
-follows how often somebody looks, nor in how many stretches a time is run through.
+The engines are those of a sample. Observations are made on copies, so that neither their number nor
+the number of parts changes what follows.
 """
 
 from typing import Any, Final
@@ -31,15 +31,20 @@ from agglom_mpi.simulation.particles import (
     new_impact_times,
 )
 from agglom_mpi.simulation.scene import Scene, advance_to, copy_at, initialize
-from agglom_mpi.simulation.trajectory import FrameRecorder, cool_copies, note_drift, return_copies
+from agglom_mpi.simulation.trajectory import (
+    FrameRecorder,
+    cool_copies,
+    return_copies_to_box,
+    set_drift,
+)
 
 OBSERVATION: Final = np.dtype(
     [(name, "f8") for name in ("mean_radius", "radius_variance", "mass", "x", "y", "z")]
     + [(name, "f8") for name in ("fluctuation", "temperature", "pending", "reached")]
     + [("particles", "i8"), ("finite", "u1")]
 )
-"""What is seen of the particles, SI: radii, mass, momentum, kinetic energy about the mean velocity,
-temperature by mass, the heat radiated that no ledger has yet, the time reached."""
+"""Observed quantities, SI: radii, mass, momentum, kinetic energy about the mean velocity,
+mass-weighted temperature, radiated heat not yet in a ledger (`pending`), the time reached."""
 
 
 def empty_particles(scene: Scene, capacity: int) -> Particles:
@@ -65,22 +70,22 @@ def empty_ledger() -> Ledger:
 
 
 def new_observer(scene: Scene, capacity: int) -> Any:
-    """Return what particles with room for `capacity` are copied to when they are looked at."""
+    """Return a `FrameRecorder` whose copy, of `capacity` particles, shows an observation."""
     copy = empty_particles(scene, capacity)
     return FrameRecorder(None, np.zeros(1, np.int64), np.zeros(3), copy, empty_ledger())  # type: ignore[arg-type]
 
 
 @kernel
-def scatter(escape, velocities, random, sizes, half_width, position, velocity):  # type: ignore[no-untyped-def]
-    """Place spheres as the grains of a sample are placed, and draw velocities as those have.
+def scatter(escape, velocities, random, sizes, half_width, position, velocity):
+    """Place spheres as the grains of a sample are placed, and draw their velocities.
 
     Parameters
     ----------
     escape, velocities, half_width
         Those of the scene, without its laws: one machine code serves many scenes.
     random : numpy.random.Generator
-    sizes : EqualSizes, Sizes or None, to place nobody
-    position, velocity : array, shape (3, N), m and m/s, filled; no velocity if it is None
+    sizes : EqualSizes, Sizes, or None if positions are given
+    position, velocity : array, shape (3, N), m and m/s, filled; velocity None if given
 
     Returns
     -------
@@ -96,63 +101,63 @@ def scatter(escape, velocities, random, sizes, half_width, position, velocity): 
 
 
 @kernel
-def overlaps_of(scene, particles):  # type: ignore[no-untyped-def]
-    """Pairs of particles that overlap by more than rounding."""
+def overlaps_of(scene, particles):
+    """Count the pairs of particles that overlap by more than rounding."""
     return count_overlaps(scene, particles)
 
 
 @kernel
-def start_run(scene, particles, observer, seen):  # type: ignore[no-untyped-def]
-    """Begin a run at the time 0 with particles as they are, and look at them.
+def start_run(scene, particles, observer, observation):
+    """Start a run at the time 0 with particles as they are, and observe them.
 
     Parameters
     ----------
     scene : Scene
     particles : Particles, the engine's own from now on
-    observer : Recorder; its copy shows the particles from now on
-    seen : array of `OBSERVATION`, shape (1,), filled
+    observer : FrameRecorder; its copy shows the particles from now on
+    observation : array of `OBSERVATION`, shape (1,), filled
 
     Returns
     -------
     NamedTuple
-        What the engine keeps, for `advance_run`.
+        The state of the engine, for `advance_run`.
     """
-    note_drift(observer, to_mass_frame(scene, particles))
+    set_drift(observer, to_mass_frame(scene, particles))
     engine_state = initialize(scene.engine, scene, particles)
-    observe(scene, particles, engine_state, observer, 0.0, seen[0])
+    observe(scene, particles, engine_state, observer, 0.0, observation[0])
     return engine_state
 
 
 @kernel
-def advance_run(scene, particles, engine_state, observer, ledger, until, abort, seen):  # type: ignore[no-untyped-def]
-    """Run particles on up to `until` in s, and look at them; see `start_run`.
+def advance_run(scene, particles, engine_state, observer, ledger, until, abort, observation):
+    """Advance a run to `until` in s, and observe the particles; arguments as for `start_run`.
 
-    The ledger is added to. The time reached, in `seen`, is earlier if a budget was used up.
+    Adds to the ledger. The time reached, in the observation, is earlier if a budget was used up.
     """
     reached = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
-    observe(scene, particles, engine_state, observer, reached, seen[0])
+    observe(scene, particles, engine_state, observer, reached, observation[0])
 
 
 @inlined
-def observe(scene, particles, engine_state, observer, time, seen):  # type: ignore[no-untyped-def]
+def observe(scene, particles, engine_state, observer, time, observation):
     """Copy the particles as they are at `time` in s, and measure the copies."""
     observer.ledger.energy[RADIATED] = 0.0
     copy_at(scene.engine, scene, particles, engine_state, observer, time)
     cool_copies(observer, scene, time)
     copy = observer.copy
     energy, _ = fluctuation_energy(copy)
-    return_copies(observer, scene, time)
+    return_copies_to_box(observer, scene, time)
     momentum, mass = total_momentum(copy)
     mean, variance, _, _ = radius_moments(copy, 1.0)
-    seen["mean_radius"] = mean
-    seen["radius_variance"] = variance
-    seen["mass"] = mass
-    seen["x"] = momentum[0]
-    seen["y"] = momentum[1]
-    seen["z"] = momentum[2]
-    seen["fluctuation"] = energy
-    seen["temperature"] = mean_temperature(copy.temperature, copy, scene.temperature)
-    seen["pending"] = observer.ledger.energy[RADIATED]
-    seen["reached"] = time
-    seen["particles"] = copy.size[0]
-    seen["finite"] = np.uint8(is_finite(copy))
+    observation["mean_radius"] = mean
+    observation["radius_variance"] = variance
+    observation["mass"] = mass
+    observation["x"] = momentum[0]
+    observation["y"] = momentum[1]
+    observation["z"] = momentum[2]
+    observation["fluctuation"] = energy
+    observation["temperature"] = mean_temperature(copy.temperature, copy, scene.temperature)
+    observation["pending"] = observer.ledger.energy[RADIATED]
+    observation["reached"] = time
+    observation["particles"] = copy.size[0]
+    observation["finite"] = np.uint8(is_finite(copy))

@@ -1,12 +1,10 @@
-"""Frames of a sample at set times, taken on copies so that nothing else changes.
-
-`recorder` fills them.
+"""Recording of frames at set times, on copies so that nothing else changes.
 
 A frame shows what a run that ended at its time would leave. The first, at 0, shows the grains as
 they are placed; one at the end time shows the final state. In between an engine says what is due,
-copies its particles and moves the copies to the time; here they are cooled up to it and written
-down. Between events that is exact. Time steps have no state between their ends: there the copies
-move straight on from the step's beginning, as they would in a shorter last step.
+copies its particles and moves the copies to the time; here they are cooled up to it and stored.
+Between events that is exact. Time steps have no state between their ends: there the copies move
+straight on from the step's beginning, as they would in a shorter last step.
 
 Without frames a recorder is `None`, and its calls compile to nothing.
 """
@@ -16,7 +14,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined
-from agglom_mpi.simulation.collision import cool_until
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.measurement import to_box_frame
 from agglom_mpi.simulation.particles import (
@@ -28,6 +25,7 @@ from agglom_mpi.simulation.particles import (
     new_particles,
     value_or,
 )
+from agglom_mpi.simulation.temperature import cool_until
 
 NEVER: Final = np.inf
 
@@ -39,24 +37,24 @@ class FrameRecorder(NamedTuple):
     ----------
     frames
         What is filled.
-    taken
+    stored
         Frames filled so far, shape (1,).
     drift
         Velocity in m/s of the frame of reference that the engine works in, shape (3,).
     copy, ledger
-        The particles of the frame that is being taken, and a ledger that nobody reads.
+        Copies of the particles for the next frame, and the ledger of their cooling, not of the run.
     """
 
     frames: Frames
-    taken: np.ndarray
+    stored: np.ndarray
     drift: np.ndarray
     copy: Particles
     ledger: Ledger
 
 
 @inlined_allocating
-def new_recorder(frames, scene, capacity):  # type: ignore[no-untyped-def]
-    """Return what fills `frames`, for particles with room for `capacity`; None without frames."""
+def new_recorder(frames, scene, capacity):
+    """Return the recorder of `frames` with room for `capacity` particles; None without frames."""
     if frames is None:
         return None
     copy = new_particles(scene, capacity, frames)
@@ -64,45 +62,45 @@ def new_recorder(frames, scene, capacity):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def next_frame(recorder, end_time):  # type: ignore[no-untyped-def]
-    """Time in s of the next frame before the end, at which the final state is taken; or inf."""
-    times, k = recorder.frames.times, recorder.taken[0]
+def next_frame_time(recorder, end_time):
+    """Time in s of the next frame before the end, inf without one; the end is recorded apart."""
+    times, k = recorder.frames.times, recorder.stored[0]
     return times[k] if k < times.size and times[k] < end_time else NEVER
 
 
 @inlined
-def record_start(recorder, scene, particles):  # type: ignore[no-untyped-def]
-    """Take the frame at the start, if one is wanted, of the grains just placed."""
+def record_start(recorder, scene, particles):
+    """Store the frame at 0, if there is one, of the grains just placed."""
     if recorder is not None:
-        record_until(recorder, scene, particles, 0.0)
+        store_frames_until(recorder, scene, particles, 0.0)
 
 
 @inlined
-def note_drift(recorder, drift):  # type: ignore[no-untyped-def]
-    """Note the velocity in m/s, three components, of the frame of reference from now on."""
+def set_drift(recorder, drift):
+    """Set the velocity in m/s, three components, of the frame of reference."""
     if recorder is not None:
         for axis in range(3):
             recorder.drift[axis] = drift[axis]
 
 
 @inlined
-def record_end(recorder, scene, particles, end):  # type: ignore[no-untyped-def]
-    """Take the frames that are left up to the `end` in s that was reached, of the final state."""
+def record_end(recorder, scene, particles, end):
+    """Store the remaining frames up to the time reached `end` in s, of the final state."""
     if recorder is not None:
-        record_until(recorder, scene, particles, end)
+        store_frames_until(recorder, scene, particles, end)
 
 
 @not_inlined
-def record_until(recorder, scene, particles, time):  # type: ignore[no-untyped-def]
-    """Take all frames up to `time` in s of particles as they are."""
+def store_frames_until(recorder, scene, particles, time):
+    """Store all frames up to `time` in s of particles as they are."""
     times = recorder.frames.times
-    while recorder.taken[0] < times.size and times[recorder.taken[0]] <= time:
+    while recorder.stored[0] < times.size and times[recorder.stored[0]] <= time:
         store_frame(recorder, scene, particles)
 
 
 @inlined
-def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
-    """Copy the particles, gaps included; the copy."""
+def copy_particles(recorder, particles):
+    """Copy the particles, gaps included, and return the copies."""
     copy = recorder.copy
     for i in range(particles.size[0]):
         copy_slot_to(particles, i, copy, i)
@@ -111,15 +109,15 @@ def copy_all(recorder, particles):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def finish(recorder, scene, time):  # type: ignore[no-untyped-def]
-    """Write down the copies, who are where they are at `time` in s, as a final state is left."""
+def finish_frame(recorder, scene, time):
+    """Cool the copies, which are moved to `time` in s, change to the box frame and store them."""
     cool_copies(recorder, scene, time)
-    return_copies(recorder, scene, time)
+    return_copies_to_box(recorder, scene, time)
     store_frame(recorder, scene, recorder.copy)
 
 
 @not_inlined
-def cool_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+def cool_copies(recorder, scene, time):
     """Close the gaps between the copies and cool them up to `time` in s."""
     compact(recorder.copy)
     for i in range(recorder.copy.size[0]):
@@ -127,17 +125,17 @@ def cool_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
 
 
 @not_inlined
-def return_copies(recorder, scene, time):  # type: ignore[no-untyped-def]
+def return_copies_to_box(recorder, scene, time):
     """Return the copies at `time` in s to the frame of reference of the box."""
     drift = recorder.drift
     to_box_frame(scene, recorder.copy, (drift[0], drift[1], drift[2]), time)
 
 
 @not_inlined
-def store_frame(recorder, scene, particles):  # type: ignore[no-untyped-def]
-    """Write particles without gaps into the next frame."""
-    frames, f = recorder.frames, recorder.taken[0]
-    recorder.taken[0] += 1
+def store_frame(recorder, scene, particles):
+    """Store particles without gaps in the next frame."""
+    frames, f = recorder.frames, recorder.stored[0]
+    recorder.stored[0] += 1
     frames.particles[f] = particles.size[0]
     for i in range(particles.size[0]):
         for axis in range(3):

@@ -13,35 +13,35 @@ from agglom_mpi.kernels import inlined, inlined_allocating, kernel
 from agglom_mpi.simulation.boundary import separation, wrapped
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
-    BARELY,
-    FEW,
+    FITTING_SHARE,
+    MAX_ALL_PAIRS,
     best_edge,
     choose_range,
     insert,
-    lay_out,
-    most_cells,
+    max_cells,
     new_cells,
+    reset_cells,
 )
-from agglom_mpi.simulation.event_driven.engine import look_around, nothing_hit
+from agglom_mpi.simulation.event_driven.engine import no_contact, predict_due
 from agglom_mpi.simulation.event_driven.event_queue import earliest, earliest_time, new_event_queue
 from agglom_mpi.simulation.event_driven.flights import (
     NEXT_EVENT,
     RANGE,
     TRAJECTORY,
     Flights,
-    catch_up_position,
     load_velocity,
+    synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
-from agglom_mpi.simulation.event_driven.state import Events, new_events, rebuild, settle_all
+from agglom_mpi.simulation.event_driven.state import Events, new_events, rebuild, synchronise
 from agglom_mpi.simulation.time_driven.neighbours import (
     find_partners,
     new_neighbour_list,
     update_neighbours,
 )
-from agglom_mpi.simulation.time_driven.stepping import move
+from agglom_mpi.simulation.time_driven.stepping import move_particles
 
-NOBODY = -1
+NO_PARTICLE = -1
 
 
 class Bare(NamedTuple):
@@ -74,22 +74,22 @@ def bounce(velocity, e, dx, dy, dz, i, j):
 
 
 @inlined
-def take_next(scene, state, events, counts, now):
-    """Let the next event happen; for whom to look around."""
+def process_next(scene, state, events, counts, now):
+    """Process the next event; return whom to predict for."""
     flights, cells = events.flights, events.cells
     counts[0] += 1
     i = earliest(events.event_queue)
-    plan = flights.next_event[i]
-    j = np.int64(plan["partner"])
-    if plan["turn_time"] <= plan["hit_time"]:
-        return i, NOBODY, cross_cell(scene, state, cells, flights, i, now)
-    if flights.next_event[j]["version"] != plan["hit_version"]:
-        plan["hit_time"] = np.inf
-        plan["partner"] = NOBODY
-        return i, NOBODY, RANGE
+    next_event = flights.next_event[i]
+    j = np.int64(next_event["partner"])
+    if next_event["crossing_time"] <= next_event["collision_time"]:
+        return i, NO_PARTICLE, cross_cell(scene, state, cells, flights, i, now)
+    if flights.next_event[j]["version"] != next_event["partner_version"]:
+        next_event["collision_time"] = np.inf
+        next_event["partner"] = NO_PARTICLE
+        return i, NO_PARTICLE, RANGE
     i, j = min(i, j), max(i, j)
-    catch_up_position(scene, state, flights, i, now)
-    catch_up_position(scene, state, flights, j, now)
+    synchronise_particle(scene, state, flights, i, now)
+    synchronise_particle(scene, state, flights, j, now)
     r, half = state.position, scene.half_width
     dx = separation(scene.escape, r[0, j] - r[0, i], half)
     dy = separation(scene.escape, r[1, j] - r[1, i], half)
@@ -104,11 +104,11 @@ def take_next(scene, state, events, counts, now):
 
 @inlined
 def loop(scene, state, events, counts):
-    """Let one event happen after another until the end."""
+    """Process events until the end."""
     cells, flights, event_queue = events.cells, events.flights, events.event_queue
     time = earliest_time(event_queue)
     while time <= scene.end_time:
-        i, j, face = take_next(scene, state, events, counts, time)
+        i, j, face = process_next(scene, state, events, counts, time)
         predict_collision(scene, cells, flights, event_queue, i, time, face, j)
         if j >= 0:
             predict_collision(scene, cells, flights, event_queue, j, time, RANGE, i)
@@ -120,9 +120,9 @@ def events_of_whole_state(scene, particles):
     """Run the events of particles with all that the package keeps of them; events and hits."""
     counts = np.zeros(2, np.int64)
     events = new_events(particles)
-    look_around(scene, events, nothing_hit(rebuild(scene, particles, events, 0.0), RANGE), 0.0)
+    predict_due(scene, events, no_contact(rebuild(scene, particles, events, 0.0), RANGE), 0.0)
     loop(scene, particles, events, counts)
-    settle_all(scene, particles, events, scene.end_time)
+    synchronise(scene, particles, events, scene.end_time)
     return counts
 
 
@@ -133,17 +133,17 @@ def events_of_bare_state(scene, state):
     events = begin(scene, state)
     for i in range(scene.particles):
         predict_collision(
-            scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NOBODY
+            scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NO_PARTICLE
         )
     loop(scene, state, events, counts)
     for i in range(scene.particles):
-        catch_up_position(scene, state, events.flights, i, scene.end_time)
+        synchronise_particle(scene, state, events.flights, i, scene.end_time)
     return counts
 
 
 @inlined_allocating
 def begin(scene, state):
-    """Put everybody into cells, or among the oversize where they are few."""
+    """Insert all particles into cells, or among the oversize where they are few."""
     count, half = scene.particles, scene.half_width
     events = Events(
         Flights(np.zeros(count, TRAJECTORY), np.zeros(count, NEXT_EVENT)),
@@ -153,13 +153,17 @@ def begin(scene, state):
         np.empty(0, np.int64),
     )
     edge = max(2.0 * scene.radius, best_edge(count, 2.0 * scene.radius, half))
-    along = 0 if count <= FEW else min(most_cells(count), int(BARELY * 2.0 * half / edge))
-    lay_out(events.cells, along)
+    per_axis = (
+        0
+        if count <= MAX_ALL_PAIRS
+        else min(max_cells(count), int(FITTING_SHARE * 2.0 * half / edge))
+    )
+    reset_cells(events.cells, per_axis)
     choose_range(events.cells, scene.radius, half)
     for i in range(count):
-        path = events.flights.trajectory[i]
-        path["x"], path["y"], path["z"] = state.position[:, i]
-        path["time"], path["radius"] = 0.0, scene.radius
+        trajectory = events.flights.trajectory[i]
+        trajectory["x"], trajectory["y"], trajectory["z"] = state.position[:, i]
+        trajectory["time"], trajectory["radius"] = 0.0, scene.radius
         load_velocity(events.flights, state, i)
         insert(scene, events.cells, events.flights, i)
         schedule_crossing(scene, events.cells, events.flights, i)
@@ -181,7 +185,7 @@ def steps_of_whole_state(scene, particles):
         update_neighbours(scene, particles, neighbours, time, index == 0, 2.0 * reach)
         find_partners(scene, particles, neighbours, partner, squared, reach)
         counts[1] += bounce_in_turn(scene, particles, partner, squared)
-        move(scene, particles, step)
+        move_particles(scene, particles, step)
     return counts
 
 

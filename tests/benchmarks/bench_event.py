@@ -159,7 +159,7 @@ def run(scene, particles):
     begin = time.perf_counter()
     ledger = run_engine(scene, final, np.zeros(1, np.uint8))
     seconds = time.perf_counter() - begin
-    assert ledger.tally[EXHAUSTED] == 0
+    assert ledger.counts[EXHAUSTED] == 0
     return seconds, ledger, final
 
 
@@ -206,7 +206,7 @@ def print_gas(packing, count):
     scene = make_gas(packing, count, RESTITUTION, EACH)
     particles = start(scene, np.random.default_rng(1))
     seconds, ledger, final = median_run(scene, particles)
-    impacts, events = int(ledger.tally[COLLISIONS]), int(ledger.tally[STEPS])
+    impacts, events = int(ledger.counts[COLLISIONS]), int(ledger.counts[STEPS])
     row = (packing, count, "event", "-", "-", f"{2.0 * impacts / count:.2f}")
     measures = (f"  {impacts / seconds:.0f}", f"  {events / impacts:.2f}", "  1", "  1")
     print_row(GAS_WIDTHS, row + measures)
@@ -282,7 +282,7 @@ def elastic_counts(packing, shares, seed):
     grains = peer_grains(scene, particles)
     runs = [peer.bounce(grains, 1.0, [scene.end_time], share).collisions for share in shares]
     _, ledger, _ = run(scene, particles)
-    exact = int(ledger.tally[COLLISIONS])
+    exact = int(ledger.counts[COLLISIONS])
     return [2.0 * found / MISSING_COUNT for found in (exact, *runs)]
 
 
@@ -298,7 +298,7 @@ def test_print_the_speed_of_merging():
     print_row(widths, ("code", "step", "steps", "left", "mass", "ms"))
     left, mass = int(final.size[0]), float(np.sum(final.mass[: final.size[0]])) / 1e-3
     print_row(widths, ("event", "-", "-", left, f"{mass:.6f}", f"{seconds * 1e3:.3f}"))
-    print(f"({int(ledger.tally[STEPS])} events)")
+    print(f"({int(ledger.counts[STEPS])} events)")
     if not peer.rebound:
         print(peer.MISSING)
         return
@@ -360,7 +360,7 @@ def test_print_the_cost_of_a_million():
     warm_up()
     small = make_gas(0.2, 1000, RESTITUTION, 1)
     seconds, ledger, _ = median_run(small, start(small, np.random.default_rng(1)), 21)
-    each = seconds / int(ledger.tally[COLLISIONS])
+    each = seconds / int(ledger.counts[COLLISIONS])
     scene = make_gas(0.2, 1_000_000, RESTITUTION, 1)
     begin = time.perf_counter()
     particles = start(scene, np.random.default_rng(1))
@@ -370,7 +370,7 @@ def test_print_the_cost_of_a_million():
     ledger = run_engine(scene, particles, np.zeros(1, np.uint8))
     seconds = time.perf_counter() - begin
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - held
-    impacts = int(ledger.tally[COLLISIONS])
+    impacts = int(ledger.counts[COLLISIONS])
     own = sum(array.nbytes for array in particles if array is not None)
     print(f"\na million grains, phi = 0.2, e = {RESTITUTION}: {impacts} collisions")
     print(f"{seconds:.2f} s and {placed:.2f} s for the placement")
@@ -461,7 +461,7 @@ def test_print_the_cost_of_a_giant():
         for oversize in (False, True):
             scene, particles = around_giant(count, oversize)
             seconds, ledger, _ = median_run(scene, particles, 3)
-            impacts, events = int(ledger.tally[COLLISIONS]), int(ledger.tally[STEPS])
+            impacts, events = int(ledger.counts[COLLISIONS]), int(ledger.counts[STEPS])
             row = (count, "yes" if oversize else "no", impacts, f"{events / impacts:.2f}")
             micro = (f"{seconds / impacts * 1e6:.3f}", f"{seconds / events * 1e6:.3f}")
             print_row(widths, row + micro)

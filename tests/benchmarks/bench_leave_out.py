@@ -85,7 +85,7 @@ def pairs():
 
 def package(scene, particles):
     """Run the engine that the package compiles for a scene; how many collisions."""
-    return int(run_engine(scene, particles, np.zeros(1, np.uint8)).tally[COLLISIONS])
+    return int(run_engine(scene, particles, np.zeros(1, np.uint8)).counts[COLLISIONS])
 
 
 def bare(kernel):

@@ -25,14 +25,14 @@ from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
 from agglom_mpi.simulation.time_driven.neighbours import (
     AGE,
-    LASTING,
+    MIN_LIFETIME,
     find_partners,
+    is_out_of_date,
     new_neighbour_list,
-    out_of_date,
-    rebuild,
+    rebuild_lists,
 )
 from agglom_mpi.simulation.time_driven.steppers import resolve_sequentially
-from agglom_mpi.simulation.time_driven.stepping import move
+from agglom_mpi.simulation.time_driven.stepping import move_particles
 
 COUNTS = (100, 1000, 10_000)
 SHARES = (0.005, 0.02)
@@ -112,19 +112,19 @@ def repeat(what, times, scene, particles, ledger, neighbours, partner, squared):
         if what == 0:
             find_partners(scene, particles, neighbours, partner, squared, scene.radius)
         elif what == 1:
-            neighbours.tally[AGE] = LASTING
-            rebuild(scene, particles, neighbours, 0.0, wanted)
+            neighbours.counts[AGE] = MIN_LIFETIME
+            rebuild_lists(scene, particles, neighbours, 0.0, wanted)
         elif what == 2:
-            move(scene, particles, 0.0)
+            move_particles(scene, particles, 0.0)
         elif what == 3:
             resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, 0.0)
         elif what == 4:
             particles.position[0, 0] += 1e-30
-            stale += out_of_date(scene, particles, neighbours, 0.0)
+            stale += is_out_of_date(scene, particles, neighbours, 0.0)
     return stale
 
 
-STAGES = ("find_partners", "rebuild", "move", "contacts", "out_of_date")
+STAGES = ("find_partners", "rebuild_lists", "move_particles", "contacts", "is_out_of_date")
 
 
 def stage_times(count):
@@ -155,10 +155,10 @@ def test_print_the_speed_of_both_steppers():
 
 @pytest.mark.benchmark
 def test_print_the_stages_of_a_fixed_step():
-    print("\nN      " + "".join(f"{name:>15}" for name in STAGES) + "   ns per particle and call")
+    print("\nN      " + "".join(f"{name:>16}" for name in STAGES) + "   ns per particle and call")
     for count in COUNTS:
         times = stage_times(count)
-        print(f"{count:<6} " + "".join(f"{times[name]:15.1f}" for name in STAGES))
+        print(f"{count:<6} " + "".join(f"{times[name]:16.1f}" for name in STAGES))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import os
 
 import numba
 import numpy as np
-from contact_pairs import R, encounter, laws_2003, laws_2004, plain_log_ratio
+from contact_pairs import R, contact_pair, laws_2003, laws_2004, plain_log_ratio
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
@@ -18,7 +18,7 @@ from agglom_mpi.physics.impact_solvers import TOLERANCE, first_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
 
 EPSILON = 2.0**-52
-MOST_STEPS = 1000
+MAX_STEPS = 1000
 """Steps of the walk to a root that no impact needs: the most in 4.9 million random impacts and
 295 thousand beside folds were 279."""
 
@@ -64,7 +64,7 @@ def impacts(draw, make, softening=(-6.0, 6.0)):
     radii = (radius, radius * ratio) if draw(st.booleans()) else (radius * ratio, radius)
     temperatures = (draw(decades(-3, 6)), draw(decades(-3, 6)))
     w = draw(or_none(decades(-12, 8)))
-    pair = encounter(
+    pair = contact_pair(
         w,
         slip=w * draw(or_none(decades(-6, 6))),
         radii=radii,
@@ -103,7 +103,7 @@ def folded_impacts(draw, make):
     capacity = w * w / (softening * 100.0) * draw(decades(-1.0, 3.0))
     energy = softening * R * 100.0
     slip = w * draw(or_none(decades(-2, 1)))
-    pair = encounter(w, slip, temperatures=(100.0, 100.0), frame=(-0.5 * w, -0.5 * slip))
+    pair = contact_pair(w, slip, temperatures=(100.0, 100.0), frame=(-0.5 * w, -0.5 * slip))
     friction = draw(or_none(decades(-2, 0)))
     laws = make(hardness=1.0, energy=energy, friction=friction, heat=0.0, capacity=capacity)
     found = highest_fold(laws, pair)

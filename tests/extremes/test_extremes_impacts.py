@@ -6,11 +6,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from contact_pairs import R, encounter, isothermal_laws, pressure_scale
+from contact_pairs import R, contact_pair, isothermal_laws, pressure_scale
 from extreme_impacts import (
     CLOSED,
     EPSILON,
-    MOST_STEPS,
+    MAX_STEPS,
     assert_sound,
     examples,
     excess_of,
@@ -60,11 +60,11 @@ def test_beside_the_marginal_pressure_bonding_is_decided_as_by_exact_numbers(
     duration, radii, hardness
 ):
     laws = isothermal_laws(duration, ContactArea(0.0, 1.0), hardness)
-    critical = 1.0 / math.sqrt(pressure_scale(laws, encounter(1.0, radii=radii)))
+    critical = 1.0 / math.sqrt(pressure_scale(laws, contact_pair(1.0, radii=radii)))
     rounding = 4 * Fraction(EPSILON)  # eight products and quotients, half an ulp each
     decided = []
     for ulps in ULPS:
-        pair = encounter(steps_apart(critical, ulps), radii=radii)
+        pair = contact_pair(steps_apart(critical, ulps), radii=radii)
         bonds = solve_impact(laws, pair).bonds
         excess = exact_pressure(laws, pair) - 1
         if abs(excess) > rounding:
@@ -100,7 +100,7 @@ def exact_log_ratio(laws, pair):
 def test_beside_the_marginal_pressure_softened_bonding_is_decided_as_by_finer_numbers(
     make, softening, heat
 ):
-    pair = encounter(3.0, 2.0, (1e-3, 4e-3), (290.0, 310.0))
+    pair = contact_pair(3.0, 2.0, (1e-3, 4e-3), (290.0, 310.0))
     laws = make(hardness=1.0, energy=softening * R * 290.0, heat=heat, initial=0.0)
     critical = float(np.exp(exact_log_ratio(laws, pair)))
     # The exponent is rounded a few times, and so is every temperature in it.
@@ -122,9 +122,9 @@ def test_beside_the_marginal_pressure_softened_bonding_is_decided_as_by_finer_nu
 @pytest.mark.parametrize("initial", [0.0, 0.01])
 def test_just_short_of_bonding_restitution_goes_to_zero_with_its_closed_form(duration, initial):
     laws = isothermal_laws(duration, ContactArea(initial, 1.0))
-    scale = pressure_scale(laws, encounter(1.0))
+    scale = pressure_scale(laws, contact_pair(1.0))
     for short in np.logspace(-15, -1, 57):
-        impact = solve_impact(laws, encounter(math.sqrt((1.0 - short) / scale)))
+        impact = solve_impact(laws, contact_pair(math.sqrt((1.0 - short) / scale)))
         x = 1.0 - short
         if isinstance(duration, MeanSpeedDuration):
             square = initial**2 - 8.0 * initial * x + 16.0 * x
@@ -165,7 +165,7 @@ CORNERS = list(
 def test_impacts_with_everything_at_an_extreme_are_sound(make, initial):
     capacity = 1000.0
     for w, temperature, softening, hardness, radii, rise, friction in CORNERS:
-        pair = encounter(w, 3.0 * w, radii, (temperature, 2.0 * temperature))
+        pair = contact_pair(w, 3.0 * w, radii, (temperature, 2.0 * temperature))
         lighter = min(pair.mass_i, pair.mass_j)
         laws = make(
             hardness=hardness,
@@ -184,7 +184,7 @@ def test_no_impact_needs_many_steps(make, share):
     @examples(200 * share)
     @given(impacts(make))
     def check(case):
-        assert walk(*case)[1] <= MOST_STEPS
+        assert walk(*case)[1] <= MAX_STEPS
         assert not solve_impact(*case).capped
 
     check()
@@ -226,7 +226,7 @@ def test_beside_a_fold_the_impact_ends_there_or_far_beyond_as_the_fold_says(make
         impact = solve_impact(laws, pair)
         assert not impact.bonds
         assert not impact.capped
-        assert walk(laws, pair)[1] <= MOST_STEPS
+        assert walk(laws, pair)[1] <= MAX_STEPS
         found = math.log(impact.deficit) if impact.deficit > 0.0 else -math.inf
         if excess > 0.0:  # two roots beside the fold, the smaller restitution above it
             assert place <= found <= 0.0
@@ -241,7 +241,7 @@ def test_beside_a_fold_the_impact_ends_there_or_far_beyond_as_the_fold_says(make
 @ALL_KINDS
 def test_a_fold_that_nearly_touches_is_passed_in_few_steps(make, softening, gap):
     """Bounds of ln r that are not bounds of its slope took 2e4 steps at 1e-6, the cap at 1e-10."""
-    pair = encounter(100.0, temperatures=(100.0, 100.0), frame=(-50.0, 0.0))
+    pair = contact_pair(100.0, temperatures=(100.0, 100.0), frame=(-50.0, 0.0))
     options = {"energy": softening * R * 100.0, "friction": 0.0, "heat": 0.0, "capacity": 10.0}
     laws = make(hardness=1.0, initial=0.0, **options)
     place, top, _ = highest_fold(laws, pair)
@@ -259,7 +259,7 @@ def test_partners_of_two_temperatures_may_be_swapped_to_the_bit(make):
     base = 183.0794482734816 if make is make_2003 else 183.0794482734816e-6
     laws = make(hardness=base, energy=10.0 * R, friction=0.0, heat=0.0, capacity=1.0, initial=0.0)
     one, other = (
-        solve_impact(laws, encounter(1.0, 0.0, (1.0, 1.0), order, 1.0))
+        solve_impact(laws, contact_pair(1.0, 0.0, (1.0, 1.0), order, 1.0))
         for order in (temperatures, temperatures[::-1])
     )
     assert other == one
@@ -350,7 +350,7 @@ def test_in_units_of_powers_of_two_an_impact_is_the_same_to_the_bit(make, share)
 def test_a_deficit_too_small_for_a_float_is_an_elastic_impact_without_residual(make):
     """Without initial area, G of that restitution read as 0, and the residual as 1."""
     laws = make(hardness=1e15, energy=1e6 * R * 1e-3, friction=0.0, heat=0.0, initial=0.0)
-    impact = solve_impact(laws, encounter(1e-12, temperatures=(1e-3, 1e-3)))
+    impact = solve_impact(laws, contact_pair(1e-12, temperatures=(1e-3, 1e-3)))
     assert (impact.bonds, impact.deficit, impact.residual) == (False, 0.0, 0.0)
 
 
@@ -363,7 +363,7 @@ def test_where_a_deficit_nears_the_smallest_float_its_residual_stays_small():
         heat=0.0,
         capacity=3.162277660168379e-06,
     )
-    impact = solve_impact(laws, encounter(1.0, temperatures=(100.0, 100.0)))
+    impact = solve_impact(laws, contact_pair(1.0, temperatures=(100.0, 100.0)))
     assert not impact.bonds
     assert impact.deficit < 1e-300
     assert impact.residual < 1e-300
@@ -371,7 +371,7 @@ def test_where_a_deficit_nears_the_smallest_float_its_residual_stays_small():
 
 def test_at_mass_ratios_of_a_billion_the_heavy_partner_hardly_warms():
     laws = make_2003(hardness=1e12, heat=0.0)
-    pair = encounter(10.0, 5.0, (1e-6, 1e-3))
+    pair = contact_pair(10.0, 5.0, (1e-6, 1e-3))
     impact = solve_impact(laws, pair)
     assert pair.mass_j / pair.mass_i == pytest.approx(1e9, rel=1e-12)
     assert_sound(laws, pair, impact)

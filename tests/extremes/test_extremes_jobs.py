@@ -266,7 +266,7 @@ def time_constant(name, temperature):
 
 
 @about("fast_radiation")
-def test_radiation_within_a_millionth_of_a_millionth_of_the_run_keeps_everybody_at_rest():
+def test_radiation_within_a_millionth_of_a_millionth_of_the_run_keeps_all_particles_at_rest():
     name = "fast_radiation"
     share = time_constant(name, 300.0) / built(name).end_time
     assert share == pytest.approx(1e-12, rel=0.1)

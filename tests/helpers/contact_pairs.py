@@ -17,7 +17,7 @@ R = 8.314462618
 DENSITY = 5000.0
 
 
-def encounter(
+def contact_pair(
     w,
     slip=0.0,
     radii=(1e-3, 1e-3),

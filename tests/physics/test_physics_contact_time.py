@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from contact_pairs import constant_laws, encounter
+from contact_pairs import constant_laws, contact_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,7 +30,7 @@ def plain_and_lasting(restitution, heating, friction):
 
 
 def after(since, *pair):
-    return encounter(*pair, frame=(3.0, -2.0))._replace(since=since)
+    return contact_pair(*pair, frame=(3.0, -2.0))._replace(time_since_impact=since)
 
 
 @HEATINGS

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from contact_pairs import R, constant_laws, encounter, laws_2003, laws_2004
+from contact_pairs import R, constant_laws, contact_pair, laws_2003, laws_2004
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -42,7 +42,7 @@ def test_friction_never_reverses_the_slip_and_never_makes_energy(
     w, slip, radii, coefficient, restitution, scaled
 ):
     friction = (RestitutionScaledFriction if scaled else ConstantFriction)(coefficient)
-    pair = encounter(w, slip, radii)
+    pair = contact_pair(w, slip, radii)
     impact = solve_impact(constant_laws(restitution, PairSplit(), friction), pair)
     factor = 1.0 - restitution if scaled else 1.0
     coulomb = coefficient * factor * impact.normal_impulse
@@ -59,7 +59,7 @@ def test_friction_never_reverses_the_slip_and_never_makes_energy(
 def test_the_normal_impulse_reverses_the_approach_by_the_restitution(
     w, slip, radii, coefficient, restitution
 ):
-    pair = encounter(w, slip, radii)
+    pair = contact_pair(w, slip, radii)
     impact = solve_impact(constant_laws(restitution, None, ConstantFriction(coefficient)), pair)
     (n_i, _), (n_j, _) = after(pair, impact)
     assert n_j - n_i == pytest.approx(restitution * w, rel=1e-11)
@@ -72,7 +72,7 @@ def test_pair_split_closes_the_first_law_in_the_centre_of_mass_frame(
 ):
     laws = laws_2003(6e7, softening * R * 300.0, coefficient, heat)
     shares = radii[1] ** 3 / (radii[0] ** 3 + radii[1] ** 3)
-    pair = encounter(w, slip, radii, frame=(-w * (1.0 - shares), -slip * (1.0 - shares)))
+    pair = contact_pair(w, slip, radii, frame=(-w * (1.0 - shares), -slip * (1.0 - shares)))
     impact = solve_impact(laws, pair)
     if impact.bonds:
         return
@@ -90,7 +90,7 @@ def test_pair_split_closes_the_first_law_in_the_centre_of_mass_frame(
 def test_own_energy_books_seven_thirds_of_a_frictionless_loss_in_any_frame(
     w, radii, frame, restitution
 ):
-    pair = encounter(w, 0.0, radii, frame=(frame[0] * w, frame[1] * w))
+    pair = contact_pair(w, 0.0, radii, frame=(frame[0] * w, frame[1] * w))
     impact = solve_impact(constant_laws(restitution, OwnEnergy(), None), pair)
     scale = kinetic_energy_before(pair)
     expected = 7.0 / 3.0 * impact.loss
@@ -100,7 +100,7 @@ def test_own_energy_books_seven_thirds_of_a_frictionless_loss_in_any_frame(
 def test_own_energy_of_one_sphere_depends_on_the_frame():
     laws = constant_laws(0.5, OwnEnergy(), None)
     rest, moving = (
-        solve_impact(laws, encounter(2.0, 0.0, (1e-3, 2e-3), frame=(shift, 0.0)))
+        solve_impact(laws, contact_pair(2.0, 0.0, (1e-3, 2e-3), frame=(shift, 0.0)))
         for shift in (0.0, 10.0)
     )
     assert rest.loss == moving.loss
@@ -112,7 +112,7 @@ def test_own_energy_of_one_sphere_depends_on_the_frame():
 @pytest.mark.parametrize("frame", [(0.0, 0.0), (10.0, -3.0)])
 def test_own_energy_heats_are_those_of_the_paper(frame):
     """½m(v² − v'²) + δW of each sphere, δW = m*w²(1−e²)/3 [B 4.7–4.9, 6.5–6.10]."""
-    pair = encounter(2.0, 1.0, (1e-3, 2e-3), frame=frame)
+    pair = contact_pair(2.0, 1.0, (1e-3, 2e-3), frame=frame)
     impact = solve_impact(constant_laws(0.5, OwnEnergy(), ConstantFriction(0.1)), pair)
     work = pair.reduced_mass * 4.0 * 0.75 / 3.0
     (n_i, t_i), (n_j, t_j) = after(pair, impact)
@@ -125,7 +125,7 @@ def test_own_energy_heats_are_those_of_the_paper(frame):
 @pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
 def test_restitution_one_loses_nothing(heating):
     for radii in ((1e-3, 1e-3), (1e-5, 1e-2)):
-        pair = encounter(7.0, 3.0, radii)
+        pair = contact_pair(7.0, 3.0, radii)
         impact = solve_impact(constant_laws(1.0, heating, None), pair)
         assert impact.loss == 0.0
         total = impact.heat_i + impact.heat_j
@@ -135,7 +135,7 @@ def test_restitution_one_loses_nothing(heating):
 @SETTINGS
 @given(SPEEDS, SPEEDS, RADII)
 def test_the_2004_laws_conserve_momentum_and_only_lose_kinetic_energy(w, slip, radii):
-    pair = encounter(w, slip, radii)
+    pair = contact_pair(w, slip, radii)
     impact = solve_impact(laws_2004(hardness=1e9), pair)
     if impact.bonds:
         return

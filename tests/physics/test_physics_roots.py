@@ -9,7 +9,7 @@ import pytest
 from contact_pairs import (
     R,
     constant_laws,
-    encounter,
+    contact_pair,
     laws_2003,
     laws_2004,
     plain_log_ratio,
@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy
 from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.physics.impact_solvers import WALK_CAP, first_root, unique_root
+from agglom_mpi.physics.impact_solvers import STEP_CAP, first_root, unique_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
 
 SETTINGS = settings(
@@ -50,10 +50,10 @@ def impacts(draw, make, slowest=-6.0, strongest=50.0):
     radii = (draw(decades(-6, -1)), draw(decades(-6, -1)))
     # ln X between that of an elastic impact and the hot limit of bonding: the range where roots are
     x = math.exp(draw(st.floats(slowest, softening + 2.0)))
-    w = math.sqrt(x / pressure_scale(laws, encounter(1.0, radii=radii)))
+    w = math.sqrt(x / pressure_scale(laws, contact_pair(1.0, radii=radii)))
     slip = w * draw(st.sampled_from([0.0, 1.0])) * draw(decades(-2, 2))
     frame = (w * draw(st.floats(-3.0, 3.0)), w * draw(st.floats(-3.0, 3.0)))
-    pair = encounter(w, slip, radii, temperatures, frame=frame)
+    pair = contact_pair(w, slip, radii, temperatures, frame=frame)
     return laws, pair
 
 
@@ -105,7 +105,7 @@ def several_roots():
     grid = np.linspace(0.0, -40.0, 4001)
     for make, softening in itertools.product((laws_2003, laws_2004), (20.0, 40.0, 80.0)):
         for w, short in itertools.product(np.logspace(1, 2.5, 12), (1e-3, 0.1, 0.5, 1.0, 2.0)):
-            pair = encounter(w, temperatures=(100.0, 100.0), frame=(-0.5 * w, 0.0))
+            pair = contact_pair(w, temperatures=(100.0, 100.0), frame=(-0.5 * w, 0.0))
             options = {"energy": softening * R * 100.0, "friction": 0.0, "heat": 0.0}
             laws = make(1.0, capacity=10.0, **options)
             bonding = math.exp(float(plain_log_ratio(laws, pair, 1.0)))
@@ -141,7 +141,7 @@ def test_up_to_four_of_softening_the_root_is_unique(case):
     laws, pair = case
     unique, walked, steps = both_roots(laws, pair)
     assume(not math.isnan(unique))
-    assert steps < WALK_CAP
+    assert steps < STEP_CAP
     # Near softening 4 the slope of ln r − ln d may vanish to second order: d moves by the cube root
     excess = [float(plain_log_ratio(laws, pair, math.exp(x)) - x) for x in (unique, walked)]
     assert max(map(abs, excess)) < 1e-12
@@ -168,7 +168,7 @@ def test_nothing_overflows_and_no_deficit_leaves_its_range(make, initial):
         for w in SPEEDS:
             for slip, heat in ((0.0, 0.0), (3.0 * w, 1e7)):
                 laws = make(hardness=hardness, energy=energy, heat=heat, initial=initial)
-                pair = encounter(w, slip, temperatures=(temperature, 2.0 * temperature))
+                pair = contact_pair(w, slip, temperatures=(temperature, 2.0 * temperature))
                 impact = solve_impact(laws, pair)
                 numbers = [value for value in impact if not isinstance(value, bool)]
                 assert all(map(math.isfinite, numbers)), (softening, hardness, temperature, w)
@@ -177,7 +177,7 @@ def test_nothing_overflows_and_no_deficit_leaves_its_range(make, initial):
 
 
 def test_at_zero_kelvin_nothing_bonds_unless_the_impact_warms_it():
-    cold = encounter(100.0, temperatures=(0.0, 0.0))
+    cold = contact_pair(100.0, temperatures=(0.0, 0.0))
     assert solve_impact(laws_2003(hardness=1e3, heat=0.0, capacity=1.0), cold).bonds
     frozen = solve_impact(laws_2003(hardness=1e3, heat=0.0, capacity=math.inf), cold)
     assert not frozen.bonds
@@ -185,7 +185,7 @@ def test_at_zero_kelvin_nothing_bonds_unless_the_impact_warms_it():
 
 
 def test_constant_restitution_loses_nothing_at_one_and_bonds_at_zero():
-    pair = encounter(3.0, 2.0, (1e-3, 2e-3))
+    pair = contact_pair(3.0, 2.0, (1e-3, 2e-3))
     elastic = solve_impact(constant_laws(1.0, OwnEnergy(), None), pair)
     assert elastic.loss == 0.0
     assert elastic.normal_impulse == pytest.approx(2.0 * pair.reduced_mass * 3.0, rel=1e-15)

@@ -129,7 +129,7 @@ class EventReference:
     # what is where
 
     def positions(self):
-        """Where everybody is now, inside the box."""
+        """Where all particles are now, inside the box."""
         r = self.position + self.velocity * (self.now - self.since)[:, None]
         if self.periodic:
             return r - 2.0 * self.D * np.floor((r + self.D) / (2.0 * self.D))

@@ -10,16 +10,16 @@ from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import BONDED, BOUNCED
-from agglom_mpi.simulation.event_driven.cells import ALONG, OVERSIZE
+from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.engine import (
-    look_around,
     next_time,
-    nothing_hit,
-    take_event,
+    no_contact,
+    predict_due,
+    process_event,
 )
 from agglom_mpi.simulation.event_driven.flights import RANGE
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
-from agglom_mpi.simulation.event_driven.state import new_events, rebuild, settle_all
+from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact
 from agglom_mpi.simulation.scene import EventDriven
@@ -40,49 +40,51 @@ class Recorded(NamedTuple):
     kinds: np.ndarray
     time: float
     ledger: Ledger
-    along: tuple[int, int]
+    per_axis: tuple[int, int]
     oversize: tuple[int, int]
     compared: int
 
 
 @kernel
 def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
-    """Repeat the engine's loop from `start` in s, or until `times` is full; time and hits."""
+    """Repeat the engine's loop from `start` in s, or until `times` is full; time and collisions."""
     drift = to_mass_frame(scene, particles)
     events = new_events(particles)
     budget = scene.engine.budget * particles.size[0]
-    time, hits = start, 0
-    event = nothing_hit(rebuild(scene, particles, events, time), RANGE)
-    shape[0, 0], shape[0, 1] = events.cells.shape[ALONG], events.cells.shape[OVERSIZE]
-    while hits < times.size:
+    time, collisions = start, 0
+    event = no_contact(rebuild(scene, particles, events, time), RANGE)
+    shape[0, 0], shape[0, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
+    while collisions < times.size:
         for k in range(event.due):
-            path = events.flights.trajectory[events.due[k]]
-            plan = events.flights.next_event[events.due[k]]
-            flight = time - path["time"]
-            x = path["x"] + path["u"] * flight
-            y = path["y"] + path["v"] * flight
-            z = path["z"] + path["w"] * flight
-            shape[2, 0] += neighbours_of(scene, events.cells, path, plan, x, y, z, event.face)
-        look_around(scene, events, event, time)
+            trajectory = events.flights.trajectory[events.due[k]]
+            next_event = events.flights.next_event[events.due[k]]
+            flight = time - trajectory["time"]
+            x = trajectory["x"] + trajectory["u"] * flight
+            y = trajectory["y"] + trajectory["v"] * flight
+            z = trajectory["z"] + trajectory["w"] * flight
+            shape[2, 0] += neighbours_of(
+                scene, events.cells, trajectory, next_event, x, y, z, event.face
+            )
+        predict_due(scene, events, event, time)
         following = next_time(events)
         if following > scene.end_time:
             time = scene.end_time
             break
         time = following
-        if ledger.tally[STEPS] >= budget:
-            ledger.tally[EXHAUSTED] = 1
+        if ledger.counts[STEPS] >= budget:
+            ledger.counts[EXHAUSTED] = 1
             break
-        event = take_event(scene, particles, ledger, events, time)
+        event = process_event(scene, particles, ledger, events, time)
         if event.kind == BOUNCED or event.kind == BONDED:
-            times[hits] = time
-            pairs[hits, 0], pairs[hits, 1] = event.i, event.j
-            kinds[hits] = event.kind
-            hits += 1
-    shape[1, 0], shape[1, 1] = events.cells.shape[ALONG], events.cells.shape[OVERSIZE]
-    settle_all(scene, particles, events, time)
+            times[collisions] = time
+            pairs[collisions, 0], pairs[collisions, 1] = event.i, event.j
+            kinds[collisions] = event.kind
+            collisions += 1
+    shape[1, 0], shape[1, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
+    synchronise(scene, particles, events, time)
     compact(particles)
     to_box_frame(scene, particles, drift, time - start)
-    return time, hits
+    return time, collisions
 
 
 def recorded(scene, particles, most=100_000, start=0.0):
@@ -90,16 +92,16 @@ def recorded(scene, particles, most=100_000, start=0.0):
     ledger = empty_ledger()
     times, pairs = np.empty(most), np.empty((most, 2), np.int64)
     kinds, shape = np.empty(most, np.int64), np.zeros((3, 2), np.int64)
-    time, hits = record_events(scene, particles, ledger, times, pairs, kinds, shape, start)
-    (along, oversize), (along_last, giants_last), (compared, _) = shape.tolist()
+    time, collisions = record_events(scene, particles, ledger, times, pairs, kinds, shape, start)
+    (per_axis, oversize), (per_axis_last, oversize_last), (compared, _) = shape.tolist()
     return Recorded(
-        times[:hits],
-        pairs[:hits],
-        kinds[:hits],
+        times[:collisions],
+        pairs[:collisions],
+        kinds[:collisions],
         time,
         ledger,
-        (along, along_last),
-        (oversize, giants_last),
+        (per_axis, per_axis_last),
+        (oversize, oversize_last),
         compared,
     )
 

@@ -1,4 +1,4 @@
-"""Both published steppers once more: plain Python, everybody looks at everybody.
+"""Both published steppers once more: plain Python, all pairs.
 
 Written from what the steppers mean: [A] each particle in turn collides with its nearest neighbour
 of the step's start, and merges at once; whoever lost that neighbour to a merge looks again, and a
@@ -71,7 +71,7 @@ class Reference:
     def distance(self, i, j):
         return float(np.linalg.norm(self.line(i, j)))
 
-    def everybodys_nearest(self):
+    def nearest_neighbours(self):
         r = np.array([ball.r for ball in self.balls])
         found = []
         for i in range(len(r)):
@@ -194,7 +194,7 @@ class Reference:
         return partner, distance
 
     def resolve_in_turn(self):
-        partners = self.everybodys_nearest()
+        partners = self.nearest_neighbours()
         changed = set()
         for i in range(len(self.balls)):
             if not self.balls[i].alive:
@@ -212,7 +212,7 @@ class Reference:
 
     def resolve_together(self):
         """Contacts of one adaptive step; the length of the step, s."""
-        partners = self.everybodys_nearest()
+        partners = self.nearest_neighbours()
         bonded, seen = [], set()
         for i, (j, found) in enumerate(partners):
             if j is None or frozenset((i, j)) in seen:

@@ -43,7 +43,7 @@ def reference(scene, particles, e, friction=0.0, most=None, end_time=1e9):
         particles.mass,
         scene.half_width,
         end_time,
-        lambda *encounter: e,
+        lambda *pair: e,
         friction=friction,
         escape=escape,
         most=most,
@@ -99,7 +99,7 @@ def test_the_same_pairs_collide_at_the_same_times(
         expected = reference(scene, particles, e, friction, most)
         run = recorded(scene, particles, most)
         assert run.oversize == ((0, 0) if cells else (number, number))
-        assert run.along[0] >= 4 if cells else run.along == (0, 0)
+        assert run.per_axis[0] >= 4 if cells else run.per_axis == (0, 0)
         assert run.time == run.times[-1]
         known = assert_same_bounces(run, expected)
         if known == most:
@@ -147,12 +147,12 @@ def mixture(scene, seed, large):
 @BOTH
 @IMPACTS
 @pytest.mark.parametrize("large", [pytest.param([0.4], marks=SLOW), [0.45, 0.3, 0.3]])
-def test_giants_among_grains_collide_as_without_cells(large, e, friction, escape):
+def test_oversize_spheres_among_grains_collide_as_without_cells(large, e, friction, escape):
     scene = bouncing(e, escape, friction, particles=100, size_ratio=0.25, end_time=1e9)
     particles = mixture(scene, 3, np.array(large) * HALF)
     expected = reference(scene, particles, e, friction, 100)
     run = recorded(scene, particles, 100)
-    assert run.along[0] >= 4
+    assert run.per_axis[0] >= 4
     assert run.oversize[0] == len(large)
     oversize = np.flatnonzero(np.isin(run.pairs, np.argsort(particles.radius)[-len(large) :]))
     assert len(oversize) > 15

@@ -38,7 +38,7 @@ def run(e, positions, velocities, radii=B, escape="periodic", end_time=1.0, cell
     scene = scene_of(e, len(positions), escape, end_time, **options)
     particles = state(scene, positions, velocities, radii)
     out = recorded(scene, particles)
-    assert (out.along[0] > 0) == cells
+    assert (out.per_axis[0] > 0) == cells
     assert np.all(np.isfinite(particles.position[:, : particles.size[0]]))
     assert np.all(np.isfinite(particles.velocity[:, : particles.size[0]]))
     return out, particles
@@ -83,7 +83,7 @@ def test_who_touches_or_overlaps_collides_at_once_if_approaching_only(e, distanc
         assert len(out.times) == met
         if met:
             assert 0.0 <= out.times[0] <= ROUNDING * B / speed
-            assert out.ledger.tally[MERGES] == (e == 0.0)
+            assert out.ledger.counts[MERGES] == (e == 0.0)
         if e > 0.0 and met:
             np.testing.assert_array_equal(particles.velocity[0, :2], [-e, e])
 
@@ -110,9 +110,9 @@ def test_without_relative_velocity_a_periodic_box_ends_at_once(count, e, velocit
     positions[0] = positions[-1]
     particles = state(scene, positions, np.broadcast_to(velocity, (count, 3)))
     out = recorded(scene, particles)
-    assert (out.time, out.ledger.tally[COLLISIONS]) == (scene.end_time, 0)
+    assert (out.time, out.ledger.counts[COLLISIONS]) == (scene.end_time, 0)
     # The mean of equal velocities rounds; a few cells may be left with what remains.
-    assert out.ledger.tally[STEPS] <= (0 if velocity[0] == 0.0 else 3)
+    assert out.ledger.counts[STEPS] <= (0 if velocity[0] == 0.0 else 3)
 
 
 @BOTH
@@ -127,7 +127,7 @@ def test_a_crowd_may_merge_into_a_single_particle(count, escape):
     start = momentum(particles)
     centre = np.mean(positions, axis=0)
     out = recorded(scene, particles)
-    assert (out.ledger.tally[MERGES], particles.size[0]) == (count - 1, 1)
+    assert (out.ledger.counts[MERGES], particles.size[0]) == (count - 1, 1)
     assert grains_in(scene, particles) == count
     np.testing.assert_allclose(momentum(particles), start, atol=1e-12 * count * scene.mass)
     arrived = centre + start / particles.mass[0] * scene.end_time
@@ -166,7 +166,7 @@ def test_a_million_boxes_may_lie_between_two_collisions():
     travelled = out.times[0] * speed / HALF
     # A rounding of the way travelled moves the sphere, and it touches that much earlier or later.
     assert travelled == pytest.approx(2.0 * boxes - chord, abs=0.05 * chord)
-    assert out.ledger.tally[STEPS] < 20 * boxes
+    assert out.ledger.counts[STEPS] < 20 * boxes
 
 
 @pytest.mark.parametrize("count", [24, 80])
@@ -183,7 +183,7 @@ def test_the_very_fast_and_the_very_slow_collide_as_without_cells(count, escape)
     particles = state(scene, positions, velocities)
     expected = run_reference(
         positions, velocities, particles.radius, particles.mass, HALF, 1e9,
-        lambda *encounter: 1.0, escape=escape, most=count,
+        lambda *pair: 1.0, escape=escape, most=count,
     )  # fmt: skip
     out = recorded(scene, particles, count)
     np.testing.assert_array_equal(out.pairs, [c[1:3] for c in expected.collisions])
@@ -221,7 +221,7 @@ def test_a_lattice_collides_row_by_row_at_exactly_the_same_times(side):
         expected = 0.5 * gap + np.arange(rounds) * gap
         np.testing.assert_allclose(of_round, np.broadcast_to(expected[:, None], of_round.shape),
                                    rtol=1e-12)  # fmt: skip
-        # Everybody is hit once in each round.
+        # Every particle is hit once in each round.
         for pairs in out.pairs.reshape(rounds, -1):
             assert len(set(pairs.tolist())) == side**3
     assert states[0][:2] == states[1][:2]
@@ -250,7 +250,7 @@ def test_all_that_reach_one_place_at_once_end_in_finite_time(count, e):
     start = kinetic_energy(particles)
     out = recorded(scene, particles)
     assert out.time == scene.end_time
-    assert out.ledger.tally[EXHAUSTED] == 0
+    assert out.ledger.counts[EXHAUSTED] == 0
     assert len(out.times) >= 4
     np.testing.assert_allclose(momentum(particles), 0.0, atol=1e-10 * np.sum(particles.mass))
     left = kinetic_energy(particles) + out.ledger.energy[3]
@@ -285,7 +285,7 @@ def test_a_heap_that_approaches_by_rounding_alone_does_not_collide_for_ever():
         together = np.tile(generator.uniform(-1.0, 1.0, 3), (3, 1))
         together += generator.integers(-2, 3, (3, 3)) * np.spacing(np.abs(together))
         out, _ = run(1.0, start, np.vstack((together, -together)), end_time=1e-6, budget=100)
-        assert out.ledger.tally[EXHAUSTED] == 0
+        assert out.ledger.counts[EXHAUSTED] == 0
 
 
 # large ones
@@ -327,7 +327,7 @@ def test_spheres_too_large_for_one_image_never_stay_overlapping_while_approachin
         assert len(approaching_overlaps(particles)) == 0
         left = kinetic_energy(particles) + out.ledger.energy[3]
         assert left == pytest.approx(start, rel=1e-11)
-        hits, cells = len(out.times), out.along[0]
+        hits, cells = len(out.times), out.per_axis[0]
     assert hits > (10 if count > 2 else 1)
     assert (cells > 0) == (grains == 60)
 
@@ -372,7 +372,7 @@ def test_small_steps_find_the_same_collisions_of_large_spheres(seed):
     np.testing.assert_allclose(out.times, [time for time, *_ in found], atol=10.0 * step)
 
 
-def test_giants_find_their_neighbours_however_often_they_crossed_the_box():
+def test_oversize_spheres_find_their_neighbours_however_often_they_crossed_the_box():
     """Two heavy oversize push through grains; hits renew the range after which they look around."""
     oversize, grain, count = 0.3 * HALF, 0.014 * HALF, 2000
     places = np.array([[0.0, 0.5, 0.5], [0.0, -0.5, -0.5]]) * HALF
@@ -390,7 +390,7 @@ def test_giants_find_their_neighbours_however_often_they_crossed_the_box():
     particles = state(scene, positions, velocities, radii)
     particles.mass[-2:] *= 1e4
     out = recorded(scene, particles)
-    assert out.along[0] >= 8
+    assert out.per_axis[0] >= 8
     assert out.oversize[0] == 2
     assert len(out.times) > 1000
     for k in (count, count + 1):
@@ -415,7 +415,7 @@ def test_an_aggregate_a_hundred_times_as_large_costs_each_of_the_others_one_pair
         out = recorded(scene, particles)
         assert out.oversize[0] == 1
         assert len(out.times) > 30
-        looks.append(out.compared / (count + out.ledger.tally[STEPS]))
+        looks.append(out.compared / (count + out.ledger.counts[STEPS]))
     assert looks[1] <= looks[0]
     assert looks[1] <= 0.01 * count
 

@@ -60,7 +60,7 @@ def test_a_gas_in_equilibrium_collides_at_enskogs_rate(fraction):
     collisions = 500 * NUMBER
     run = recorded(scene, particles, collisions)
     assert len(run.times) == collisions
-    assert run.along[0] >= 4
+    assert run.per_axis[0] >= 4
     assert run.oversize == (0, 0)
     measured = 2.0 * collisions / NUMBER / run.time
     expected = expected_rate(scene)

@@ -193,7 +193,7 @@ def test_what_merges_and_breaks_keeps_mass_momentum_grains_and_energy(drawn):
     before, (energy, impetus) = momentum(particles), kinetic(particles)
     start = particles.temperature[0]
     ledger, time = run_from(scene, particles)
-    assert ledger.tally[EXHAUSTED] == 0
+    assert ledger.counts[EXHAUSTED] == 0
     assert time == scene.end_time
     n = int(particles.size[0])
     for values in (particles.position, particles.velocity):
@@ -203,9 +203,9 @@ def test_what_merges_and_breaks_keeps_mass_momentum_grains_and_energy(drawn):
     assert math.isclose(particles.mass[:n].sum(), scene.particles * scene.mass, rel_tol=1e-12)
     masses = [ball_mass(radius) for radius in particles.radius[:n]]
     np.testing.assert_allclose(particles.mass[:n], masses, rtol=1e-10)
-    assert ledger.tally[COLLISIONS] >= ledger.tally[MERGES]
-    assert n >= scene.particles - ledger.tally[MERGES]
-    assert n == scene.particles - ledger.tally[MERGES] or ledger.tally[BREAKUPS] > 0
+    assert ledger.counts[COLLISIONS] >= ledger.counts[MERGES]
+    assert n >= scene.particles - ledger.counts[MERGES]
+    assert n == scene.particles - ledger.counts[MERGES] or ledger.counts[BREAKUPS] > 0
     assert np.linalg.norm(momentum(particles) - before) <= 1e-10 * impetus
     capacity = scene.laws.heat_capacity
     heat = capacity * float(particles.mass[:n] @ (particles.temperature[:n] - start))
@@ -255,7 +255,7 @@ def assert_same_in_other_units(gas, length, time):
     again = recorded(other, scaled)
     np.testing.assert_array_equal(again.pairs, out.pairs)
     np.testing.assert_array_equal(again.times, out.times * late)
-    np.testing.assert_array_equal(again.ledger.tally, out.ledger.tally)
+    np.testing.assert_array_equal(again.ledger.counts, out.ledger.counts)
     np.testing.assert_array_equal(scaled.position, particles.position * long)
     np.testing.assert_array_equal(scaled.velocity, particles.velocity * long / late)
 

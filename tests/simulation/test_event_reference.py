@@ -22,7 +22,7 @@ def bonding(w, mass_i, mass_j, radius_i, radius_j):
 
 
 def restitution(e):
-    return lambda *encounter: e
+    return lambda *pair: e
 
 
 def run(positions, velocities, end_time, impact=elastic, radius=0.1, masses=None, **options):
@@ -308,7 +308,7 @@ def test_a_gas_that_bonds_ends_up_slower_with_all_its_mass_and_momentum():
     start, velocity = gas(40, 8)
     velocity = velocity + np.array([0.3, -0.2, 0.1])
 
-    def sometimes(w, *encounter):
+    def sometimes(w, *pair):
         return 0.0 if w < 0.5 else 0.8
 
     result = run(start, velocity, 5.0, sometimes, radius=0.08, friction=0.2)

@@ -120,7 +120,7 @@ def test_a_frame_at_the_end_of_a_step_is_what_those_steps_leave(restitution):
 
 
 @pytest.mark.plain
-def test_within_a_step_everybody_goes_straight_to_its_end():
+def test_within_a_step_every_particle_goes_straight_to_its_end():
     scene = stepping(0.9)
     step = scene.end_time / STEPS
     record, _, frames = looked_at(scene, 4, step * np.arange(STEPS + 0.5, step=0.25))

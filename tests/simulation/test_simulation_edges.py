@@ -62,8 +62,8 @@ def test_two_that_merge_go_on_as_one(make):
     centre = (np.array(start).T @ mass) / mass.sum()
     ledger, time = run_from(scene, particles)
     assert time == scene.end_time
-    assert make in EXACT or ledger.tally[STEPS] >= 100
-    assert (ledger.tally[COLLISIONS], ledger.tally[MERGES], particles.size[0]) == (1, 1, 1)
+    assert make in EXACT or ledger.counts[STEPS] >= 100
+    assert (ledger.counts[COLLISIONS], ledger.counts[MERGES], particles.size[0]) == (1, 1, 1)
     assert particles.radius[0] == pytest.approx((radii[0] ** 3 + radii[1] ** 3) ** (1.0 / 3.0))
     assert particles.mass[0] == pytest.approx(ball_mass(particles.radius[0]), rel=1e-14)
     np.testing.assert_allclose(particles.velocity[:, 0], before / mass.sum(), rtol=1e-13)
@@ -78,7 +78,7 @@ def test_a_crowd_may_merge_into_a_single_particle(make):
     places = [[2.5 * b * (k - 2.5), 0, 0] for k in range(6)]
     particles = state(scene, places, [[-20.0 * (k - 2.5), 0, 0] for k in range(6)])
     ledger, _ = run_from(scene, particles)
-    assert (ledger.tally[MERGES], particles.size[0], *grains_in(scene, particles)) == (5, 1, 6)
+    assert (ledger.counts[MERGES], particles.size[0], *grains_in(scene, particles)) == (5, 1, 6)
     assert particles.radius[0] == pytest.approx(6.0 ** (1.0 / 3.0) * b, rel=1e-13)
     np.testing.assert_allclose(particles.velocity[:, 0], 0.0, atol=1e-13)
     np.testing.assert_allclose(particles.position[:, 0], 0.0, atol=1e-13)
@@ -92,7 +92,7 @@ def test_without_relative_velocity_nothing_happens(make, restitution, distance):
     b = scene.radius
     particles = state(scene, [[0, 0, 0], [distance * b, 0, 0]], [[3.0, 0, 1.0]] * 2)
     ledger, time = run_from(scene, particles)
-    assert ledger.tally[COLLISIONS] == 0
+    assert ledger.counts[COLLISIONS] == 0
     assert time == scene.end_time
     away = particles.position[:, 1] - particles.position[:, 0]
     np.testing.assert_allclose(away, [distance * b, 0, 0], atol=1e-14)
@@ -103,7 +103,7 @@ def test_without_relative_velocity_nothing_happens(make, restitution, distance):
 def test_overlapping_and_receding_is_no_contact(make):
     scene = make(0.0, 20)
     particles = state(scene, [[0, 0, 0], [scene.radius, 0, 0]], [[0, 0, 0], [1.0, 0, 0]])
-    assert run_from(scene, particles)[0].tally[COLLISIONS] == 0
+    assert run_from(scene, particles)[0].counts[COLLISIONS] == 0
 
 
 @EVERY_ONE
@@ -111,7 +111,7 @@ def test_touching_exactly_is_contact(make):
     scene = make(1.0, 1)
     b = 0.25 * HALF  # so that the distance of the centres is exactly twice the radius
     particles = state(scene, [[0, 0, 0], [0.5 * HALF, 0, 0]], [[1.0, 0, 0], [0, 0, 0]], [b, b])
-    assert run_from(scene, particles)[0].tally[COLLISIONS] == 1
+    assert run_from(scene, particles)[0].counts[COLLISIONS] == 1
     np.testing.assert_allclose(particles.velocity, [[0, 1.0], [0, 0], [0, 0]], atol=1e-15)
 
 
@@ -129,7 +129,7 @@ def test_contacts_across_a_face_are_seen_by_the_periodic_box_only(make, met):
     b = scene.radius
     places = [[HALF - 0.5 * b, 0, 0], [-HALF + 0.5 * b, 0, 0]]
     particles = state(scene, places, [[1.0, 0, 0], [0, 0, 0]])
-    assert run_from(scene, particles)[0].tally[COLLISIONS] == met
+    assert run_from(scene, particles)[0].counts[COLLISIONS] == met
 
 
 @pytest.mark.parametrize("make", [periodic, exact_periodic])
@@ -184,7 +184,7 @@ def test_coinciding_centres_stay_finite_and_keep_momentum(scene, speed):
     n = int(particles.size[0])
     assert time == scene.end_time
     # The line of centres is the relative velocity's, so each of the two may see an approach.
-    assert ledger.tally[COLLISIONS] in ([0] if speed == 0.0 else [1, 2])
+    assert ledger.counts[COLLISIONS] in ([0] if speed == 0.0 else [1, 2])
     assert np.all(np.isfinite(particles.position[:, :n]))
     assert np.all(np.isfinite(temperatures_in(scene, particles)))
     np.testing.assert_allclose(momentum(particles), before, rtol=1e-12)
@@ -208,7 +208,7 @@ def test_coinciding_centres_are_receding_where_time_is_exact(scene):
     """The distance of two coinciding centres is at its minimum: it does not shrink any more."""
     particles = state(scene, [[0, 0, 0], [0, 0, 0]], [[7.0, 0, 0], [0, 0, 0]])
     ledger, time = run_from(scene, particles)
-    assert (ledger.tally[COLLISIONS], particles.size[0]) == (0, 2)
+    assert (ledger.counts[COLLISIONS], particles.size[0]) == (0, 2)
     expected = [[7.0 * time, 0], [0, 0], [0, 0]]
     np.testing.assert_allclose(particles.position, expected, atol=1e-14 * HALF)
 
@@ -219,7 +219,7 @@ def test_head_on_elastic_spheres_exchange_their_velocities(make):
     b = scene.radius
     particles = state(scene, [[-2 * b, 0, 0], [2 * b, 0, 0]], [[4.0, 0, 0], [-1.0, 0, 0]])
     ledger, _ = run_from(scene, particles)
-    assert ledger.tally[COLLISIONS] == 1
+    assert ledger.counts[COLLISIONS] == 1
     np.testing.assert_allclose(particles.velocity[0], [-1.0, 4.0], rtol=1e-14)
     if make in EXACT:
         met = (4.0 * b - 2.0 * b) / 5.0
@@ -238,7 +238,7 @@ def test_where_time_is_exact_spheres_touch_and_never_overlap(make, restitution):
     contact = (4.0 * b - 1.6 * b) / 4.0
     end = contact * (1.0 + 1e-9)
     ledger, _ = run_from(scene._replace(end_time=end), particles)
-    assert ledger.tally[COLLISIONS] == 1
+    assert ledger.counts[COLLISIONS] == 1
     if restitution == 0.0:
         assert particles.size[0] == 1
         return
@@ -254,6 +254,6 @@ def test_a_sample_beyond_its_budget_of_events_says_so(make):
     scene = make(1.0, 10**9, budget=50)
     particles = state(scene, [[0, 0, 0], [HALF, 0, 0]], [[3.0, 0.1, 0], [-2.0, 0, 0.1]])
     ledger, time = run_from(scene, particles)
-    assert (ledger.tally[EXHAUSTED], ledger.tally[STEPS]) == (1, 2 * 50)
+    assert (ledger.counts[EXHAUSTED], ledger.counts[STEPS]) == (1, 2 * 50)
     assert 0.0 < time < scene.end_time
     assert np.all(np.abs(particles.position) <= HALF)

@@ -153,7 +153,7 @@ def test_what_impacts_dissipate_and_react_is_found_as_heat(name):
     energy, start = kinetic_energy(particles), momentum(particles)
     impetus = np.sum(particles.mass * np.linalg.norm(particles.velocity, axis=0))
     ledger, _ = run_from(scene, particles)
-    assert ledger.tally[COLLISIONS] > ledger.tally[MERGES] > 3
+    assert ledger.counts[COLLISIONS] > ledger.counts[MERGES] > 3
     assert np.linalg.norm(momentum(particles) - start) <= 1e-12 * impetus
     lost = energy - kinetic_energy(particles)
     assert lost == pytest.approx(ledger.energy[DISSIPATED], rel=1e-12)
@@ -181,7 +181,7 @@ def test_a_million_elastic_collisions_keep_the_kinetic_energy(scene):
     energy, start = kinetic_energy(particles), momentum(particles)
     impetus = np.sum(particles.mass * np.linalg.norm(particles.velocity, axis=0))
     ledger, _ = run_from(scene, particles)
-    assert ledger.tally[COLLISIONS] > 1_000_000
+    assert ledger.counts[COLLISIONS] > 1_000_000
     assert kinetic_energy(particles) == pytest.approx(energy, rel=1e-10)
     assert np.linalg.norm(momentum(particles) - start) <= 1e-10 * impetus
     shares = np.sum(particles.velocity**2, axis=1) / np.sum(particles.velocity**2)
@@ -261,7 +261,7 @@ ITERATED = {
 @pytest.mark.plain
 @pytest.mark.parametrize("name", ITERATED)
 def test_the_published_iteration_ends_at_its_cap_and_the_ledger_closes_all_the_same(name):
-    """It leaves a residual in e; what is booked is what the impact with that e does."""
+    """It leaves a residual in e; what enters the ledger is what the impact with that e does."""
     record, particles = simulate_scene(ITERATED[name], np.random.default_rng(2))
     assert record["state"] == 1
     bounces = record["collisions"] - record["merges"]

@@ -1,4 +1,4 @@
-"""Candidate lists against a look at everybody, step after step of random motion."""
+"""Candidate lists against all pairs, step after step of random motion."""
 
 from typing import NamedTuple
 
@@ -76,16 +76,18 @@ def test_the_lists_name_the_same_partners_as_a_look_at_all(escape, count, drift,
     for index in range(60):
         wanted = np.inf if reach == "all" else 2.0 * largest
         look(box, particles, neighbours, index * step, index == 0, wanted, sure, partner, squared)
-        listed += neighbours.tally[LISTED] > 0
+        listed += neighbours.counts[LISTED] > 0
         expected, distances = brute_force(particles.position, isinstance(escape, Periodic))
         certain = distances <= radii + sure
         np.testing.assert_array_equal(partner[certain], expected[certain])
         np.testing.assert_allclose(np.sqrt(squared[certain]), distances[certain], rtol=1e-12)
         assert np.all(np.sqrt(squared[~certain]) >= (radii + sure)[~certain])
-        moved = particles.position + step * particles.velocity
+        changed = particles.position + step * particles.velocity
         # Both escapes of a step: around the box, or back on the opposite face
         if isinstance(escape, Periodic):
-            particles.position[:] = (moved + HALF) % (2.0 * HALF) - HALF
+            particles.position[:] = (changed + HALF) % (2.0 * HALF) - HALF
         else:
-            particles.position[:] = np.where(np.abs(moved) > HALF, -np.sign(moved) * HALF, moved)
+            particles.position[:] = np.where(
+                np.abs(changed) > HALF, -np.sign(changed) * HALF, changed
+            )
     assert listed > 30

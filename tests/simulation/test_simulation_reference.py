@@ -53,9 +53,9 @@ def test_every_trajectory_is_that_of_the_plain_reference(name, seed):
     ledger, time = run_from(scene, particles)
     balls = reference.balls
     assert time == scene.end_time
-    assert ledger.tally[STEPS] == reference.steps >= 20
-    assert ledger.tally[COLLISIONS] == reference.collisions > 5
-    assert ledger.tally[MERGES] == reference.merges
+    assert ledger.counts[STEPS] == reference.steps >= 20
+    assert ledger.counts[COLLISIONS] == reference.collisions > 5
+    assert ledger.counts[MERGES] == reference.merges
     count = int(particles.size[0])
     assert count == len(balls) == scene.particles - reference.merges
     half = scene.half_width

@@ -90,10 +90,10 @@ def scaled(scene, length, time):
 @pytest.mark.parametrize("name", cases(BOUNCING, ["fixed", "event"]))
 def test_units_by_powers_of_two_do_not_change_a_bit(name, length, time):
     scene, particles = scaled(BOUNCING[name], 1.0, 1.0)
-    tally = run_from(scene, particles)[0].tally
-    assert tally[COLLISIONS] > 10
+    counts = run_from(scene, particles)[0].counts
+    assert counts[COLLISIONS] > 10
     other, rescaled = scaled(BOUNCING[name], length, time)
-    assert np.array_equal(run_from(other, rescaled)[0].tally, tally)
+    assert np.array_equal(run_from(other, rescaled)[0].counts, counts)
     np.testing.assert_array_equal(rescaled.position, particles.position * length)
     np.testing.assert_array_equal(rescaled.velocity, particles.velocity * length / time)
 
@@ -137,9 +137,9 @@ def test_units_do_not_matter_to_merges_heat_and_friction(scene, length, time, ma
     velocities = particles.velocity.T * length / time
     rescaled = state(other, particles.position.T * length, velocities)
     rescaled.mass[:] = particles.mass * mass
-    tally = run_from(scene, particles)[0].tally
-    assert tally[COLLISIONS] > tally[MERGES] > 3
-    assert np.array_equal(run_from(other, rescaled)[0].tally, tally)
+    counts = run_from(scene, particles)[0].counts
+    assert counts[COLLISIONS] > counts[MERGES] > 3
+    assert np.array_equal(run_from(other, rescaled)[0].counts, counts)
     n = int(particles.size[0])
     np.testing.assert_allclose(rescaled.radius[:n], particles.radius[:n] * length, rtol=1e-12)
     np.testing.assert_allclose(rescaled.temperature[:n], particles.temperature[:n], rtol=1e-9)
@@ -175,9 +175,9 @@ def test_the_mirror_image_and_other_axes_end_as_the_original_does(name, change):
         return mirrored if change == "mirror" else vectors[[2, 0, 1]]
 
     other = state(scene, changed(particles.position).T, changed(particles.velocity).T)
-    tally = run_from(scene, particles)[0].tally
-    assert tally[COLLISIONS] > 5
-    assert np.array_equal(run_from(scene, other)[0].tally, tally)
+    counts = run_from(scene, particles)[0].counts
+    assert counts[COLLISIONS] > 5
+    assert np.array_equal(run_from(scene, other)[0].counts, counts)
     n = int(particles.size[0])
     away = other.position[:, :n] - changed(particles.position[:, :n])
     assert np.max(np.abs(image(away, True))) <= 1e-9 * HALF
@@ -213,9 +213,9 @@ CROWD = {"particles": 300, "size_ratio": 0.6}
 def test_a_periodic_box_looks_the_same_to_a_moving_observer_while_nothing_is_shifted(scene, drift):
     particles = placed(scene, 5)
     moving = state(scene, particles.position.T, particles.velocity.T + np.array(drift))
-    tally = run_from(scene, particles)[0].tally
-    assert tally[COLLISIONS] > 2
-    assert np.array_equal(run_from(scene, moving)[0].tally, tally)
+    counts = run_from(scene, particles)[0].counts
+    assert counts[COLLISIONS] > 2
+    assert np.array_equal(run_from(scene, moving)[0].counts, counts)
     n = int(particles.size[0])
     np.testing.assert_array_equal(moving.radius[:n], particles.radius[:n])
     travelled = np.array(drift)[:, None] * scene.end_time
@@ -248,5 +248,5 @@ def test_real_faces_are_seen_by_a_moving_observer():
     scene = event_reentry(0.6, end_time=4e-4, **CROWD)
     particles = placed(scene, 5)
     moving = state(scene, particles.position.T, particles.velocity.T + np.array([100.0, 0, 0]))
-    tally = run_from(scene, particles)[0].tally
-    assert run_from(scene, moving)[0].tally[COLLISIONS] != tally[COLLISIONS]
+    counts = run_from(scene, particles)[0].counts
+    assert run_from(scene, moving)[0].counts[COLLISIONS] != counts[COLLISIONS]

@@ -1,43 +1,48 @@
-"""When does a particle leave its cell, its range or the box, and what then?"""
+"""Cell crossings: when a particle leaves its cell, its range or the box, and what follows."""
 
 import numpy as np
 
 from agglom_mpi.kernels import inlined
 from agglom_mpi.simulation.boundary import is_periodic
-from agglom_mpi.simulation.event_driven.cells import ALONG, link, unlink
-from agglom_mpi.simulation.event_driven.flights import RANGE, catch_up_position, void_event
+from agglom_mpi.simulation.event_driven.cells import PER_AXIS, link, unlink
+from agglom_mpi.simulation.event_driven.flights import (
+    RANGE,
+    invalidate_prediction,
+    synchronise_particle,
+)
 
 
 @inlined
-def time_to_leave(coordinate, velocity, low, high):  # type: ignore[no-untyped-def]
-    """Time in s until a coordinate in m leaves [low, high]."""
+def time_to_leave(coordinate, velocity, low, high):
+    """Time in s until a coordinate in m leaves [low, high]; inf at rest."""
     if velocity > 0.0:
         return max(0.0, high - coordinate) / velocity
     return min(0.0, low - coordinate) / velocity if velocity < 0.0 else np.inf
 
 
 @inlined
-def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):  # type: ignore[no-untyped-def]
-    """Take leaving [low, high] along an axis as the next turn, if it comes first."""
+def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):
+    """Make leaving [low, high] along an axis the next crossing, if it comes first."""
     time = trajectory["time"] + time_to_leave(coordinate, velocity, low, high)
-    if time < next_event["turn_time"]:
-        next_event["turn_time"] = time
-        next_event["turn"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
+    if time < next_event["crossing_time"]:
+        next_event["crossing_time"] = time
+        next_event["crossing"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
 
 
 @inlined
-def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
+def schedule_crossing(scene, cells, flights, i):
     """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
 
-    Without cells nothing ranges: in a periodic box the images say when to look again.
+    Without cells there is no range: in a periodic box `limit_to_nearest_image` says when to predict
+    again.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     half = scene.half_width
-    next_event["turn_time"] = np.inf
+    next_event["crossing_time"] = np.inf
     x, y, z = trajectory["x"], trajectory["y"], trajectory["z"]
     u, v, w = trajectory["u"], trajectory["v"], trajectory["w"]
     if next_event["oversize"] < 0:
-        edge = 2.0 * half / cells.shape[ALONG]
+        edge = 2.0 * half / cells.shape[PER_AXIS]
         x0, y0, z0 = (
             next_event["a"] * edge - half,
             next_event["b"] * edge - half,
@@ -51,7 +56,7 @@ def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
         earlier_crossing(trajectory, next_event, x, u, -half, half, 0)
         earlier_crossing(trajectory, next_event, y, v, -half, half, 2)
         earlier_crossing(trajectory, next_event, z, w, -half, half, 4)
-    if cells.shape[ALONG] > 0:
+    if cells.shape[PER_AXIS] > 0:
         reach = cells.range[0]
         earlier_crossing(trajectory, next_event, x, u, x - reach, x + reach, RANGE)
         earlier_crossing(trajectory, next_event, y, v, y - reach, y + reach, RANGE)
@@ -59,29 +64,29 @@ def schedule_crossing(scene, cells, flights, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def next_cell(index, face, along):  # type: ignore[no-untyped-def]
-    """Index along its axis of the cell behind a face, and whether the box ended there."""
+def next_cell(index, face, per_axis):
+    """Index along its axis of the cell behind a face, and ±1 if that is across the box, else 0."""
     if face & 1:
-        return (0, 1) if index + 1 == along else (index + 1, 0)
-    return (along - 1, -1) if index == 0 else (index - 1, 0)
+        return (0, 1) if index + 1 == per_axis else (index + 1, 0)
+    return (per_axis - 1, -1) if index == 0 else (index - 1, 0)
 
 
 @inlined
-def cross_cell(scene, particles, cells, flights, i, now):  # type: ignore[no-untyped-def]
-    """Let particle i take its turn at `now` in s; through which face the look around is due.
+def cross_cell(scene, particles, cells, flights, i, now):
+    """Process the crossing of particle i at `now` in s; return the face to predict through.
 
-    A cell's face is where the nine cells behind it come into reach. After a jump to the opposite
-    face of the box, or at the end of a range, everybody may be.
+    Through a cell's face the nine cells behind it come into reach. After a jump to the opposite
+    face of the box, or at the end of a range, everything may be in reach: `RANGE`.
     """
     next_event = flights.next_event[i]
-    face = np.int64(next_event["turn"])
+    face = np.int64(next_event["crossing"])
     if face == RANGE:
-        catch_up_position(scene, particles, flights, i, now)
+        synchronise_particle(scene, particles, flights, i, now)
     else:
         beyond = 1 if face & 1 else -1
         if next_event["oversize"] < 0:
             unlink(cells, next_event, i)
-            beyond = step_cell(next_event, face, cells.shape[ALONG])
+            beyond = step_cell(next_event, face, cells.shape[PER_AXIS])
             link(cells, next_event, i)
         if beyond != 0:
             face = cross_face(scene, particles, flights, i, face, beyond, now)
@@ -90,20 +95,20 @@ def cross_cell(scene, particles, cells, flights, i, now):  # type: ignore[no-unt
 
 
 @inlined
-def step_cell(next_event, face, along):  # type: ignore[no-untyped-def]
-    """Put a particle into the cell behind a face; ±1 if the box ended there, else 0."""
+def step_cell(next_event, face, per_axis):
+    """Put a particle into the cell behind a face; ±1 if that is across the box, else 0."""
     if face < 2:
-        next_event["a"], beyond = next_cell(next_event["a"], face, along)
+        next_event["a"], beyond = next_cell(next_event["a"], face, per_axis)
     elif face < 4:
-        next_event["b"], beyond = next_cell(next_event["b"], face, along)
+        next_event["b"], beyond = next_cell(next_event["b"], face, per_axis)
     else:
-        next_event["c"], beyond = next_cell(next_event["c"], face, along)
+        next_event["c"], beyond = next_cell(next_event["c"], face, per_axis)
     return beyond
 
 
 @inlined
-def cross_face(scene, particles, flights, i, face, beyond, now):  # type: ignore[no-untyped-def]
-    """Take particle i across a face of the box; through which face the look around is due."""
+def cross_face(scene, particles, flights, i, face, beyond, now):
+    """Take particle i across a face of the box; return the face to predict through."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     if is_periodic(scene.escape):
         shift = -2.0 * scene.half_width * beyond
@@ -114,7 +119,7 @@ def cross_face(scene, particles, flights, i, face, beyond, now):  # type: ignore
         else:
             trajectory["z"] += shift
         return face
-    catch_up_position(scene, particles, flights, i, now)
+    synchronise_particle(scene, particles, flights, i, now)
     opposite = -scene.half_width * beyond
     if face < 2:
         trajectory["x"] = opposite
@@ -122,5 +127,5 @@ def cross_face(scene, particles, flights, i, face, beyond, now):  # type: ignore
         trajectory["y"] = opposite
     else:
         trajectory["z"] = opposite
-    void_event(next_event)
+    invalidate_prediction(next_event)
     return RANGE

@@ -1,6 +1,7 @@
 """The event-driven engine: the event loop, frames between events, runs in parts.
 
-Each particle knows its earliest hit and when it leaves its cell; an event queue finds the earliest.
+Each particle keeps its earliest collision and the time at which it leaves its cell (Lubachevsky,
+J. Comput. Phys. 94, 1991, 255); an event queue finds the earliest.
 """
 
 from typing import Final, NamedTuple
@@ -15,9 +16,9 @@ from agglom_mpi.simulation.event_driven.cells import remove
 from agglom_mpi.simulation.event_driven.event_queue import earliest, earliest_time, set_time
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
-    catch_up_position,
+    invalidate_prediction,
     load_velocity,
-    void_event,
+    synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
 from agglom_mpi.simulation.event_driven.state import (
@@ -25,42 +26,42 @@ from agglom_mpi.simulation.event_driven.state import (
     compact_after_merge,
     new_events,
     rebuild,
-    settle_all,
-    settle_in,
+    start_flight,
+    synchronise,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
 from agglom_mpi.simulation.scene import EventDriven, advance_to, copy_at, initialize, run_to_end
-from agglom_mpi.simulation.time_driven.stepping import aborted
-from agglom_mpi.simulation.trajectory import copy_all, finish, next_frame
+from agglom_mpi.simulation.time_driven.stepping import is_aborted
+from agglom_mpi.simulation.trajectory import copy_particles, finish_frame, next_frame_time
 
 
 @inlined
-def record_flight(recorder, scene, particles, flights, following):  # type: ignore[no-untyped-def]
-    """Take the frames before the `following` event, whose time is in s."""
+def record_frames_before(recorder, scene, particles, flights, following):
+    """Record the frames before the next event, which is at `following` in s."""
     if recorder is not None:
-        while next_frame(recorder, scene.end_time) < following:
-            take_in_flight(recorder, scene, particles, flights)
+        while next_frame_time(recorder, scene.end_time) < following:
+            record_next_frame(recorder, scene, particles, flights)
 
 
 @not_inlined
-def take_in_flight(recorder, scene, particles, flights):  # type: ignore[no-untyped-def]
-    """Take the next frame, before which nothing happens any more."""
-    time = next_frame(recorder, scene.end_time)
-    copy_in_flight(recorder, scene, particles, flights, time)
-    finish(recorder, scene, time)
+def record_next_frame(recorder, scene, particles, flights):
+    """Record the next frame, before which nothing happens any more."""
+    time = next_frame_time(recorder, scene.end_time)
+    copy_particles_at(recorder, scene, particles, flights, time)
+    finish_frame(recorder, scene, time)
 
 
 @not_inlined
-def copy_in_flight(recorder, scene, particles, flights, time):  # type: ignore[no-untyped-def]
+def copy_particles_at(recorder, scene, particles, flights, time):
     """Copy the particles to where they are at `time` in s, before which nothing happens."""
-    copy = copy_all(recorder, particles)
+    copy = copy_particles(recorder, particles)
     for i in range(copy.size[0]):
         if copy.mass[i] > 0.0:
             copy_position(scene, copy, flights, i, time)
 
 
 @inlined
-def copy_position(scene, copy, flights, i, now):  # type: ignore[no-untyped-def]
+def copy_position(scene, copy, flights, i, now):
     """Move the copy of particle i to where the particle is at `now` in s; not the particle."""
     trajectory, r, half = flights.trajectory[i], copy.position, scene.half_width
     flight = now - trajectory["time"]
@@ -69,24 +70,24 @@ def copy_position(scene, copy, flights, i, now):  # type: ignore[no-untyped-def]
     r[2, i] = clamped(scene.escape, trajectory["z"] + trajectory["w"] * flight, half)
 
 
-NOBODY: Final = -1
+NO_PARTICLE: Final = -1
 
 
 class Event(NamedTuple):
-    """An event.
+    """A processed event, and which particles need new predictions.
 
     Attributes
     ----------
     due
-        How many have to look around now; `Events.due` says who.
+        Number of particles to predict for; `Events.due` holds their slots.
     face
-        The face through which the only one due came into its cell, or `RANGE`: look everywhere.
+        Face through which the only one due came into its cell, or `RANGE`: predict with all.
     kind
-        What `resolve_contact` returned, or `NO_HIT`.
+        What `resolve_contact` returned, or `NO_CONTACT`.
     i, j
-        The slots that were hit, i < j, or −1.
-    parted
-        Whether the two go on as two, and so do not look at each other.
+        Slots of the pair in contact, i < j, or −1.
+    pair_excluded
+        Whether i and j only bounced: their next collision cannot be with each other.
     """
 
     due: int
@@ -94,94 +95,95 @@ class Event(NamedTuple):
     kind: int
     i: int
     j: int
-    parted: bool
+    pair_excluded: bool
 
 
-NO_HIT: Final = 3
+NO_CONTACT: Final = 3
 """Kind of an event that is no contact, beside those of `resolve_contact`."""
 
 
 @run_to_end.register(EventDriven)
-def _event_driven(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
+def _event_driven(engine, scene, particles, ledger, abort, recorder):
     events = new_events(particles)
     due = rebuild(scene, particles, events, 0.0)
     end = scene.end_time
     time = run_events(engine, scene, particles, ledger, events, due, end, abort, recorder)
-    settle_all(scene, particles, events, time)
+    synchronise(scene, particles, events, time)
     compact(particles)
     return time
 
 
 @inlined
-def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):  # type: ignore[no-untyped-def]
-    """Let one event happen after another up to `end` in s; the time reached in s.
+def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):
+    """Process events up to `end` in s; return the time reached in s.
 
-    `due` is how many have to look around first: all at the start, nobody when a run goes on.
+    `due` is the number of particles to predict for first: all at the start, none when a run
+    continues.
     """
     budget = engine.budget * particles.size[0]
     time = 0.0
-    event = nothing_hit(due, RANGE)
+    event = no_contact(due, RANGE)
     while True:
-        look_around(scene, events, event, time)
+        predict_due(scene, events, event, time)
         time = next_time(events)
-        record_flight(recorder, scene, particles, events.flights, time)
-        if time > end or aborted(abort):
+        record_frames_before(recorder, scene, particles, events.flights, time)
+        if time > end or is_aborted(abort):
             return min(time, end)
-        if ledger.tally[STEPS] >= budget:
-            ledger.tally[EXHAUSTED] = 1
+        if ledger.counts[STEPS] >= budget:
+            ledger.counts[EXHAUSTED] = 1
             return time
-        event = take_event(scene, particles, ledger, events, time)
+        event = process_event(scene, particles, ledger, events, time)
 
 
 @inlined
-def next_time(events):  # type: ignore[no-untyped-def]
+def next_time(events):
     """Time of the next event in s."""
     return earliest_time(events.event_queue)
 
 
 @inlined
-def nothing_hit(due, face):  # type: ignore[no-untyped-def]
-    """Return an event that is no hit."""
-    return Event(due, face, NO_HIT, NOBODY, NOBODY, False)
+def no_contact(due, face):
+    """Return an event that is no contact."""
+    return Event(due, face, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False)
 
 
 @inlined
-def look_around(scene, events, event, now):  # type: ignore[no-untyped-def]
-    """Let all that are due after an event find what they hit next."""
+def predict_due(scene, events, event, now):
+    """Predict the next collisions of all particles that are due after an event."""
     for k in range(event.due):
         i = events.due[k]
-        barred = NOBODY
-        if event.parted:
-            barred = event.j if i == event.i else event.i
+        excluded = NO_PARTICLE
+        if event.pair_excluded:
+            excluded = event.j if i == event.i else event.i
         predict_collision(
-            scene, events.cells, events.flights, events.event_queue, i, now, event.face, barred
+            scene, events.cells, events.flights, events.event_queue, i, now, event.face, excluded
         )
 
 
 @inlined
-def take_event(scene, particles, ledger, events, now):  # type: ignore[no-untyped-def]
-    """Let the next event happen."""
-    ledger.tally[STEPS] += 1
+def process_event(scene, particles, ledger, events, now):
+    """Process the earliest event, which is at `now` in s."""
+    ledger.counts[STEPS] += 1
     i = earliest(events.event_queue)
     next_event = events.flights.next_event[i]
     j = np.int64(next_event["partner"])
     events.due[0] = i
-    if next_event["turn_time"] <= next_event["hit_time"]:
+    if next_event["crossing_time"] <= next_event["collision_time"]:
         face = cross_cell(scene, particles, events.cells, events.flights, i, now)
-        return nothing_hit(1, face)
-    if events.flights.next_event[j]["version"] != next_event["hit_version"]:
-        next_event["hit_time"] = np.inf
-        next_event["partner"] = NOBODY
-        return nothing_hit(1, RANGE)
+        return no_contact(1, face)
+    if events.flights.next_event[j]["version"] != next_event["partner_version"]:
+        next_event["collision_time"] = np.inf
+        next_event["partner"] = NO_PARTICLE
+        return no_contact(1, RANGE)
     return process_collision(scene, particles, ledger, events, min(i, j), max(i, j), now)
 
 
 @inlined
-def process_collision(scene, particles, ledger, events, i, j, now):  # type: ignore[no-untyped-def]
-    """Let particles i < j collide; both, or what became of them, are due."""
+def process_collision(scene, particles, ledger, events, i, j, now):
+    """Resolve the contact of particles i < j; both, or what became of them, are due."""
     flights, cells = events.flights, events.cells
-    catch_up_position(scene, particles, flights, i, now)
-    catch_up_position(scene, particles, flights, j, now)
+    synchronise_particle(scene, particles, flights, i, now)
+    synchronise_particle(scene, particles, flights, j, now)
     size = particles.size[0]
     kind = resolve_contact(scene, particles, ledger, i, j, now)
     events.due[0], events.due[1] = i, j
@@ -195,34 +197,34 @@ def process_collision(scene, particles, ledger, events, i, j, now):  # type: ign
 
 
 @not_inlined
-def predict_again(scene, particles, ledger, events, i, j, kind, size, now):  # type: ignore[no-untyped-def]
-    """Bond particles i and j that hit, or take in the pieces beyond `size`; how many are due."""
+def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
+    """Merge i and j, or start the pieces appended after `size`; return how many are due."""
     flights, cells = events.flights, events.cells
     remove(cells, flights, i)
     remove(cells, flights, j)
     due = 2 + particles.size[0] - size
     if kind == BONDED:
         merge(scene, particles, ledger, i, j, now)
-        void_event(flights.next_event[j])
+        invalidate_prediction(flights.next_event[j])
         set_time(events.event_queue, j, np.inf)
         due = 1
     for k in range(2, due):
         events.due[k] = size + k - 2
     for k in range(due):
-        settle_in(scene, particles, events, events.due[k], now)
+        start_flight(scene, particles, events, events.due[k], now)
     events.alive[0] += due - 2
     return compact_after_merge(scene, particles, events, due, now)
 
 
 class EventEngineState(NamedTuple):
-    """What is kept between stretches: `due`, shape (1,), have not looked around yet."""
+    """State between parts of a run; `due`, shape (1,), is how many have no prediction yet."""
 
     events: Events
     due: np.ndarray
 
 
 @initialize.register(EventDriven)
-def _start(engine, scene, particles):  # type: ignore[no-untyped-def]
+def _initialize_events(engine, scene, particles):
     events = new_events(particles)
     due = np.empty(1, np.int64)
     due[0] = rebuild(scene, particles, events, 0.0)
@@ -230,7 +232,7 @@ def _start(engine, scene, particles):  # type: ignore[no-untyped-def]
 
 
 @advance_to.register(EventDriven)
-def _more_events(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+def _advance_events(engine, scene, particles, ledger, engine_state, until, abort):
     due = engine_state.due[0]
     engine_state.due[0] = 0
     return run_events(
@@ -239,5 +241,5 @@ def _more_events(engine, scene, particles, ledger, engine_state, until, abort): 
 
 
 @copy_at.register(EventDriven)
-def _in_flight(engine, scene, particles, engine_state, recorder, time):  # type: ignore[no-untyped-def]
-    copy_in_flight(recorder, scene, particles, engine_state.events.flights, time)
+def _copy_between_events(engine, scene, particles, engine_state, recorder, time):
+    copy_particles_at(recorder, scene, particles, engine_state.events.flights, time)

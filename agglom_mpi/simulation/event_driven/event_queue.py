@@ -12,16 +12,17 @@ from agglom_mpi.kernels import inlined, inlined_allocating
 
 
 class EventQueue(NamedTuple):
-    """Winner of each match, and its time.
+    """Tournament tree: the winner of each match, and its time.
 
-    Node 1 is the root, the children of node n are 2n and 2n + 1, and node entries + i is entry i.
+    Node 1 is the root, the children of node n are 2n and 2n + 1, and node entries + i is entry i;
+    `entries` is a power of two.
 
     Attributes
     ----------
     time
         Of the winner at each node in s, inf without an event, shape (2·entries,).
     winner
-        Entry that wins at each node, shape (2·entries,), a power of two.
+        Entry that wins at each node, shape (2·entries,).
     """
 
     time: np.ndarray

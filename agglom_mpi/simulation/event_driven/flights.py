@@ -1,4 +1,4 @@
-"""A particle as the event engine sees it: where it was last, and what happens to it next."""
+"""Trajectory and next event of each particle of the event engine."""
 
 from typing import Final, NamedTuple
 
@@ -10,19 +10,19 @@ from agglom_mpi.simulation.boundary import clamped
 TRAJECTORY: Final = np.dtype(
     [(name, "f8") for name in ("x", "y", "z", "u", "v", "w", "time", "radius")]
 )
-"""Where a particle flies: position in m at its own `time` in s, velocity in m/s, radius in m.
+"""Straight flight: position in m at the particle's own `time` in s, velocity in m/s, radius in m.
 
 One cache line, and all that comparing a pair needs.
 """
 
 NEXT_EVENT: Final = np.dtype(
     [
-        ("hit_time", "f8"),
-        ("turn_time", "f8"),
+        ("collision_time", "f8"),
+        ("crossing_time", "f8"),
         ("version", "i8"),
-        ("hit_version", "i8"),
+        ("partner_version", "i8"),
         ("partner", "i4"),
-        ("turn", "i4"),
+        ("crossing", "i4"),
         ("a", "i4"),
         ("b", "i4"),
         ("c", "i4"),
@@ -30,12 +30,12 @@ NEXT_EVENT: Final = np.dtype(
         ("padding", "i8"),
     ]
 )
-"""What a particle does next.
+"""The next event of a particle, padded to a cache line.
 
-Its earliest known hit: when, with which `partner`, and the `version` the partner had then; a
-particle's version changes with its trajectory, so that a hit noted before is known to be void.
-Its next `turn`, the face of its cell that it leaves or `RANGE`, and when. The cell (a, b, c), or
-the place in the list of oversize particles, else −1. Padded to a cache line.
+Its earliest known collision: time in s, `partner`, and the `version` that the partner had then; a
+version changes with the trajectory, which invalidates collisions predicted before. Its next
+`crossing`: the face of its cell that it leaves, or `RANGE`, and the time in s. Its cell (a, b, c),
+or its index in the list of oversize particles, else −1.
 """
 
 
@@ -47,12 +47,12 @@ class Flights(NamedTuple):
 
 
 RANGE: Final = 6
-"""The turn of an oversize particle that has moved as far as its prediction holds."""
+"""Crossing of an oversize particle that has moved as far as its prediction holds."""
 
 
 @inlined
-def load_flight(flights, particles, i, now):  # type: ignore[no-untyped-def]
-    """Take over position, velocity and radius of particle i at time `now` in s."""
+def load_particle(flights, particles, i, now):
+    """Copy position, velocity and radius of particle i at time `now` in s to its trajectory."""
     trajectory = flights.trajectory[i]
     trajectory["x"] = particles.position[0, i]
     trajectory["y"] = particles.position[1, i]
@@ -63,25 +63,25 @@ def load_flight(flights, particles, i, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def load_velocity(flights, particles, i):  # type: ignore[no-untyped-def]
-    """Take over a changed velocity: what was predicted for particle i is void."""
+def load_velocity(flights, particles, i):
+    """Copy a changed velocity to the trajectory of particle i and invalidate its prediction."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     trajectory["u"] = particles.velocity[0, i]
     trajectory["v"] = particles.velocity[1, i]
     trajectory["w"] = particles.velocity[2, i]
-    void_event(next_event)
+    invalidate_prediction(next_event)
 
 
 @inlined
-def void_event(next_event):  # type: ignore[no-untyped-def]
-    """Void what was predicted: the trajectory of the particle is another one now."""
+def invalidate_prediction(next_event):
+    """Invalidate the predictions of and with a particle: its trajectory has changed."""
     next_event["version"] += 1
-    next_event["hit_time"] = np.inf
+    next_event["collision_time"] = np.inf
     next_event["partner"] = -1
 
 
 @inlined
-def catch_up_position(scene, particles, flights, i, now):  # type: ignore[no-untyped-def]
+def synchronise_particle(scene, particles, flights, i, now):
     """Move particle i to where it is at `now` in s.
 
     An oversize particle is wrapped into the box. One in a cell stays on the side of the face

@@ -7,79 +7,84 @@ import numpy as np
 
 from agglom_mpi.kernels import inlined, inlined_fma
 from agglom_mpi.simulation.boundary import is_periodic, nearest_image
-from agglom_mpi.simulation.event_driven.cells import ALONG, OVERSIZE
+from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
 
 
 @inlined
-def low_end(scene, low):  # type: ignore[no-untyped-def]
+def first_cell(scene, low):
     """First cell of a range along an axis, cut off at a face that contacts do not cross."""
     return low if is_periodic(scene.escape) else max(low, 0)
 
 
 @inlined
-def high_end(scene, along, high):  # type: ignore[no-untyped-def]
+def last_cell(scene, per_axis, high):
     """Last cell of a range along an axis, cut off at a face that contacts do not cross."""
-    return high if is_periodic(scene.escape) else min(high, along - 1)
+    return high if is_periodic(scene.escape) else min(high, per_axis - 1)
 
 
 @inlined
-def gather_box(scene, cells, a0, a1, b0, b1, c0, c1):  # type: ignore[no-untyped-def]
-    """Write the particles of the cells from (a0, b0, c0) to (a1, b1, c1) into `near`; how many.
+def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1):
+    """Write the particles of cells (a0, b0, c0) to (a1, b1, c1) into `candidates`; their number.
 
     Without a branch per cell: most cells are empty or hold one, in no order a processor could
     foresee.
     """
-    along = cells.shape[ALONG]
-    near, head, following, place = cells.near, cells.head, cells.following, cells.place
-    a0, a1 = low_end(scene, a0), high_end(scene, along, a1)
-    b0, b1 = low_end(scene, b0), high_end(scene, along, b1)
-    c0, c1 = low_end(scene, c0), high_end(scene, along, c1)
+    per_axis = cells.shape[PER_AXIS]
+    candidates, head, next_in_cell, offset = (
+        cells.candidates,
+        cells.head,
+        cells.next_in_cell,
+        cells.offset,
+    )
+    a0, a1 = first_cell(scene, a0), last_cell(scene, per_axis, a1)
+    b0, b1 = first_cell(scene, b0), last_cell(scene, per_axis, b1)
+    c0, c1 = first_cell(scene, c0), last_cell(scene, per_axis, c1)
     count = 0
-    for a in range(along + a0, along + a1 + 1):
-        for b in range(along + b0, along + b1 + 1):
-            row = place[0, a] + place[1, b]
-            for c in range(along + c0, along + c1 + 1):
-                j = head[row + place[2, c]]
-                near[count] = j
+    for a in range(per_axis + a0, per_axis + a1 + 1):
+        for b in range(per_axis + b0, per_axis + b1 + 1):
+            row = offset[0, a] + offset[1, b]
+            for c in range(per_axis + c0, per_axis + c1 + 1):
+                j = head[row + offset[2, c]]
+                candidates[count] = j
                 count += 1 if j >= 0 else 0
     k = 0
     while k < count:
-        j = following[near[k]]
-        near[count] = j
+        j = next_in_cell[candidates[k]]
+        candidates[count] = j
         count += 1 if j >= 0 else 0
         k += 1
     return count
 
 
 @inlined
-def span_of_oversize(scene, cells, coordinate, radius):  # type: ignore[no-untyped-def]
+def cells_of_oversize(scene, cells, coordinate, radius):
     """First and last cell along an axis where an oversize particle may be touched in its range."""
-    along = cells.shape[ALONG]
-    edge = 2.0 * scene.half_width / along
+    per_axis = cells.shape[PER_AXIS]
+    edge = 2.0 * scene.half_width / per_axis
     reach = radius + 0.5 * edge + cells.range[0]
     low = math.floor((coordinate - reach + scene.half_width) / edge)
     high = math.floor((coordinate + reach + scene.half_width) / edge)
-    if high - low + 1 >= along:
-        return 0, along - 1
+    if high - low + 1 >= per_axis:
+        return 0, per_axis - 1
     return low, high
 
 
 @inlined
-def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):  # type: ignore[no-untyped-def]
-    """Write whom a particle at (x, y, z) in m may hit into `near`; how many.
+def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
+    """Write what a particle at (x, y, z) in m may hit into `candidates`; return the number.
 
-    `face` is `RANGE` for everybody, or the face through which the particle came into its cell: then
-    the nine cells that it had not beside it before, and the oversize ones.
+    `face` is `RANGE` for all, or the face through which the particle came into its cell: then the
+    nine cells that were not beside it before, and the oversize ones.
     """
     count = 0
     if next_event["oversize"] >= 0:
-        if cells.shape[ALONG] > 0:
-            a0, a1 = span_of_oversize(scene, cells, x, trajectory["radius"])
-            b0, b1 = span_of_oversize(scene, cells, y, trajectory["radius"])
-            c0, c1 = span_of_oversize(scene, cells, z, trajectory["radius"])
-            count = gather_box(scene, cells, a0, a1, b0, b1, c0, c1)
+        if cells.shape[PER_AXIS] > 0:
+            a0, a1 = cells_of_oversize(scene, cells, x, trajectory["radius"])
+            b0, b1 = cells_of_oversize(scene, cells, y, trajectory["radius"])
+            c0, c1 = cells_of_oversize(scene, cells, z, trajectory["radius"])
+            count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
     else:
         a, b, c = np.int64(next_event["a"]), np.int64(next_event["b"]), np.int64(next_event["c"])
         a0 = a + 1 if face == 1 else a - 1
@@ -88,114 +93,115 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):  # type:
         b1 = b - 1 if face == 2 else b + 1
         c0 = c + 1 if face == 5 else c - 1
         c1 = c - 1 if face == 4 else c + 1
-        count = gather_box(scene, cells, a0, a1, b0, b1, c0, c1)
+        count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
     for k in range(cells.shape[OVERSIZE]):
-        cells.near[count + k] = cells.oversize[k]
+        cells.candidates[count + k] = cells.oversize[k]
     return count + cells.shape[OVERSIZE]
 
 
-BEYOND: Final = 1.0 + 1e-9
-"""Share of D at which the nearest image is another one for certain, so that a look finds it."""
+IMAGE_MARGIN: Final = 1.0 + 1e-9
+"""Share of D at which the nearest image is another one for certain, so that prediction finds it."""
 
 
 @inlined
-def safe_reach(scene, cells):  # type: ignore[no-untyped-def]
-    """Sum of two radii in m up to which the nearest image stays the only one until the next look.
+def safe_reach(scene, cells):
+    """Sum of two radii in m up to which only nearest images can touch until the next prediction.
 
-    Without cells none is safe: nobody looks again before an image says so.
+    Without cells none is safe: nothing predicts again before an image makes it.
 
     One moves by its range, the other by its range or a cell at most; the next image is at least D
     away along an axis.
     """
-    along = cells.shape[ALONG]
-    if along == 0:
+    per_axis = cells.shape[PER_AXIS]
+    if per_axis == 0:
         return -np.inf
-    return scene.half_width - 2.0 * scene.half_width / along - cells.range[0]
+    return scene.half_width - 2.0 * scene.half_width / per_axis - cells.range[0]
 
 
 @inlined
-def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
-    """Let particle i look around again before it may touch another image of somebody large."""
+def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):
+    """Predict for particle i again before it may touch another image of a large particle."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     if trajectory["radius"] + cells.largest[0] > safe_reach(scene, cells):
-        time = first_image(scene, cells, flights, count, x, y, z, i, now)
-        if time < next_event["turn_time"]:
-            next_event["turn_time"] = time
-            next_event["turn"] = RANGE
+        time = next_image_time(scene, cells, flights, count, x, y, z, i, now)
+        if time < next_event["crossing_time"]:
+            next_event["crossing_time"] = time
+            next_event["crossing"] = RANGE
 
 
 @inlined
-def first_image(scene, cells, flights, count, x, y, z, i, now):  # type: ignore[no-untyped-def]
-    """Time in s from which another image of someone too large to be safe may touch i."""
+def next_image_time(scene, cells, flights, count, x, y, z, i, now):
+    """Time in s from which another image of a particle too large to be safe may touch i."""
     side, half = 2.0 * scene.half_width, scene.half_width
     per_side = 1.0 / side
     trajectory = flights.trajectory[i]
     safe = safe_reach(scene, cells)
     first = np.inf
     for k in range(count):
-        other = flights.trajectory[cells.near[k]]
+        other = flights.trajectory[cells.candidates[k]]
         reach = trajectory["radius"] + other["radius"]
-        if cells.near[k] == i or reach <= safe:
+        if cells.candidates[k] == i or reach <= safe:
             continue
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        end = max(side - reach, half * BEYOND)
-        first = min(first, time_beyond(dx, other["u"] - trajectory["u"], end))
-        first = min(first, time_beyond(dy, other["v"] - trajectory["v"], end))
-        first = min(first, time_beyond(dz, other["w"] - trajectory["w"], end))
+        end = max(side - reach, half * IMAGE_MARGIN)
+        first = min(first, time_to_reach(dx, other["u"] - trajectory["u"], end))
+        first = min(first, time_to_reach(dy, other["v"] - trajectory["v"], end))
+        first = min(first, time_to_reach(dz, other["w"] - trajectory["w"], end))
     return now + first
 
 
 @inlined
-def time_beyond(difference, velocity, end):  # type: ignore[no-untyped-def]
-    """Time in s until a difference in m that is within ±`end` is there."""
+def time_to_reach(difference, velocity, end):
+    """Time in s until a difference in m that is within ±`end` is there; inf at rest."""
     if velocity > 0.0:
         return (end - difference) / velocity
     return (end + difference) / -velocity if velocity < 0.0 else np.inf
 
 
-SLACK: Final = 1e-9
-"""Share of b² by which b² − ac may be negative from rounding, for whom c is not far above b²/a."""
+DISCRIMINANT_SLACK: Final = 1e-9
+"""Share of b² by which b² − ac may be negative by rounding where c is not far above b²/a."""
 
-RESOLUTION: Final = 2.0**-51
+VELOCITY_RESOLUTION: Final = 2.0**-51
 """Approach over speed up to which an impact may leave both velocities as they are, by rounding."""
 
 
 @inlined_fma
-def squared_cross(dx, dy, dz, du, dv, dw):  # type: ignore[no-untyped-def]
+def squared_cross(dx, dy, dz, du, dv, dw):
     """Square of the cross product of two vectors."""
     return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
 
 
 @inlined
-def is_resolved(trajectory, other, dx, dy, dz, closing):  # type: ignore[no-untyped-def]
+def is_resolved(trajectory, other, dx, dy, dz, closing):
     """Whether two approach by more than the rounding of their velocities.
 
     If not, an impact changes nothing: three that overlap would have such impacts for ever.
     """
     speeds = abs(trajectory["u"]) + abs(trajectory["v"]) + abs(trajectory["w"])
     speeds += abs(other["u"]) + abs(other["v"]) + abs(other["w"])
-    return -closing > RESOLUTION * speeds * (abs(dx) + abs(dy) + abs(dz))
+    return -closing > VELOCITY_RESOLUTION * speeds * (abs(dx) + abs(dy) + abs(dz))
 
 
 @inlined_fma
-def first_hit(scene, flights, near, count, x, y, z, i, now, barred):  # type: ignore[no-untyped-def]
-    """Earliest hit of particle i, at (x, y, z) in m now, among `count` others: when, with whom.
+def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded):
+    """Earliest collision of particle i, now at (x, y, z) in m, with candidates: time in s, partner.
 
-    Only hits that come before what the other has in mind count: otherwise the other turns to i
-    again when that has happened. Overlapping and approaching is a hit now, if it can be told from
-    rounding; receding is none. Of hits at the same time, that of the lowest slot is taken.
-    `barred` is who has just been hit. A first test that rounding may fail is cheap; who passes it
-    is judged by the distance at which the two would pass each other, which loses fewer digits.
+    Only collisions before the candidate's own next one count: otherwise the candidate predicts
+    with i again when that has happened. Overlapping and approaching is a collision now, if it can
+    be told from rounding; receding is none. Of collisions at the same time, that with the lowest
+    slot is taken. `excluded` is the particle that i has just collided with. The first test, which
+    rounding may pass wrongly, is cheap; then the distance at which the two would pass each other
+    decides, which loses fewer digits.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
-    hit_time, partner = next_event["hit_time"], -1
+    collision_time, partner = next_event["collision_time"], -1
     for k in range(count):
-        j = near[k]
+        j = candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
@@ -206,44 +212,49 @@ def first_hit(scene, flights, near, count, x, y, z, i, now, barred):  # type: ig
         reach = radius + other["radius"]
         excess = dx * dx + dy * dy + dz * dz - reach * reach
         square = du * du + dv * dv + dw * dw
-        likely = (1.0 + SLACK) * closing * closing - square * excess
+        likely = (1.0 + DISCRIMINANT_SLACK) * closing * closing - square * excess
         if min(-closing, likely) > 0.0:
             miss = squared_cross(dx, dy, dz, du, dv, dw)
             discriminant = square * reach * reach - miss
+            # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
             time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
-            first = time < hit_time or (time == hit_time and j < partner)
-            first = first and time < flights.next_event[j]["hit_time"] and j != barred
+            first = time < collision_time or (time == collision_time and j < partner)
+            first = first and time < flights.next_event[j]["collision_time"] and j != excluded
             real = time > now or is_resolved(trajectory, other, dx, dy, dz, closing)
             if first and discriminant > 0.0 and real:
-                hit_time = time
+                collision_time = time
                 partner = np.int64(j)
-    return hit_time, partner
+    return collision_time, partner
 
 
 @inlined
-def predict_collision(scene, cells, flights, event_queue, i, now, face, barred):  # type: ignore[no-untyped-def]
-    """Find whether particle i hits something before what it has in mind, and tell whom it hits."""
+def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded):
+    """Predict the next collision of particle i, and enter it for both partners."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     flight = now - trajectory["time"]
     x = trajectory["x"] + trajectory["u"] * flight
     y = trajectory["y"] + trajectory["v"] * flight
     z = trajectory["z"] + trajectory["w"] * flight
-    near = cells.near
+    candidates = cells.candidates
     count = neighbours_of(scene, cells, trajectory, next_event, x, y, z, face)
-    hit_time, partner = first_hit(scene, flights, near, count, x, y, z, i, now, barred)
+    collision_time, partner = first_collision(
+        scene, flights, candidates, count, x, y, z, i, now, excluded
+    )
     if partner >= 0:
-        note(flights, i, partner, hit_time)
-        note(flights, partner, i, hit_time)
-        set_time(event_queue, partner, min(hit_time, flights.next_event[partner]["turn_time"]))
+        set_prediction(flights, i, partner, collision_time)
+        set_prediction(flights, partner, i, collision_time)
+        set_time(
+            event_queue, partner, min(collision_time, flights.next_event[partner]["crossing_time"])
+        )
     if is_periodic(scene.escape) and cells.shape[OVERSIZE] > 0:
         limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now)
-    set_time(event_queue, i, min(next_event["hit_time"], next_event["turn_time"]))
+    set_time(event_queue, i, min(next_event["collision_time"], next_event["crossing_time"]))
 
 
 @inlined
-def note(flights, i, partner, hit_time):  # type: ignore[no-untyped-def]
-    """Note that particle i hits `partner` at `hit_time` in s."""
+def set_prediction(flights, i, partner, collision_time):
+    """Enter the collision of particle i with `partner` at `collision_time` in s."""
     next_event = flights.next_event[i]
-    next_event["hit_time"] = hit_time
+    next_event["collision_time"] = collision_time
     next_event["partner"] = partner
-    next_event["hit_version"] = flights.next_event[partner]["version"]
+    next_event["partner_version"] = flights.next_event[partner]["version"]

@@ -1,7 +1,7 @@
 """The steppers of the papers: equal steps [A]; the smallest gap over approach speed [B].
 
-Equal steps take the nearest neighbour of each particle in turn and merge at once, the others
-merge after all pairs.
+Equal steps take the nearest neighbour of each particle in turn and merge at once; adaptive steps
+merge after all pairs of the step.
 """
 
 import math
@@ -14,61 +14,63 @@ from agglom_mpi.simulation.boundary import separation
 from agglom_mpi.simulation.collision import BONDED, BOUNCED, merge, resolve_contact
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to, run_to_end
+from agglom_mpi.simulation.temperature import cool_over_step
 from agglom_mpi.simulation.time_driven.neighbours import (
-    MOVED,
+    CHANGED,
     find_partners,
-    note_moved,
+    mark_changed,
     squared_distance,
     update_neighbours,
     update_partner,
 )
 from agglom_mpi.simulation.time_driven.stepping import (
-    LENGTH,
-    aborted,
-    cool,
+    STEP_LENGTH,
+    begin_step,
     count_step,
     end_of_step,
     finish_step,
+    is_aborted,
     is_contact,
-    is_over,
-    move,
-    new_steps,
-    note_new,
-    note_step,
-    record_step,
+    is_step_over,
+    mark_new,
+    move_particles,
+    new_stepper_state,
+    record_frames_in_step,
     shift_apart,
 )
 
 
 @run_to_end.register(FixedSteps)
-def _fixed_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
-    steps = new_steps(particles)
+def _fixed_steps(engine, scene, particles, ledger, abort, recorder):
+    steps = new_stepper_state(particles)
     step = scene.end_time / engine.steps
     for index in range(engine.steps):
         time = index * step
-        if aborted(abort):
+        if is_aborted(abort):
             return time
         process_contacts_sequentially(scene, particles, ledger, steps, time)
-        record_step(recorder, scene, particles, time, step, (index + 1) * step)
-        move(scene, particles, step)
-        cool(scene.cooling, scene, particles, ledger, step)
+        record_frames_in_step(recorder, scene, particles, time, step, (index + 1) * step)
+        move_particles(scene, particles, step)
+        cool_over_step(scene.cooling, scene, particles, ledger, step)
     return scene.end_time
 
 
 @advance_to.register(FixedSteps)
-def _more_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
+def _advance_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):
     step = scene.end_time / engine.steps
-    while is_over(engine_state, engine_state.number[0] * step, step, until) and not aborted(abort):
+    while is_step_over(engine_state, engine_state.number[0] * step, step, until) and not is_aborted(
+        abort
+    ):
         finish_step(scene, particles, ledger, engine_state)
         time = engine_state.number[0] * step
         process_contacts_sequentially(scene, particles, ledger, engine_state, time)
-        note_step(engine_state, time, step)
+        begin_step(engine_state, time, step)
     return until
 
 
 @inlined
-def process_contacts_sequentially(scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
-    """Resolve the contacts at the beginning of a step, at `time` in s."""
+def process_contacts_sequentially(scene, particles, ledger, steps, time):
+    """Resolve the contacts at the beginning of a step, at `time` in s, one after another."""
     partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
     merged = steps.merged[0]
     count_step(particles, ledger)
@@ -84,12 +86,12 @@ def process_contacts_sequentially(scene, particles, ledger, steps, time):  # typ
 
 
 @inlined
-def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
-    """Let each particle collide with its nearest neighbour if they touch; whether any merged."""
+def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):
+    """Resolve each particle's contact with its nearest neighbour; return whether any merged."""
     merged = False
-    mass, radius, moved = particles.mass, particles.radius, neighbours.tally
+    mass, radius, counts = particles.mass, particles.radius, neighbours.counts
     for i in range(particles.size[0]):
-        if moved[MOVED] > 0:
+        if counts[CHANGED] > 0:
             if mass[i] == 0.0:  # merged in this step, or it would have been compacted
                 continue
             update_partner(scene, particles, neighbours, partner, squared, i)
@@ -104,60 +106,60 @@ def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared,
         kind = resolve_contact(scene, particles, ledger, i, j, time)
         if kind == BONDED:
             merge(scene, particles, ledger, i, j, time)
-            note_moved(neighbours, i)
+            mark_changed(neighbours, i)
             merged = True
         elif kind == BOUNCED:
-            note_new(particles, neighbours, size)
+            mark_new(particles, neighbours, size)
             shift_apart(scene, particles, i, j, math.sqrt(current), reach)
     return merged
 
 
-MOST_STEPS: Final = 10_000_000
+MAX_STEPS: Final = 10_000_000
 """Steps after which a sample fails: its floor is too small for its end time."""
 
 
 @run_to_end.register(AdaptiveSteps)
-def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):  # type: ignore[no-untyped-def]
-    steps = new_steps(particles)
+def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):
+    steps = new_stepper_state(particles)
     time = 0.0
-    while time < scene.end_time and not aborted(abort):
-        if ledger.tally[STEPS] >= MOST_STEPS:
-            ledger.tally[EXHAUSTED] = 1
+    while time < scene.end_time and not is_aborted(abort):
+        if ledger.counts[STEPS] >= MAX_STEPS:
+            ledger.counts[EXHAUSTED] = 1
             break
         step = process_contacts_simultaneously(engine, scene, particles, ledger, steps, time)
         step = min(step, scene.end_time - time)
-        record_step(recorder, scene, particles, time, step, time + step)
-        move(scene, particles, step)
-        cool(scene.cooling, scene, particles, ledger, step)
+        record_frames_in_step(recorder, scene, particles, time, step, time + step)
+        move_particles(scene, particles, step)
+        cool_over_step(scene.cooling, scene, particles, ledger, step)
         time = scene.end_time if time + step >= scene.end_time else time + step
     return time
 
 
 @advance_to.register(AdaptiveSteps)
-def _more_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):  # type: ignore[no-untyped-def]
-    while is_over(
-        engine_state, end_of_step(engine_state), engine_state.clock[LENGTH], until
-    ) and not aborted(abort):
-        if ledger.tally[STEPS] >= MOST_STEPS:
-            ledger.tally[EXHAUSTED] = 1
+def _advance_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):
+    while is_step_over(
+        engine_state, end_of_step(engine_state), engine_state.clock[STEP_LENGTH], until
+    ) and not is_aborted(abort):
+        if ledger.counts[STEPS] >= MAX_STEPS:
+            ledger.counts[EXHAUSTED] = 1
             return end_of_step(engine_state)
         finish_step(scene, particles, ledger, engine_state)
         time = end_of_step(engine_state)
         step = process_contacts_simultaneously(engine, scene, particles, ledger, engine_state, time)
-        note_step(engine_state, time, step)
+        begin_step(engine_state, time, step)
     return until
 
 
 @inlined
-def process_contacts_simultaneously(engine, scene, particles, ledger, steps, time):  # type: ignore[no-untyped-def]
-    """Resolve the contacts at the beginning of a step, at `time` in s; how long it is, in s."""
+def process_contacts_simultaneously(engine, scene, particles, ledger, steps, time):
+    """Resolve the contacts at the beginning of a step, at `time` in s; return its length in s."""
     partner, squared, neighbours = steps.partner, steps.squared, steps.neighbours
     count_step(particles, ledger)
     update_neighbours(scene, particles, neighbours, time, steps.merged[0], np.inf)
     find_partners(scene, particles, neighbours, partner, squared, np.inf)
     merged = resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time)
     update_partners(scene, particles, neighbours, partner, squared)
-    step = max(engine.floor, smallest_flight(scene, particles, partner, engine.ceiling))
+    step = max(engine.floor, shortest_time_to_contact(scene, particles, partner, engine.ceiling))
     if merged:
         compact(particles)
     steps.merged[0] = merged
@@ -165,8 +167,8 @@ def process_contacts_simultaneously(engine, scene, particles, ledger, steps, tim
 
 
 @inlined_allocating
-def resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time):  # type: ignore[no-untyped-def]
-    """Let nearest neighbours in contact collide, then merge all that bonded; whether any did."""
+def resolve_simultaneously(scene, particles, ledger, neighbours, partner, squared, time):
+    """Resolve contacts of nearest neighbours, then merge those that bonded; whether any did."""
     bonded_i = [0 for _ in range(0)]
     bonded_j = [0 for _ in range(0)]
     for i in range(particles.size[0]):
@@ -187,14 +189,14 @@ def resolve_simultaneously(scene, particles, ledger, neighbours, partner, square
             bonded_i.append(i)
             bonded_j.append(j)
         elif kind == BOUNCED:
-            note_new(particles, neighbours, size)
+            mark_new(particles, neighbours, size)
             shift_apart(scene, particles, i, j, math.sqrt(current), reach)
     merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time)
     return len(bonded_i) > 0
 
 
 @inlined_allocating
-def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):  # type: ignore[no-untyped-def]
+def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time):
     """Merge every chain of bonded pairs into its lowest particle."""
     if len(bonded_i) == 0:
         return
@@ -209,13 +211,13 @@ def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, tim
             low, high = min(i, j), max(i, j)
             merge(scene, particles, ledger, low, high, time)
             owner[high] = low
-            note_moved(neighbours, low)
+            mark_changed(neighbours, low)
 
 
 @inlined
-def update_partners(scene, particles, neighbours, partner, squared):  # type: ignore[no-untyped-def]
-    """Bring everybody's nearest neighbour up to date after the contacts of this step."""
-    if neighbours.tally[MOVED] == 0:
+def update_partners(scene, particles, neighbours, partner, squared):
+    """Update the nearest neighbour of every particle after the contacts of this step."""
+    if neighbours.counts[CHANGED] == 0:
         return
     for i in range(particles.size[0]):
         if particles.mass[i] == 0.0:
@@ -225,7 +227,7 @@ def update_partners(scene, particles, neighbours, partner, squared):  # type: ig
 
 
 @inlined
-def smallest_flight(scene, particles, partner, ceiling):  # type: ignore[no-untyped-def]
+def shortest_time_to_contact(scene, particles, partner, ceiling):
     """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
     smallest = ceiling
     escape, half, radius = scene.escape, scene.half_width, particles.radius

@@ -1,6 +1,6 @@
-"""Parts that both published steppers share: state between steps, frames, motion, cooling.
+"""Parts that both published steppers share: state between steps, frames, motion.
 
-Between stretches a step is under way: its contacts are resolved, its motion is not done.
+Between two parts of a run a step is under way: its contacts are resolved, its motion is not done.
 """
 
 import math
@@ -8,39 +8,39 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import dispatch, inlined, inlined_allocating, not_inlined
-from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, euler_step
+from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined
 from agglom_mpi.simulation.boundary import wrapped
-from agglom_mpi.simulation.particles import FLOORED, PARTICLE_STEPS, STEPS, record_cooling
+from agglom_mpi.simulation.particles import PARTICLE_STEPS, STEPS
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, copy_at, initialize
+from agglom_mpi.simulation.temperature import cool_over_step
 from agglom_mpi.simulation.time_driven.neighbours import (
     NeighbourList,
+    mark_changed,
     new_neighbour_list,
-    note_moved,
 )
-from agglom_mpi.simulation.trajectory import copy_all, finish, next_frame
+from agglom_mpi.simulation.trajectory import copy_particles, finish_frame, next_frame_time
 
-NEARLY: Final = 1e-9
+TIME_TOLERANCE: Final = 1e-9
 """Share of a step by which a time may miss its end and still be its end, by rounding."""
 
-BEGINNING: Final = 0
-LENGTH: Final = 1
-"""Places in `Steps.clock`."""
+STEP_START: Final = 0
+STEP_LENGTH: Final = 1
+"""Places in `StepperState.clock`."""
 
 
 class StepperState(NamedTuple):
-    """What both steppers keep.
+    """State of both steppers beside the particles.
 
     Attributes
     ----------
     partner, squared
-        Everybody's nearest neighbour, and the squared distance in m², shape (capacity,).
+        Nearest neighbour of each particle, and the squared distance in m², shape (capacity,).
     neighbours
         Candidate lists.
     merged, reach
         Whether the last contacts merged any, and the largest radius in m; shape (1,).
     clock
-        When the step under way began and how long it is, in s; shape (2,).
+        Beginning and length of the step under way in s; shape (2,).
     number
         Steps begun, shape (1,).
     """
@@ -55,8 +55,8 @@ class StepperState(NamedTuple):
 
 
 @inlined_allocating
-def new_steps(particles):  # type: ignore[no-untyped-def]
-    """Return what a stepper keeps before the first step."""
+def new_stepper_state(particles):
+    """Return the state of a stepper before the first step."""
     capacity = particles.mass.size
     return StepperState(
         np.empty(capacity, np.int64),
@@ -70,78 +70,79 @@ def new_steps(particles):  # type: ignore[no-untyped-def]
 
 
 @initialize.register(FixedSteps, AdaptiveSteps)
-def _before_the_first(engine, scene, particles):  # type: ignore[no-untyped-def]
-    return new_steps(particles)
+def _initialize_steps(engine, scene, particles):
+    return new_stepper_state(particles)
 
 
 @inlined
-def note_step(steps, time, length):  # type: ignore[no-untyped-def]
-    """Note that a step of `length` in s is under way since `time` in s."""
-    steps.clock[BEGINNING] = time
-    steps.clock[LENGTH] = length
+def begin_step(steps, time, length):
+    """Set the step under way: from `time` in s, of `length` in s."""
+    steps.clock[STEP_START] = time
+    steps.clock[STEP_LENGTH] = length
     steps.number[0] += 1
 
 
 @inlined
-def end_of_step(steps):  # type: ignore[no-untyped-def]
-    """When the step under way ends, in s."""
-    return steps.clock[BEGINNING] + steps.clock[LENGTH]
+def end_of_step(steps):
+    """End of the step under way in s."""
+    return steps.clock[STEP_START] + steps.clock[STEP_LENGTH]
 
 
 @inlined
-def is_over(steps, end, length, time):  # type: ignore[no-untyped-def]
-    """Whether at `time` in s the step under way, which is to `end`, is over; none always is."""
-    return time > end + NEARLY * length
+def is_step_over(steps, end, length, time):
+    """Whether the step under way, which ends at `end`, is over at `time`; s."""
+    return time > end + TIME_TOLERANCE * length
 
 
 @inlined
-def finish_step(scene, particles, ledger, steps):  # type: ignore[no-untyped-def]
-    """Let everybody move and cool to the end of the step under way, if there is one."""
+def finish_step(scene, particles, ledger, steps):
+    """Move and cool all particles to the end of the step under way, if there is one."""
     if steps.number[0] > 0:
-        move(scene, particles, steps.clock[LENGTH])
-        cool(scene.cooling, scene, particles, ledger, steps.clock[LENGTH])
+        move_particles(scene, particles, steps.clock[STEP_LENGTH])
+        cool_over_step(scene.cooling, scene, particles, ledger, steps.clock[STEP_LENGTH])
 
 
 @copy_at.register(FixedSteps, AdaptiveSteps)
-def _in_step(engine, scene, particles, engine_state, recorder, time):  # type: ignore[no-untyped-def]
-    length = engine_state.clock[LENGTH]
-    flight = time - engine_state.clock[BEGINNING]
-    if flight > (1.0 - NEARLY) * length:
+def _in_step(engine, scene, particles, engine_state, recorder, time):
+    length = engine_state.clock[STEP_LENGTH]
+    flight = time - engine_state.clock[STEP_START]
+    if flight > (1.0 - TIME_TOLERANCE) * length:
         flight = length
-    copy_in_step(recorder, scene, particles, flight)
+    copy_particles_in_step(recorder, scene, particles, flight)
 
 
 @inlined
-def record_step(recorder, scene, particles, begin, step, end):  # type: ignore[no-untyped-def]
-    """Take the frames after `begin` and up to `end` in s, between which all move for `step` in s.
+def record_frames_in_step(recorder, scene, particles, begin, step, end):
+    """Record the frames after `begin` and up to `end` in s, between which all move for `step` in s.
 
-    Those at `begin` are taken: contacts come first in a step, and a run that ends has none more.
+    Those at `begin` are stored before: contacts come first in a step, and a run that ends at
+    `begin` has none of them.
     """
     if recorder is not None:
-        time = next_frame(recorder, scene.end_time)
+        time = next_frame_time(recorder, scene.end_time)
         while time <= end:
             flight = step if time == end else min(step, time - begin)
-            take_in_step(recorder, scene, particles, flight, time)
-            time = next_frame(recorder, scene.end_time)
+            record_frame_in_step(recorder, scene, particles, flight, time)
+            time = next_frame_time(recorder, scene.end_time)
 
 
 @not_inlined
-def take_in_step(recorder, scene, particles, flight, time):  # type: ignore[no-untyped-def]
-    """Take the frame at `time` in s, to which all move for `flight` in s."""
-    copy_in_step(recorder, scene, particles, flight)
-    finish(recorder, scene, time)
+def record_frame_in_step(recorder, scene, particles, flight, time):
+    """Record the frame at `time` in s, to which all move for `flight` in s."""
+    copy_particles_in_step(recorder, scene, particles, flight)
+    finish_frame(recorder, scene, time)
 
 
 @inlined
-def copy_in_step(recorder, scene, particles, flight):  # type: ignore[no-untyped-def]
+def copy_particles_in_step(recorder, scene, particles, flight):
     """Copy the particles, and let the copies move for `flight` in s."""
-    copy = copy_all(recorder, particles)
-    move(scene, copy, flight)
-    cool(scene.cooling, scene, copy, recorder.ledger, flight)
+    copy = copy_particles(recorder, particles)
+    move_particles(scene, copy, flight)
+    cool_over_step(scene.cooling, scene, copy, recorder.ledger, flight)
 
 
 @inlined
-def shift_apart(scene, particles, i, j, distance, reach):  # type: ignore[no-untyped-def]
+def shift_apart(scene, particles, i, j, distance, reach):
     """Shift both spheres along their outgoing velocities by their share of the overlap  [A 8].
 
     `distance` of the centres and `reach`, the sum of the radii, in m, are those at contact.
@@ -161,7 +162,7 @@ def shift_apart(scene, particles, i, j, distance, reach):  # type: ignore[no-unt
 
 
 @inlined
-def move(scene, particles, step):  # type: ignore[no-untyped-def]
+def move_particles(scene, particles, step):
     """Move every particle with its velocity for `step` in s  [A 9]."""
     escape, half = scene.escape, scene.half_width
     for axis in range(3):
@@ -170,52 +171,28 @@ def move(scene, particles, step):  # type: ignore[no-untyped-def]
             r[i] = wrapped(escape, r[i] + step * v[i], half)
 
 
-@dispatch
-def cool(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
-    """Cool every particle over one step in s, where the scene cools step by step."""
-
-
-@cool.register(None, ExactCooling)
-def _nothing_to_cool(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
-    return None
-
-
-@cool.register(EulerCooling)
-def _euler_steps(cooling, scene, particles, ledger, step):  # type: ignore[no-untyped-def]
-    for i in range(particles.size[0]):
-        before = particles.temperature[i]
-        surface = 4.0 * math.pi * particles.radius[i] ** 2
-        capacity = particles.mass[i] * scene.laws.heat_capacity
-        after = euler_step(cooling.law, before, surface, capacity, step)
-        if after < 0.0:
-            ledger.tally[FLOORED] += 1
-            after = 0.0
-        record_cooling(ledger, capacity * (before - after))
-        particles.temperature[i] = after
+@inlined
+def count_step(particles, ledger):
+    """Count one time step in the ledger."""
+    ledger.counts[STEPS] += 1
+    ledger.counts[PARTICLE_STEPS] += particles.size[0]
 
 
 @inlined
-def count_step(particles, ledger):  # type: ignore[no-untyped-def]
-    """Book one time step."""
-    ledger.tally[STEPS] += 1
-    ledger.tally[PARTICLE_STEPS] += particles.size[0]
-
-
-@inlined
-def note_new(particles, neighbours, size_before):  # type: ignore[no-untyped-def]
-    """Tell the neighbour lists of the pieces appended since there were `size_before` slots."""
+def mark_new(particles, neighbours, size_before):
+    """Mark the pieces appended since there were `size_before` slots for the neighbour lists."""
     for i in range(size_before, particles.size[0]):
-        note_moved(neighbours, i)
+        mark_changed(neighbours, i)
 
 
 @inlined
-def is_contact(radius, i, j, squared):  # type: ignore[no-untyped-def]
+def is_contact(radius, i, j, squared):
     """Whether two spheres at this squared centre distance in m² touch or overlap."""
     reach = radius[i] + radius[j]
     return squared <= reach * reach
 
 
 @inlined
-def aborted(abort):  # type: ignore[no-untyped-def]
-    """Whether somebody asked this sample to stop."""
+def is_aborted(abort):
+    """Whether the run was asked to stop."""
     return abort[0] != np.uint8(0)

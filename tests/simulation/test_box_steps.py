@@ -1,4 +1,4 @@
-"""In how many stretches a box is run does not matter, and it is run as a sample is."""
+"""The number of stretches that a box is run in does not matter; it is run as a sample is."""
 
 import copy
 import pickle
