@@ -13,7 +13,7 @@ from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engin
 from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.formatting import format_digits, format_mean, format_seconds
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -97,12 +97,12 @@ def box(
             "start from different configurations, so differences are not paired there."
         ),
         figures=(
-            Picture(
+            Drawing(
                 "box_particles",
                 "Mean growth against the number of particles, with 95 % bands.",
                 lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
             ),
-            Picture(
+            Drawing(
                 "box_end_time",
                 "Mean growth against the end time, with 95 % bands.",
                 lambda figure: _draw(figure, times, "end time (s)", "end time T (s)"),

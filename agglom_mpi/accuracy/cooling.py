@@ -20,7 +20,7 @@ from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.formatting import format_digits, format_seconds
 from agglom_mpi.physics.cooling import QuarticCooling
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.scene import Scene
 
 if TYPE_CHECKING:
@@ -67,12 +67,12 @@ def cooling(scene: Scene, quick: bool = False) -> Section:
         ),
         setups=_setups(grain, scene),
         figures=(
-            Picture(
+            Drawing(
                 "cooling",
                 "Relative error of the temperature after the scene's end time against the step.",
                 lambda figure: _draw(figure, errors[errors["run"] == "end time"], "step (s)"),
             ),
-            Picture(
+            Drawing(
                 "cooling_stiff",
                 "The same after runs in which the grains cool noticeably, against the step over "
                 "its limit at the start, by the estimate. Crosses: went below 0 K on "

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglom_mpi.report.picture import COLOURS
+from agglom_mpi.report.drawing import COLOURS
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi.accuracy.section import Section, Table
-from agglom_mpi.report.picture import replace_file, write_picture
+from agglom_mpi.report.drawing import replace_file, write_drawing
 from agglom_mpi.version import __version__
 
 NAME: Final = "report.md"
@@ -36,7 +36,7 @@ def write_document(directory: Path, header: Header, parts: Sequence[Part]) -> Pa
     """
     for section in (section for part in parts for section in part.sections):
         for figure in section.figures:
-            write_picture(directory, figure)
+            write_drawing(directory, figure)
         for table in section.tables:
             replace_file(directory / f"{table.name}.csv", table.frame.to_csv(index=False).encode())
     text = "\n".join(_lines(header, parts))

@@ -19,7 +19,7 @@ from agglom_mpi.accuracy.stopping_study import (
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import search_stream
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _nothing(
     return Section(words.TITLE, words.PROBLEM, reference, setups, (), (), failures, conclusions)
 
 
-def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Picture, ...]:
+def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Drawing, ...]:
     rules = of_rules(frame)
 
     def error(figure: "matplotlib.figure.Figure") -> None:
@@ -136,9 +136,9 @@ def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Picture, .
         axes.axhline(0.95, color="0.5", linewidth=0.8)
 
     return (
-        Picture("ensemble_error", words.ERROR_CAPTION, error),
-        Picture("ensemble_belief", words.BELIEF_CAPTION, belief),
-        Picture("ensemble_coverage", words.COVERAGE_CAPTION, coverage),
+        Drawing("ensemble_error", words.ERROR_CAPTION, error),
+        Drawing("ensemble_belief", words.BELIEF_CAPTION, belief),
+        Drawing("ensemble_coverage", words.COVERAGE_CAPTION, coverage),
     )
 
 

@@ -10,7 +10,7 @@ from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.few_scenes import bonding, bouncing
 from agglom_mpi.accuracy.few_study import FULL, QUICK, orders, study
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -43,8 +43,8 @@ def few_body(quick: bool = False) -> Section:
     )
 
 
-def _figures(frame: "pd.DataFrame") -> tuple[Picture, ...]:
-    def against_step(engine: str, label: str) -> Picture:
+def _figures(frame: "pd.DataFrame") -> tuple[Drawing, ...]:
+    def against_step(engine: str, label: str) -> Drawing:
         def draw(figure: "matplotlib.figure.Figure") -> None:
             rows = frame[frame["engine"] == engine]
             curves = [
@@ -53,7 +53,7 @@ def _figures(frame: "pd.DataFrame") -> tuple[Picture, ...]:
             ]
             draw_curves(figure, curves, label, words.ERROR)
 
-        return Picture(f"few_{engine}", words.step_caption(engine), draw)
+        return Drawing(f"few_{engine}", words.step_caption(engine), draw)
 
     def cost(figure: "matplotlib.figure.Figure") -> None:
         shown = frame[frame["scene"].isin((words.TYPICAL, words.UNSEEN))]
@@ -66,7 +66,7 @@ def _figures(frame: "pd.DataFrame") -> tuple[Picture, ...]:
     return (
         against_step("fixed", "time step (s)"),
         against_step("adaptive", "shortest step (s)"),
-        Picture("few_cost", words.COST_CAPTION, cost),
+        Drawing("few_cost", words.COST_CAPTION, cost),
     )
 
 

@@ -22,7 +22,7 @@ from agglom_mpi.accuracy.impact_outcomes import (
 )
 from agglom_mpi.accuracy.section import Section, Shown, Table
 from agglom_mpi.formatting import format_digits, format_percent, format_seconds
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -50,13 +50,13 @@ def impact_solver(quick: bool = False) -> Section:
         ),
         setups=_setups(impacts),
         figures=(
-            Picture(
+            Drawing(
                 "impact_solver",
                 "Error of e against the time of an impact: medians with lines, worst without. "
                 "The three points of a line are the tolerances.",
                 lambda figure: _draw_work(figure, frame),
             ),
-            Picture(
+            Drawing(
                 "impact_solver_map",
                 f"What becomes of an impact under the iteration as published, cap {CAPS[-1]}, to "
                 f"{TOLERANCES[1]:g}. Rows are materials: the paper whose duration of contact it "

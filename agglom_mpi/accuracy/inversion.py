@@ -15,7 +15,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_duration, format_mean
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
@@ -95,7 +95,7 @@ def inversion(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
             "search are the campaign's own."
         ),
         figures=(
-            Picture(
+            Drawing(
                 "inversion",
                 "Objective of the best string against time: as the search had it, and estimated "
                 "again, with 95 % bands.",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ class Section(NamedTuple):
     title : str
     problem, reference, setups : str
         What is asked, what errors are measured against, and what was run; Markdown paragraphs.
-    figures : tuple of Picture
+    figures : tuple of Drawing
     tables : tuple of Table
     failures : tuple of str
         What did not work, one sentence each, computed from the data.
@@ -57,7 +57,7 @@ class Section(NamedTuple):
     problem: str
     reference: str
     setups: str
-    figures: tuple[Picture, ...]
+    figures: tuple[Drawing, ...]
     tables: tuple[Table, ...]
     failures: tuple[str, ...]
     conclusions: tuple[str, ...]

@@ -14,7 +14,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
 from agglom_mpi.outcome import summaries as outcomes
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -123,13 +123,13 @@ def time_integration(
             "cores of the machine at work."
         ),
         figures=(
-            Picture(
+            Drawing(
                 "time_integration",
                 "Bias of the mean growth against the time of a sample, with 95 % bands; the event "
                 "engine is the star on the zero line.",
                 lambda figure: _draw_signed(figure, frame, cost),
             ),
-            Picture(
+            Drawing(
                 "time_integration_error",
                 "The same as an error: the largest that the 95 % interval of the bias allows.",
                 lambda figure: _draw_error(figure, frame),

@@ -82,7 +82,7 @@ def _is_mistake(error: Exception) -> bool:
 
     if isinstance(error, CampaignError):
         return True
-    from agglom_mpi.report.export import ExportError
+    from agglom_mpi.report.requirements import ExportError
     from agglom_mpi.storage.access import NotACampaign  # HDF5, which `check` can do without
 
     return isinstance(error, (NotACampaign, ExportError))

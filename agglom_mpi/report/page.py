@@ -1,144 +1,244 @@
-"""What `agglom report --out DIR` writes: one web page that needs nothing else, and its figures."""
+"""The web page `report.html` with its figures, which `agglom report --out DIR` writes."""
 
+import base64
 import time
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from agglom_mpi.analysis import sensitivity as sensitivities
+from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.report import page_answer, page_run, sample_frames
-from agglom_mpi.report.export import check_directory, check_library
-from agglom_mpi.report.figures import (
-    busy,
-    convergence,
-    cost,
-    counts,
-    ensembles,
-    finalists,
-    matters,
-    parallel,
-    paths,
-    radii,
-)
-from agglom_mpi.report.html import Section, figure, figures, page, paragraph
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.outcome import COMPLETED, FAILED
+from agglom_mpi.report import page_tables, published_results
+from agglom_mpi.report.drawing import Drawing, replace_file, write_drawing
+from agglom_mpi.report.figures import FIGURES
+from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.report.material import Material, gather
-from agglom_mpi.report.picture import Picture, replace_file, write_picture
+from agglom_mpi.report.requirements import require_directory, require_library
+from agglom_mpi.report.sample_particles import (
+    RESIMULATION_SECONDS,
+    FramesUnavailableError,
+    all_stored,
+)
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.schema import FAILURE_CAPACITY
+from agglom_mpi.storage.timeouts import timed_out
 
 NAME: Final = "report.html"
+TEMPLATE: Final = "report.html.j2"
+PROVENANCE: Final = ("seed", "created", "code_version", "campaign_sha256", "sources_sha256")
+"""Attributes of the file that the page names."""
 
-WAIT: Final = (
+MAX_SVG_BYTES: Final = 400_000
+"""Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
+PIXELS_PER_INCH: Final = 120
+"""Of a figure on the page, at most."""
+WIDE: Final = 8.0
+"""Width from which a figure takes the whole width of the page, inches."""
+
+RESIMULATION_MESSAGE: Final = (
     "simulating the best string again for pictures of its particles, which are not stored; a kind "
     "of scene that was never looked at here is compiled first, once"
-)
-NO_CLOUD: Final = (
-    "No cloud of particles: pictures are not stored, and to simulate a sample again takes too long "
-    "or was not wanted. The campaign's output.frames stores some."
 )
 
 
 def write_report(
     file: CampaignData, directory: Path, simulate: bool = True, sensitivity: bool = False
 ) -> Iterator[str]:
-    """Write the page and its figures into a directory, which is made; yield lines on progress.
+    """Write the page and its figures into a directory, and yield lines on progress.
 
-    Every file is whole under its name or what it was before, and the page comes last.
+    The directory is made. Each file is complete under its name or as it was before; the page is
+    written last.
 
     Parameters
     ----------
+    file
+        Of a campaign, finished or not.
+    directory
     simulate
-        Whether particles that are not stored may be simulated again.
+        Whether particles that are not stored may be resimulated.
     sensitivity
-        Whether to find out which variables matter, which takes seconds.
+        Whether to show the sensitivities of the objective, which take seconds.
 
     Raises
     ------
     ExportError
-        If matplotlib is missing, or the directory's name is that of something else.
+        If a library is missing, or the directory's name is that of something else.
     OSError
         If it cannot be written.
     """
     begun = time.perf_counter()
-    check_library("matplotlib", "figures")
-    check_directory(directory)
+    require_library("matplotlib", "figures")
+    require_library("jinja2", "web pages")
+    require_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    writer, sections = Writer(gather(file), directory), []
-    for part in writer.sections(simulate, sensitivity):
-        if isinstance(part, str):
-            yield part
-        else:
-            sections.append(part)
-    title = str(file.attributes["title"]) or file.path.stem
-    whole = page(title, page_answer.head(writer.material), sections)
-    replace_file(directory / NAME, whole.encode())
+    material = gather(file)
+    options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
+    page = PageBuilder(material, directory, options, sensitivity)
+    for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
+        resimulates = section == "particles" and simulate and not all_stored(material)
+        if resimulates and material.best:
+            yield RESIMULATION_MESSAGE
+        page.draw(section)
+    replace_file(directory / NAME, page.render().encode())
     seconds = time.perf_counter() - begun
-    yield f"{directory / NAME}: {writer.count} figures as PNG and SVG, {seconds:.1f} s"
+    yield f"{directory / NAME}: {page.figure_count} figures as PNG and SVG, {seconds:.1f} s"
 
 
-class Writer:
-    """Writes the figures of a campaign and makes the sections of its page."""
+class EmbeddedFigure(NamedTuple):
+    """A figure in the page.
 
-    def __init__(self, material: Material, directory: Path) -> None:
-        self.material = material
-        self.count = 0
+    Attributes
+    ----------
+    name, caption
+    source
+        The image as a `data:` URI.
+    width
+        Largest width on the page, pixels.
+    wide
+        Whether it takes the whole width of the page.
+    """
+
+    name: str
+    caption: str
+    source: str
+    width: int
+    wide: bool
+
+
+def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
+    """Return a figure that was written into a directory as the page holds it."""
+    content, kind = (directory / f"{drawing.name}.svg").read_bytes(), "svg+xml"
+    if len(content) > MAX_SVG_BYTES:
+        content, kind = (directory / f"{drawing.name}.png").read_bytes(), "png"
+    source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    width = drawing.size[0]
+    return EmbeddedFigure(
+        drawing.name, drawing.caption, source, round(PIXELS_PER_INCH * width), width >= WIDE
+    )
+
+
+class PageBuilder:
+    """Writes the figures of a campaign into a directory, and makes its page of them.
+
+    Attributes
+    ----------
+    figure_count
+        Figures written so far.
+    """
+
+    def __init__(
+        self, material: Material, directory: Path, options: FigureOptions, sensitivity: bool
+    ) -> None:
+        self.figure_count = 0
+        self._material = material
         self._directory = directory
+        self._options = options
+        self._sensitivity = sensitivity
+        self._figures: dict[str, list[EmbeddedFigure]] = {}
+        self._frames_unavailable = ""
 
-    def sections(self, simulate: bool, sensitivity: bool) -> Iterator[Section | str]:
-        """Yield the sections in order, and lines on what takes long."""
-        material = self.material
-        yield Section(
-            "answer",
-            "Best strings",
-            page_answer.best_strings(material) + self.draw(finalists.pictures(material)),
+    def draw(self, section: str) -> None:
+        """Write the figures of a section of the page that have something to show."""
+        shown = self._figures.setdefault(section, [])
+        for figure in FIGURES.values():
+            if figure.section != section or (figure.on_request and not self._sensitivity):
+                continue
+            try:
+                drawing = figure.drawing(self._material, self._options)
+            except FramesUnavailableError as error:
+                self._frames_unavailable = str(error)
+                continue
+            if drawing is not None:
+                write_drawing(self._directory, drawing)
+                shown.append(embedded(self._directory, drawing))
+                self.figure_count += 1
+
+    def render(self) -> str:
+        """Return the page with the figures drawn so far, as HTML."""
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+        environment = Environment(
+            loader=FileSystemLoader(Path(__file__).parent),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
         )
-        search = self._several(convergence, paths, parallel, cost)
-        if sensitivity:
-            search += self._sensitivity()
-        yield Section("search", "Search", search or paragraph("No generation is done yet."))
-        if simulate and material.best and not sample_frames.all_stored(material):
-            yield WAIT
-        yield Section("particles", "Particles", self._particles(simulate))
-        samples = self._several(ensembles, counts)
-        yield Section("samples", "Samples", samples or paragraph("No string is judged yet."))
-        yield Section("tables", *page_answer.tables_of_papers(material))
-        yield Section("run", "Run", self._several(busy) + page_run.legs(material))
-        yield Section("scene", "What the scene left out", page_run.left_out(material))
-        yield Section("ledger", "Worst samples of the ledger", page_run.ledger(material))
-        yield Section("failures", "Failures", page_run.failures(material))
-        yield Section("origin", "Where this is from", page_run.provenance(material))
+        environment.globals["pluralise"] = pluralise
+        return environment.get_template(TEMPLATE).render(self._content())
 
-    def draw(self, pictures: Iterable[Picture]) -> str:
-        """Write pictures, and return them as HTML, side by side where there is room."""
-        parts = []
-        for picture in pictures:
-            write_picture(self._directory, picture)
-            parts.append(figure(self._directory, picture))
-            self.count += 1
-        return figures(parts)
+    def _content(self) -> dict[str, Any]:
+        """Return the variables of the template."""
+        material, samples = self._material, self._material.samples
+        file = material.file
+        completed = int((samples["state"] == COMPLETED).sum())
+        return {
+            "title": str(file.attributes["title"]) or file.path.stem,
+            "file_name": file.path.name,
+            "status": material.status,
+            "generations": len(material.generations),
+            "judged": len(material.results),
+            "samples_used": int(material.results["samples_used"].sum()),
+            "simulated": len(samples),
+            "figures": self._figures,
+            "frames_unavailable": self._frames_unavailable,
+            "sensitivity": self._sensitivity,
+            "best": page_tables.best_strings(material) if material.best else None,
+            "comparison": comparison_lines(material),
+            "estimated": bool(material.estimates),
+            "paper": published_results.matching_paper(material.identity),
+            "paper_tables": published_results.comparison_tables(material),
+            "legs": page_tables.legs(material) if len(material.legs) else None,
+            "completed": completed,
+            "ledger": page_tables.ledger(material) if completed else None,
+            "damaged": file.damaged,
+            "provenance": {
+                name: file.attributes[name] for name in PROVENANCE if name in file.attributes
+            },
+            "campaign_text": file.campaign_text,
+            **scene_content(material),
+            **failure_content(material),
+        }
 
-    def _several(self, *modules: Any) -> str:
-        return self.draw(chain.from_iterable(each.pictures(self.material) for each in modules))
 
-    def _sensitivity(self) -> str:
-        names, found = sensitivities.sensitivity_of(self.material.file)
-        if found is None:
-            return paragraph("Sensitivity: too few strings, or all of them are worth the same.")
-        return self.draw([matters.picture_of(names, found)])
+def comparison_lines(material: Material) -> list[str]:
+    """Return what may be said of the order of the best strings, a sentence a line."""
+    if not material.best:
+        return []
+    shown = material.best[: page_tables.BEST]
+    estimated = {estimate.string for estimate in material.estimates}.intersection(shown)
+    paired = PairedSamples.of_file(material.file, material.samples, material.estimates)
+    return list(in_words(verdict(material.estimates, paired), shown, len(estimated)))
 
-    def _particles(self, simulate: bool) -> str:
-        material = self.material
-        if not material.best:
-            return paragraph("No string has a result yet.")
-        seconds = sample_frames.SECONDS if simulate else 0.0
-        best, film, why = material.best[0], None, NO_CLOUD
-        try:
-            film = sample_frames.frames_of(material, best, seconds)
-        except (CampaignError, RuntimeError) as error:
-            why = f"No pictures of a sample: {error}"
-        shown = sample_frames.final_radii(material, best, seconds)
-        both = chain(
-            radii.pictures(shown, material.target), sample_frames.cloud_pictures(material, film)
-        )
-        return self.draw(both) + ("" if film else paragraph(why))
+
+def scene_content(material: Material) -> dict[str, Any]:
+    """Return what the template says of the scene: its submodels, and what it leaves out."""
+    try:
+        first, *rest = sections(material.campaign)
+    except CampaignError as error:
+        return {"unreadable": str(error)}
+    headings = dict(rest)
+    left_out, submodels = headings.pop("Left out"), headings.pop("Submodels")
+    return {
+        "unreadable": "",
+        "left_out": left_out,
+        "submodels": submodels,
+        "campaign_sections": [first, *headings.items()],
+    }
+
+
+def failure_content(material: Material) -> dict[str, Any]:
+    """Return what the template says of the samples that failed."""
+    failed = material.samples[material.samples["state"] == FAILED]
+    late = timed_out(material.failures, material.samples)
+    return {
+        "failed": page_tables.failed_samples(material, failed),
+        "timed_out": len(late),
+        "failure_texts": len(material.failures),
+        "failure_texts_full": len(material.failures) == FAILURE_CAPACITY,
+    }

@@ -7,7 +7,7 @@ from matplotlib.image import imread
 from agglom_mpi.accuracy.curves import Curve, draw_curves
 from agglom_mpi.accuracy.document import Header, Part, write_document
 from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
 
@@ -23,7 +23,7 @@ SECTION = Section(
     problem="What do steps cost?",
     reference="None.",
     setups="Two.",
-    figures=(Picture("steps", "Error against steps.", draw),),
+    figures=(Drawing("steps", "Error against steps.", draw),),
     tables=(
         Table("steps", "One row is one step.", FRAME, (Shown("step", lambda r: f"{r.iloc[0]}|"),)),
         Table("hidden", "Not shown.", FRAME),

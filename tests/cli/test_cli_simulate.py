@@ -7,7 +7,7 @@ import pytest
 from campaign_runs import QUICKSTART, SMALL, write_campaign
 
 from agglom_mpi import load_campaign, open_campaign
-from agglom_mpi.report import forward as module
+from agglom_mpi.report import simulate as module
 from agglom_mpi.variables import NAMES
 
 

@@ -1,3 +1,5 @@
+import dataclasses
+import importlib.util
 import re
 import shutil
 
@@ -11,10 +13,10 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.report import page as page_module
-from agglom_mpi.report import sample_frames as again
-from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.material import gather
 from agglom_mpi.report.page import write_report
+from agglom_mpi.report.requirements import ExportError
+from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.storage.schema import sample_dtype
@@ -95,12 +97,12 @@ def sketched(monkeypatch):
     """Draw all figures, and write something much smaller than them."""
     from matplotlib.figure import Figure
 
-    def write(directory, picture):
-        picture.draw(Figure(figsize=picture.size))
+    def write(directory, drawing):
+        drawing.draw(Figure(figsize=drawing.size))
         for suffix in ("png", "svg"):
-            (directory / f"{picture.name}.{suffix}").write_text(picture.name)
+            (directory / f"{drawing.name}.{suffix}").write_text(drawing.name)
 
-    monkeypatch.setattr(page_module, "write_picture", write)
+    monkeypatch.setattr(page_module, "write_drawing", write)
 
 
 @pytest.mark.parametrize("simulate", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -213,7 +215,9 @@ def test_a_report_that_fails_leaves_the_old_page_and_no_pieces(finished, tmp_pat
     def fail(*arguments):
         raise OSError(28, "No space left on device", "busy.png")
 
-    monkeypatch.setattr(page_module.busy, "draw_busy", fail)
+    figures = page_module.FIGURES
+    broken = {**figures, "busy": dataclasses.replace(figures["busy"], draw=fail)}
+    monkeypatch.setattr(page_module, "FIGURES", broken)
     with pytest.raises(OSError, match="No space left"):
         report(finished, out)
     assert (out / "report.html").read_text() == "old"
@@ -226,9 +230,15 @@ def test_what_is_no_directory_is_refused(finished, tmp_path):
         report(finished, tmp_path / "out")
 
 
-def test_without_matplotlib_one_message_says_what_to_install(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ExportError, match=re.escape("pip install 'agglom_mpi[report]'")):
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+def test_without_a_library_one_message_says_what_to_install(
+    finished, tmp_path, monkeypatch, library
+):
+    find = importlib.util.find_spec
+    without = lambda name, *rest: None if name == library else find(name, *rest)  # noqa: E731
+    monkeypatch.setattr(importlib.util, "find_spec", without)
+    message = rf"need {library}: pip install 'agglom_mpi\[report\]'"
+    with pytest.raises(ExportError, match=message):
         report(finished, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -271,11 +281,11 @@ def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
     material = gather(open_campaign(tmp_path / "kept.h5"))
-    stored = again.final_radii(material, material.best[0])
+    stored = final_radii(material, material.best[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = again.final_radii(gather(open_campaign(plain)), material.best[0])
+    simulated = final_radii(gather(open_campaign(plain)), material.best[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central
