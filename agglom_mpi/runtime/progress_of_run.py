@@ -15,7 +15,7 @@ def of_search(
 ) -> Progress:
     """Tell how far the search is; `in_flight` samples are with the ranks."""
     stage = work.stage(inversion)
-    left = (
+    remaining = (
         remaining_in_turns(recorder.laps, stage.total - stage.done, recorder.lap)
         if stage.in_turns
         else None
@@ -25,8 +25,8 @@ def of_search(
         total=stage.total,
         unit=stage.unit,
         strings_open=len(inversion.live),
-        left=left,
-        at_most=stage.may_end_sooner,
+        remaining=remaining,
+        may_end_sooner=stage.may_end_sooner,
     )
 
 
@@ -40,7 +40,7 @@ def of_post_stage(
         done=stage.done,
         total=stage.total,
         unit=stage.unit,
-        left=remaining_by_work(recorder.fresh_costs, done, rest, time.monotonic() - begun),
+        remaining=remaining_by_work(recorder.fresh_costs, done, rest, time.monotonic() - begun),
     )
 
 
