@@ -154,7 +154,7 @@ class FileProgress:
         return progress._replace(done=self.news.pictures, total=total, unit="pictures")
 
     def _searched(self, fresh: np.ndarray) -> bool:
-        """Return whether the search is over; if --generations ended it, only fresh samples show it."""
+        """Return whether the search is over; after --generations, only fresh samples show it."""
         generations, samples = self.news.generations, self.news.samples
         if not len(generations):
             return False
@@ -200,6 +200,5 @@ def silence_note(since: float, now: float) -> str:
     clock = time.strftime(
         "%H:%M:%S" if now - since < 43200.0 else "%Y-%m-%d %H:%M", time.localtime(since)
     )
-    return (
-        f"nothing has changed since {clock}, for {format_rounded(now - since, 1)}: was it killed?"
-    )
+    duration = format_rounded(now - since, 1)
+    return f"nothing has changed since {clock}, for {duration}: was it killed?"

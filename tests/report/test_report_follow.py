@@ -40,6 +40,17 @@ from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.writer import CampaignWriter
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
+SHOWN_BY_BOTH = (
+    "done",
+    "total",
+    "unit",
+    "samples",
+    "strings_open",
+    "failed",
+    "best",
+    "may_end_sooner",
+)
+"""Attributes of a progress that a file shows exactly."""
 AGGLOM = str(Path(sys.executable).parent / "agglom")
 
 
@@ -62,8 +73,8 @@ def carried_out(tmp_path_factory):
 
         def tick(self, progress):
             writer.flush()
-            pairs.append((progress, follower.read(time.time())))
-            if len(follower.news.generations) == 1:
+            pairs.append((progress, reader.read(time.time())))
+            if len(reader.news.generations) == 1:
                 shutil.copy(path, folder / "killed.h5")
 
     file = prepare(path, work, accept_code_change=False)
@@ -76,10 +87,10 @@ def carried_out(tmp_path_factory):
         runner.warm_up()
         writer.begin_leg(**leg_fields(1, ""))
         writer.set_status("running")
-        follower = FileProgress(open_campaign(path))
+        reader = FileProgress(open_campaign(path))
         pool = WorkerPool(runner, None)
         coordinator.wind_up(pool, coordinator.run(pool, StopRequest(None)))
-    return folder, follower, pairs
+    return folder, reader, pairs
 
 
 @pytest.fixture
@@ -192,8 +203,8 @@ def test_a_run_that_is_told_to_stop_is_followed_to_its_exit_code(tmp_path, follo
 def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_followed(folder):
     path = folder / "brief.h5"
     last = open_campaign(path).all_sample_rows()["finished"].max()
-    follower = FileProgress(open_campaign(path))
-    at_once, later = follower.read(last), follower.read(last + 300.0)
+    reader = FileProgress(open_campaign(path))
+    at_once, later = reader.read(last), reader.read(last + 300.0)
     assert at_once.note == ""
     clock = time.strftime("%H:%M:%S", time.localtime(last))
     assert re.match(
@@ -202,18 +213,18 @@ def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_follo
     assert later.remaining is None
     assert later.rate == pytest.approx(at_once.rate), "silence is no time of work"
     finish(folder, "brief.yaml")
-    after = follower.read(time.time())
+    after = reader.read(time.time())
     assert after.note == ""
-    assert follower.news.status.state == "finished"
-    assert [summary.generation for summary in follower.new_generations()][-1] == 3
+    assert reader.news.status.state == "finished"
+    assert [summary.generation for summary in reader.new_generations()][-1] == 3
 
 
 def test_rows_read_one_after_the_other_are_those_of_the_file(carried_out):
-    folder, follower, pairs = carried_out
+    folder, reader, pairs = carried_out
     assert len({read.samples for _, read in pairs}) > 5
-    follower.read(time.time())
+    reader.read(time.time())
     rows = open_campaign(folder / "brief.h5").all_sample_rows()
-    found = np.sort(follower.news.samples, order=["string", "sample"])
+    found = np.sort(reader.news.samples, order=["string", "sample"])
     for name in found.dtype.names:
         assert found[name].tolist() == rows[name].tolist()
 
@@ -229,17 +240,7 @@ def test_the_file_shows_the_progress_that_rank_0_shows(carried_out):
     for known, read in pairs:
         if known.unit == "fresh samples" and known.done == 0:
             continue  # that the search is over is not in the file before the first of them
-        names = (
-            "done",
-            "total",
-            "unit",
-            "samples",
-            "strings_open",
-            "failed",
-            "best",
-            "may_end_sooner",
-        )
-        for name in names:
+        for name in SHOWN_BY_BOTH:
             assert getattr(known, name) == getattr(read, name), name
         assert (known.remaining is None) == (read.remaining is None)
 
