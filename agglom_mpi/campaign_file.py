@@ -197,8 +197,8 @@ class CampaignFile(CampaignData):
     def plot_cloud(self, string: int | None = None, figure: Any = None) -> Any:
         """Draw the particles of a sample at successive times ([B] fig. 5).
 
-        Frames that are not stored are resimulated; the first time that a kind of scene is
-        looked at, it is compiled, 20 s or more.
+        Frames that are not stored are resimulated; the first time, the kind of scene is compiled,
+        which takes 20 s or more.
 
         Parameters
         ----------

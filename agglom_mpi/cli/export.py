@@ -1,4 +1,4 @@
-"""`agglom export`: a campaign file in another form."""
+"""`agglom export`: write a campaign file in another form."""
 
 from pathlib import Path
 
@@ -41,7 +41,8 @@ from agglom_mpi.cli.options import PATH, examples
 @click.option(
     "--frames",
     type=click.IntRange(1),
-    help="Simulate the sample again, and take so many frames.  [default: those stored, or 101]",
+    help="Simulate the sample again, and take this number of frames.  "
+    "[default: those stored, or 101]",
 )
 @exits
 def export(

@@ -1,4 +1,4 @@
-"""`agglom report`: what campaign files found."""
+"""`agglom report`: the results of campaign files, in a terminal or as a web page."""
 
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,15 @@ from agglom_mpi.exit_codes import INTERRUPTED
 @click.option(
     "--stored-only",
     is_flag=True,
-    help="With --out: particles that are not stored are not simulated again.",
+    help="With --out: do not simulate particles again that are not stored.",
 )
 @click.option(
-    "--sensitivity", is_flag=True, help="Also which variables matter, by a regression; seconds."
+    "--sensitivity",
+    is_flag=True,
+    help="Also the sensitivity to each variable, by a regression; takes seconds.",
 )
 @JSON
-@click.option("--follow", is_flag=True, help="First show how its run goes, until it ends.")
+@click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
 @exits
 def report(
     files: tuple[str, ...],
@@ -46,9 +48,9 @@ def report(
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
     They are ranked by their re-estimates on fresh samples, where there are any. Several files are
-    compared by their best strings. The web page needs nothing but itself; existing files are
-    replaced only if they have the names of its own. Exit codes with --follow are those of the run,
-    and 130 after Ctrl-C, which does not touch it.
+    compared by their best strings. The web page is a single file; in DIR, only files with the names
+    of the page and its figures are replaced. With --follow, exit codes are those of the run, and
+    130 after Ctrl-C, which does not stop the run.
     """
     options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
     for option, given in options.items():
@@ -62,7 +64,7 @@ def report(
     if code == INTERRUPTED:
         return code
     if out is not None:
-        _page(files[0], out, not stored_only, sensitivity)
+        _write_page(files[0], out, not stored_only, sensitivity)
         return code
     from agglom_mpi.display.display import print_wide
 
@@ -73,42 +75,42 @@ def report(
 
 
 def _follow(file: str) -> int:
-    """Show how a run goes until it ends; its exit code, or `INTERRUPTED`."""
+    """Show the progress of a run until it ends, and return its exit code or `INTERRUPTED`."""
     from agglom_mpi.report.follow import follow
     from agglom_mpi.storage.reader import read_inversion
 
     return follow(read_inversion(file))
 
 
-def _page(file: str, out: Path, again: bool, sensitivity: bool) -> None:
-    """Write the web page of a file, and say so."""
+def _write_page(file: str, out: Path, simulate: bool, sensitivity: bool) -> None:
+    """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
     from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(read_inversion(file), out, again, sensitivity):
+    for line in write_report(read_inversion(file), out, simulate, sensitivity):
         click.echo(line)
 
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
-    """Return what one file found, to be printed."""
+    """Return the summary of a file, to be printed."""
     from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
     from agglom_mpi.storage.reader import read_inversion
 
-    opened, more = read_inversion(file), None
+    opened, indices = read_inversion(file), None
     if sensitivity:
-        from agglom_mpi.analysis import sensitivity as matters
+        from agglom_mpi.analysis import sensitivity as analysis
 
-        more = matters.sensitivity_of(opened)
+        indices = analysis.sensitivity_of(opened)
     if as_json:
-        extra = {} if more is None else {"sensitivity": matters.as_dict(*more)}
+        extra = {} if indices is None else {"sensitivity": analysis.as_dict(*indices)}
         return as_text(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(summarise(opened), *([] if more is None else [matters.in_words(*more)]))
+    return Group(summarise(opened), *([] if indices is None else [analysis.in_words(*indices)]))
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
-    """Return what several files found, to be printed."""
+    """Return the comparison of several files, to be printed."""
     from agglom_mpi.analysis import file_comparison as comparison
     from agglom_mpi.storage.reader import read_inversion
 

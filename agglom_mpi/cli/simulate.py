@@ -1,4 +1,4 @@
-"""`agglom simulate`: one parameter string forward, or a recorded one again."""
+"""`agglom simulate`: simulate one parameter string, or a recorded one again."""
 
 from pathlib import Path
 
@@ -28,13 +28,13 @@ from agglom_mpi.cli.options import ALLOW_CODE, JSON, PATH, SETTINGS, examples
 @click.option(
     "--frames",
     type=click.IntRange(2),
-    help="Look at one sample, the first or --sample, at so many times.",
+    help="Number of frames to take of one sample, the first or --sample.",
 )
 @click.option(
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Directory of its pictures, PNG and SVG, and of its file for ParaView.",
+    help="Directory of its figures, PNG and SVG, and of its file for ParaView.",
 )
 @ALLOW_CODE
 @JSON

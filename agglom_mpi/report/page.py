@@ -40,8 +40,8 @@ WIDE: Final = 8.0
 """Width from which a figure takes the whole width of the page, inches."""
 
 RESIMULATION_MESSAGE: Final = (
-    "simulating the best string again for pictures of its particles, which are not stored; a kind "
-    "of scene that was never looked at here is compiled first, once"
+    "simulating the best string again for pictures of its particles, which are not stored; the "
+    "first time, its kind of scene is compiled"
 )
 
 

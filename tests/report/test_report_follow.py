@@ -121,7 +121,7 @@ def generations_in(path):
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Return a function that follows a campaign, and calls another one after its first look."""
+    """Return a function that follows a campaign, and calls another one after its first reading."""
 
     def result(path, then):
         actions = [then]
@@ -253,7 +253,7 @@ def test_a_finished_file_is_shown_at_once(finished, capsys):
 
 
 def test_reading_takes_a_small_share_of_the_time(finished, monkeypatch):
-    """A file that takes long to look at is looked at less often."""
+    """A file that takes long to read is read less often."""
     clock, naps = [0.0], []
 
     class Slow(FileProgress):

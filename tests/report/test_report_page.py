@@ -37,7 +37,7 @@ FIGURES = {
 
 
 def report(path, directory, **options):
-    """Write the report of a file; its page."""
+    """Write the report of a file, and return its page."""
     options = {"simulate": False} | options
     lines = list(write_report(open_campaign(path), directory, **options))
     assert lines[-1].startswith(f"{directory / 'report.html'}: ")
@@ -106,7 +106,7 @@ def sketched(monkeypatch):
 
 
 @pytest.mark.parametrize("simulate", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_the_page_and_its_figures_are_complete_and_need_nothing_else(finished, tmp_path, simulate):
+def test_the_page_and_its_figures_are_complete_and_self_contained(finished, tmp_path, simulate):
     page = report(finished, tmp_path / "out", simulate=simulate)
     wanted = FIGURES if simulate else FIGURES - {"cloud"}
     assert figures(page) == wanted
@@ -122,7 +122,7 @@ def test_the_page_and_its_figures_are_complete_and_need_nothing_else(finished, t
 
 
 @pytest.mark.usefixtures("sketched")
-def test_without_particles_the_mean_radii_of_samples_are_shown_and_said(finished, tmp_path):
+def test_without_particles_the_mean_radii_of_samples_are_shown_instead(finished, tmp_path):
     page = report(finished, tmp_path / "out")
     assert "particles are not stored" in page
     assert "No cloud of particles" in page
@@ -181,7 +181,7 @@ def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_damaged_campaign_text_is_said(copy, tmp_path):
+def test_a_damaged_campaign_text_is_reported(copy, tmp_path):
     with h5py.File(copy, "r+") as file:
         file.attrs["campaign"] = "scene: [nonsense"
     page = report(copy, tmp_path / "out", simulate=True)
@@ -270,7 +270,7 @@ def test_options_that_do_not_go_together_are_refused(finished, words, message):
     assert message in done.stderr
 
 
-def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
+def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     path = write_campaign(
         tmp_path / "kept.yaml", generations=1, max_samples=5, population=4, parents=2
     )

@@ -12,7 +12,7 @@ from agglom_mpi.simulation.frames import new_frames
 
 
 def some_frames(counts, grains):
-    """Return frames of so many particles each, of everything another number."""
+    """Return frames with `counts` particles, whose values all differ."""
     random = np.random.default_rng(len(counts))
     frames = new_frames(np.cumsum(random.random(len(counts))), grains)
     for f, count in enumerate(counts):

@@ -40,7 +40,7 @@ def two_and_one():
     return frames
 
 
-def test_an_evolution_is_told_in_the_frame_of_the_mean_flow_and_by_mass():
+def test_an_evolution_is_in_the_frame_of_the_mean_flow_and_by_mass():
     run = evolution(two_and_one())
     assert run.particles.tolist() == [2, 1]
     assert run.mean_radius_ratio.tolist() == [1.0, 1.6]

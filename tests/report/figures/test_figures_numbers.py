@@ -187,7 +187,7 @@ def test_the_published_strings_lie_in_the_papers_boxes():
     ("value", "said"),
     [(0.0, "0 s"), (0.0123, "12.3 ms"), (999.7, "1 ks"), (1e-6, "1 µs"), (3e-20, "3e-20 s")],
 )
-def test_a_quantity_is_said_in_the_multiple_that_suits_it(value, said):
+def test_a_quantity_has_the_prefix_that_suits_it(value, said):
     assert value_with_prefix(value, "s") == said
 
 
