@@ -1,24 +1,27 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from agglom_mpi.analysis import tables
-from agglom_mpi.analysis.estimates import estimates_in
-from agglom_mpi.analysis.ranking import own_order, ranking
+from agglom_mpi.analysis.estimates import estimates_of
+from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 
 if TYPE_CHECKING:
     import pandas as pd
 
+T = TypeVar("T")
+
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
 
 class CampaignFile(CampaignData):
-    """What is in a campaign file now.
+    """What is in a campaign file now: every call reads it anew.
 
     Methods return numpy rows as they are stored (columns in `storage.schema`); properties are
     pandas tables with units in `.attrs["units"]`.
@@ -28,6 +31,23 @@ class CampaignFile(CampaignData):
     there is nothing to show yet, the axes say so. An ImportError says how to install matplotlib
     where it is missing.
     """
+
+    def snapshot(self) -> CampaignData:
+        """Return the rows as they are now, which the file of a running campaign goes on from."""
+        return CampaignData(self.path, self.attributes)
+
+    def rows(self, table: str) -> np.ndarray:
+        """Read the rows of a table, (n,), in the order of their places."""
+        return self.snapshot().rows(table)
+
+    def derived(self, compute: Callable[[CampaignData], T]) -> T:
+        """Return `compute` of the rows as they are now."""
+        return compute(self.snapshot())
+
+    @property
+    def damaged(self) -> int:
+        """Number of rows that are marked final but have a wrong checksum; they count as absent."""
+        return self.snapshot().damaged
 
     @property
     def strings(self) -> "pd.DataFrame":
@@ -42,7 +62,7 @@ class CampaignFile(CampaignData):
         >>> bool((strings["samples_used"] <= 30).all())
         True
         """
-        return tables.table_of(self, "strings")
+        return tables.table_of(self.snapshot(), "strings")
 
     @property
     def samples(self) -> "pd.DataFrame":
@@ -58,7 +78,7 @@ class CampaignFile(CampaignData):
         >>> len(ratios.mean())
         6
         """
-        return tables.table_of(self, "samples")
+        return tables.table_of(self.snapshot(), "samples")
 
     @property
     def estimates(self) -> "pd.DataFrame":
@@ -67,7 +87,7 @@ class CampaignFile(CampaignData):
         `objective`, `standard_error` and the 95 % interval `lower` to `upper` are of the fresh
         samples; the search's own, biased, are `searched_objective` and `searched_standard_error`.
         """
-        return tables.table_of(self, "estimates")
+        return tables.table_of(self.snapshot(), "estimates")
 
     @property
     def generations(self) -> "pd.DataFrame":
@@ -80,12 +100,12 @@ class CampaignFile(CampaignData):
         >>> generations["generation"].tolist()
         [0, 1, 2]
         """
-        return tables.table_of(self, "generations")
+        return tables.table_of(self.snapshot(), "generations")
 
     @property
     def variables(self) -> "pd.DataFrame":
         """One row for each variable that the campaign uses: its unit and box."""
-        return tables.table_of(self, "variables")
+        return tables.table_of(self.snapshot(), "variables")
 
     def best(self, k: int = 1) -> "pd.DataFrame":
         """Best k judged strings, by their re-estimates on fresh samples where there are any.
@@ -103,16 +123,13 @@ class CampaignFile(CampaignData):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        samples = self.all_sample_rows()
-        table = tables.strings(
-            self.string_rows(), self.result_rows(), self.variable_rows(), samples
-        )
-        again = estimates_in(self, samples)
+        data = self.snapshot()
+        table, estimates = tables.strings(data), estimates_of(data)
         judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
-        own = own_order(self, self.result_rows())
-        order = [string for string in ranking(own, again) if string in judged]
+        own = search_order(data, data.result_rows())
+        order = [string for string in order_by_estimates(own, estimates) if string in judged]
         frame = table.set_index("string", drop=False).loc[order[:k]].reset_index(drop=True)
-        values = {estimate.string: estimate.objective for estimate in again}
+        values = {estimate.string: estimate.objective for estimate in estimates}
         frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]
         frame.attrs["units"] = table.attrs["units"] | {"estimate": "1"}
         return frame
@@ -315,9 +332,8 @@ class CampaignFile(CampaignData):
         require_library("matplotlib", "figures")
         from agglom_mpi.report.figures import FIGURES
         from agglom_mpi.report.figures.figure import FigureOptions
-        from agglom_mpi.report.material import gather
 
-        return FIGURES[name].plot(gather(self), target, FigureOptions(string))
+        return FIGURES[name].plot(self.snapshot(), target, FigureOptions(string))
 
 
 def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:

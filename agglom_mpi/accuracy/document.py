@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi.accuracy.section import Section, Table
-from agglom_mpi.report.drawing import replace_file, write_drawing
+from agglom_mpi.report.drawing import write_drawing
+from agglom_mpi.storage.files import replace_file
 from agglom_mpi.version import __version__
 
 NAME: Final = "report.md"

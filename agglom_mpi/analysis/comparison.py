@@ -1,4 +1,4 @@
-"""Comparison of strings and of files: paired and Welch tests with Holm."""
+"""Comparison of strings: paired and Welch tests with Holm's correction."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,13 +17,13 @@ from agglom_mpi.storage.reader import CampaignData
 
 
 class SampleValues(NamedTuple):
-    """Completed samples of a string.
+    """The completed samples of a string.
 
     Attributes
     ----------
     numbers : array of int64, shape (n,), ascending
     values : array, shape (n,)
-        What each adds to the objective, which is their mean (delta method).
+        Contribution of each to the objective, which is their mean (delta method).
     """
 
     numbers: NDArray[np.int64]
@@ -31,39 +31,38 @@ class SampleValues(NamedTuple):
 
 
 class PairedSamples:
-    """Samples by string; those with the same number start from the same random numbers.
+    """Samples of several strings; those with the same number start from the same configuration.
 
     Parameters
     ----------
     samples
-        Of each string.
+        By string.
     """
 
     def __init__(self, samples: Mapping[int, SampleValues]) -> None:
         self._samples = samples
 
     @classmethod
-    def of_file(
-        cls, file: CampaignData, rows: NDArray[np.void], estimates: Iterable[Estimate]
-    ) -> Self | None:
-        """Take the fresh samples behind estimates from all rows of a file's `/samples`.
+    def behind(cls, estimates: Iterable[Estimate], data: CampaignData) -> Self | None:
+        """Return the fresh samples behind estimates; None if strings do not share configurations.
 
-        None if its strings have configurations of their own.
+        They do if the campaign has `common_configurations`.
         """
-        if not file.identity.get("ensemble.common_configurations", False):
+        if not data.identity.get("ensemble.common_configurations", False):
             return None
-        fresh = rows[(rows["sample"] >= file.fresh_from) & (rows["state"] == COMPLETED)]
-        law = objective_of(file)
+        fresh = data.fresh_samples
+        fresh = fresh[fresh["state"] == COMPLETED]
+        law = objective_of(data)
         strings = [estimate.string for estimate in estimates if estimate.known]
-        return cls({i: numbered(law, fresh[fresh["string"] == i]) for i in strings})
+        return cls({i: sample_values(law, fresh[fresh["string"] == i]) for i in strings})
 
     def difference(self, one: int, other: int) -> MeanEstimate:
-        """Objective of one string minus that of another, over the samples that both have."""
+        """Return the objective of `one` minus that of `other`, over the samples that both have."""
         numbers = self._shared([one, other])
         return mean_of(self._values(one, numbers) - self._values(other, numbers))
 
     def average(self) -> MeanEstimate:
-        """Objective of all strings on average, over the samples that all have."""
+        """Return the mean objective of all strings, over the samples that all have."""
         strings = list(self._samples)
         numbers = self._shared(strings)
         return mean_of(np.mean([self._values(string, numbers) for string in strings], axis=0))
@@ -76,33 +75,34 @@ class PairedSamples:
         return sampled.values[np.searchsorted(sampled.numbers, numbers)]
 
 
-def numbered(law: Objective, rows: NDArray[np.void]) -> SampleValues:
-    """Take completed rows of `/samples` of one string, by number, as an objective sees them.
+def sample_values(law: Objective, rows: NDArray[np.void]) -> SampleValues:
+    """Return what the completed samples of one string, rows of `/samples`, add to an objective.
 
-    Of a magnitude the sign is that of the mean, so that the mean of the values is the objective.
+    An objective that is the magnitude of a mean has the sign of that mean put on the values, so
+    that their mean is the objective.
     """
     values = law.linear(list(summaries(rows)))
     return SampleValues(rows["sample"].astype(np.int64), math.copysign(1.0, values.mean()) * values)
 
 
-LEVEL: Final = 0.05
-"""Chance that any of several equal means is said to differ from another."""
+SIGNIFICANCE: Final = 0.05
+"""Familywise error rate: chance that any of several equal means is said to differ."""
 
 
 def significant_differences(
     means: Sequence[MeanEstimate], differences: Mapping[tuple[int, int], MeanEstimate] | None = None
 ) -> set[tuple[int, int]]:
-    """Pairs of places, the lower first, of means that differ at 95 %.
+    """Return the pairs of indices (i, j), i < j, of means that differ at 95 %.
 
-    All pairs count in the correction (Holm 1979), so that it holds for comparisons with the best
-    one, too, though the data say which one that is.
+    The correction (Holm 1979) counts all pairs, so that it holds for comparisons with the best one,
+    too, though the data decide which one that is.
 
     Parameters
     ----------
     means
-        Of samples that are independent of those of the others, unless there are `differences`.
+        Their samples are independent of each other, unless there are `differences`.
     differences
-        Of each pair of means, over samples that are paired.
+        Of each pair of means, if their samples are paired.
     """
     pairs = list(combinations(range(len(means)), 2))
     if differences is None:
@@ -112,14 +112,14 @@ def significant_differences(
     tested = sorted((chance, pair) for pair, chance in chances.items())
     found: set[tuple[int, int]] = set()
     for left, (chance, pair) in zip(range(len(tested), 0, -1), tested, strict=True):
-        if chance > LEVEL / left:
+        if chance > SIGNIFICANCE / left:
             break
         found.add(pair)
     return found
 
 
 def p_value(one: MeanEstimate, other: MeanEstimate) -> float:
-    """Two-sided chance of such a difference of equal means (Welch 1947)."""
+    """Return the two-sided p-value of the hypothesis that two means are equal (Welch 1947)."""
     variances = one.error**2, other.error**2
     total = sum(variances)
     difference = abs(one.value - other.value)
@@ -131,9 +131,9 @@ def p_value(one: MeanEstimate, other: MeanEstimate) -> float:
 
 
 def paired_p_value(difference: MeanEstimate) -> float:
-    """Two-sided chance of such a mean difference of pairs of samples if there is none.
+    """Return the two-sided p-value of the hypothesis that a mean of paired differences is 0.
 
-    It is right however the samples of a pair depend on each other; less than two tell nothing.
+    It holds however the samples of a pair depend on each other; it is 1 below two pairs.
     """
     value, error, samples = difference
     if samples < 2:

@@ -1,4 +1,4 @@
-"""What strings are worth on fresh samples, which no decision has seen."""
+"""Estimates of the best strings on fresh samples, which no decision has seen."""
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.storage.timeouts import timed_out
 
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives import Objective
@@ -14,14 +13,14 @@ if TYPE_CHECKING:
 
 
 class Estimate(NamedTuple):
-    """A string estimated again; lower objectives are better.
+    """Estimate of a string on fresh samples; lower objectives are better.
 
     Attributes
     ----------
     string
     objective, standard_error
-        Of the fresh samples that were completed; inf where there is none or more than 10 %
-        failed, as in an ensemble. Their signed mean is unbiased; its magnitude, where that is no
+        Of the completed fresh samples; inf if there is none or more than 10 % failed, as in an
+        ensemble. Their signed mean is unbiased; its magnitude, where that is no
         larger than its error, is too high by up to 0.8 of it.
     lower, upper
         95 % interval of the objective, Student's t; nan below two samples.
@@ -30,7 +29,7 @@ class Estimate(NamedTuple):
     mean_radius_ratio
         Mean b/b⁰ of the fresh samples that were completed.
     searched_objective, searched_standard_error
-        The search's own, of the samples that it was chosen by, hence biased low.
+        The search's own, of the samples that it was selected by, hence biased low.
     """
 
     string: int
@@ -46,12 +45,12 @@ class Estimate(NamedTuple):
 
     @property
     def known(self) -> bool:
-        """Whether there is a value with an error."""
+        """Whether the objective and its error are finite."""
         return math.isfinite(self.objective) and math.isfinite(self.standard_error)
 
 
 def interval(value: float, error: float, count: int, least: float = 0.0) -> tuple[float, float]:
-    """95 % interval of an objective of so many samples that cannot be less than `least`.
+    """Return the 95 % interval of an objective of `count` samples, which is not below `least`.
 
     That of the magnitude of a mean is the image of the t interval of the signed mean: where that
     has 0 in it, the lower end is 0. So it covers at least as often, and near 0 up to 97.5 % of the
@@ -65,33 +64,57 @@ def interval(value: float, error: float, count: int, least: float = 0.0) -> tupl
     return max(least, value - half), value + half
 
 
-def estimates_in(file: "CampaignData", rows: np.ndarray) -> list[Estimate]:
-    """Estimate all strings that have fresh samples among all `rows` of a file's; in order of rank.
+def half_width(errors: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Return half of the 95 % intervals by Student's t, (n,); nan below two samples.
 
-    The rows are those of `CampaignData.all_sample_rows`.
+    Parameters
+    ----------
+    errors : (n,) float64
+        Standard errors.
+    samples : (n,) int
+        Number of samples that each rests on.
     """
-    if file.fresh_from == file.max_samples:
+    from agglom_mpi.statistics import t_95
+
+    known = [t_95(int(n) - 1) if n > 1 else np.nan for n in np.asarray(samples).tolist()]
+    return np.asarray(errors, float) * np.array(known, float)
+
+
+def estimates_of(data: "CampaignData") -> list[Estimate]:
+    """Estimate all strings that have fresh samples; in order of the estimated objective."""
+    if data.fresh_from == data.max_samples:
         return []
-    late = timed_out(file.failures(), rows)
-    rows = rows[rows["sample"] >= file.fresh_from]
-    lost = [string for string, sample in late if sample >= file.fresh_from]
-    results = {int(row["string"]): row for row in file.result_rows()}
-    strings = sorted({*rows["string"].tolist(), *lost} & results.keys())
+    rows = data.fresh_samples
+    timed_out = [string for string, _ in data.fresh_timed_out]
+    results = {int(row["string"]): row for row in data.result_rows()}
+    strings = sorted({*rows["string"].tolist(), *timed_out} & results.keys())
     if not strings:
         return []
-    law = objective_of(file)
+    law = objective_of(data)
     found = [
-        estimate(results[string], rows[rows["string"] == string], lost.count(string), law)
+        estimate(results[string], rows[rows["string"] == string], timed_out.count(string), law)
         for string in strings
     ]
     return sorted(found, key=lambda estimate: (estimate.objective, estimate.string))
 
 
-def estimate(result: np.void, rows: np.ndarray, late: int, law: "Objective") -> Estimate:
-    """Estimate a string from its fresh rows of `/samples`; `late` more samples took too long."""
+def estimate(result: np.void, rows: np.ndarray, timed_out: int, law: "Objective") -> Estimate:
+    """Estimate the objective of a string on fresh samples.
+
+    Parameters
+    ----------
+    result
+        The string's row of `/results`.
+    rows : (n,) structured array
+        Its fresh rows of `/samples`.
+    timed_out
+        Number of its fresh samples without a row, because they took too long.
+    law
+        The objective.
+    """
     completed = rows[rows["state"] == COMPLETED]
     value, error = law.of_rows(completed)
-    samples = len(rows) + late
+    samples = len(rows) + timed_out
     failed = samples - len(completed)
     if 10 * failed > samples:
         value = math.inf
@@ -101,8 +124,12 @@ def estimate(result: np.void, rows: np.ndarray, late: int, law: "Objective") -> 
     return Estimate(int(result["string"]), value, error, *ends, samples, failed, grown, *own)
 
 
-def objective_of(file: "CampaignData") -> "Objective":
+def objective_of(data: "CampaignData") -> "Objective":
     """Return the objective that a campaign searched by."""
+    return data.derived(_objective)
+
+
+def _objective(data: "CampaignData") -> "Objective":
     from agglom_mpi.search import objectives
 
-    return objectives.objective_of(file.section("objective"), int(file.identity["scene.particles"]))
+    return objectives.objective_of(data.section("objective"), int(data.identity["scene.particles"]))

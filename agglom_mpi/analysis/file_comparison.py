@@ -1,4 +1,4 @@
-"""Several campaign files side by side."""
+"""Comparison of several campaign files."""
 
 import json
 import statistics
@@ -13,11 +13,11 @@ from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
 
 SHOWN: Final = 12
-"""Settings that differ and are listed; more are counted."""
+"""Most differing settings that are listed; more are counted."""
 
 
 class Comparison(NamedTuple):
-    """What several files found.
+    """The results of several campaign files.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Comparison(NamedTuple):
     differences : dict
         Settings that are not the same everywhere: name -> value in each file, None if it has none.
     comparable : bool
-        Whether all judge strings alike, by the same objective of the same number of grains.
+        Whether all have the same objective and number of grains.
     """
 
     summaries: list[Summary]
@@ -35,7 +35,7 @@ class Comparison(NamedTuple):
 
 
 def compare(files: Sequence[CampaignData]) -> Comparison:
-    """Gather what campaign files found, finished or not."""
+    """Compare campaign files, finished or not."""
     identities = [file.identity for file in files]
     names = dict.fromkeys(name for identity in identities for name in identity)
     differences = {}
@@ -50,7 +50,7 @@ def compare(files: Sequence[CampaignData]) -> Comparison:
 
 
 def best_objectives(comparison: Comparison) -> list[tuple[float, float]]:
-    """Objective of each file's best string, and its standard error: re-estimated where it was."""
+    """Return objective and standard error of each file's best string, on fresh samples if any."""
     found = []
     for summary in comparison.summaries:
         for entry in summary.best:
@@ -59,8 +59,8 @@ def best_objectives(comparison: Comparison) -> list[tuple[float, float]]:
     return found
 
 
-def in_words(comparison: Comparison) -> RenderableType:
-    """Tabulate the files, and say what they differ in and how their best strings are spread."""
+def comparison_table(comparison: Comparison) -> RenderableType:
+    """Return a table of the files, the spread of their best strings and differing settings."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("file", "state"):
         table.add_column(heading, no_wrap=True)
@@ -103,8 +103,8 @@ def _footer(comparison: Comparison) -> Iterator[str]:
         yield "all are of the same campaign, with the same seed"
 
 
-def as_text(comparison: Comparison) -> str:
-    """JSON of a comparison."""
+def to_json(comparison: Comparison) -> str:
+    """Return a comparison as JSON."""
     files = [as_dict(summary) for summary in comparison.summaries]
     more = {"differences": comparison.differences, "comparable": comparison.comparable}
     return json.dumps({"files": files, **more}, indent=2)

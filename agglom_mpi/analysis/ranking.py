@@ -5,23 +5,23 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate, estimates_in
+from agglom_mpi.analysis.estimates import Estimate, estimates_of
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 
 class RankedStrings(NamedTuple):
-    """Strings that are judged.
+    """The strings with a result, ranked.
 
     Attributes
     ----------
     results
-        By string, rows of `/results` with a finite objective, if the string itself is there.
+        Rows of `/results` with a finite objective, by string.
     estimates
-        Those of them that were estimated again, in order of that.
+        Estimates of those that have fresh samples, the best first.
     order
-        All of them, the best first.
+        All strings of `results`, the best first.
     """
 
     results: dict[int, np.void]
@@ -29,59 +29,82 @@ class RankedStrings(NamedTuple):
     order: list[int]
 
 
-def rank_strings(
-    file: "CampaignData", results: np.ndarray, strings: np.ndarray, samples: np.ndarray
-) -> RankedStrings:
-    """Rank the judged strings of a file by all its rows of these tables; damaged ones are absent.
+def rank_strings(data: "CampaignData") -> RankedStrings:
+    """Rank the judged strings of a campaign; those with a damaged row are left out."""
+    return data.derived(_rank)
 
-    They are those of `CampaignData.result_rows`, `string_rows` and `all_sample_rows`.
-    """
-    known = np.isin(results["string"], strings["string"])
+
+def _rank(data: "CampaignData") -> RankedStrings:
+    results = data.result_rows()
+    known = np.isin(results["string"], data.string_rows()["string"])
     finite = results[known & np.isfinite(results["objective"])]
     rows = {int(row["string"]): row for row in finite}
-    again = [estimate for estimate in estimates_in(file, samples) if estimate.string in rows]
-    return RankedStrings(rows, again, ranking(own_order(file, finite), again))
+    estimates = [estimate for estimate in estimates_of(data) if estimate.string in rows]
+    return RankedStrings(rows, estimates, order_by_estimates(search_order(data, finite), estimates))
+
+
+def judged_string(data: "CampaignData", string: int | None) -> int | None:
+    """Return `string` if it has a result, or the best one for None; None if none has.
+
+    Raises
+    ------
+    ValueError
+        If it has no result.
+    """
+    ranked = rank_strings(data)
+    if string is None:
+        return ranked.order[0] if ranked.order else None
+    if string not in ranked.results:
+        raise ValueError(f"string is {string}, which is not judged in {data.path}")
+    return string
 
 
 def ranks_itself(identity: Mapping[str, object]) -> bool:
-    """Tell whether a search knows better than the objectives of all strings which are the best.
+    """Return whether a search ranks strings otherwise than by their own objectives.
 
-    That is by a model of all samples, or as parents got more samples under other numbers.
+    It does by a model of all samples, or where parents got more samples under other numbers.
     """
     return identity.get("search.method") == "surrogate" or "search.more_samples" in identity
 
 
-def own_order(file: "CampaignData", results: np.ndarray) -> list[int]:
-    """Order judged strings, rows of `/results`, as the search has them, the best first.
+def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:
+    """Return strings in the order of the search, the best first.
 
-    That is by their objectives, but the last ranks of a search come first that knows better.
+    That is by their objectives; of a search that `ranks_itself`, its last population comes first.
+
+    Parameters
+    ----------
+    data
+        The campaign.
+    results : (n,) structured array
+        Rows of `/results` of the strings.
     """
     order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
-    if not ranks_itself(file.identity):
+    if not ranks_itself(data.identity):
         return order
-    generations, judged = file.generation_rows(), set(order)
+    generations, judged = data.generation_rows(), set(order)
     last = generations["population"][-1].tolist() if len(generations) else []
     first, named = [string for string in last if string in judged], set(last)
     return first + [string for string in order if string not in named]
 
 
-def ranking(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
-    """Order judged strings, the best first; those without a finite objective come last.
+def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
+    """Return strings in the order of their estimates on fresh samples, the best first.
 
-    Own objectives are too low for those that were lucky, so they are not compared with estimates:
-    strings that were estimated again come in the order of that, and all others after them as the
-    search has them. But where the search has gone on and the string that it likes best was not
-    estimated yet, the order is the search's own.
+    The search's own objectives are biased low, so they are not compared with estimates: strings
+    that have estimates come first, in the order of these, and all others after them in the order of
+    the search. But where the search has gone on and its best string has no estimate yet, the order
+    is that of the search.
 
     Parameters
     ----------
     own
-        All of them, in the search's own order.
+        The strings in the order of the search.
     estimates
         Of some of them.
     """
-    again = {estimate.string: estimate.objective for estimate in estimates}
-    if not own or own[0] not in again:
+    known = {estimate.string: estimate.objective for estimate in estimates}
+    if not own or own[0] not in known:
         return own
-    first = sorted((string for string in own if string in again), key=lambda i: (again[i], i))
-    return [*first, *(string for string in own if string not in again)]
+    first = sorted((string for string in own if string in known), key=lambda i: (known[i], i))
+    return [*first, *(string for string in own if string not in known)]

@@ -1,4 +1,4 @@
-"""Decisions made again from stored samples, and `agglom check FILE.h5`."""
+"""Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -17,18 +17,18 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED_SUMMARY, SampleSummary, summaries
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import GenerationSummary, Inversion
-from agglom_mpi.search.proposals import MODEL, Proposals, restored
+from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_digests, check_numbers
-from agglom_mpi.storage.contents import VerificationReport, parameters_of, row_list
+from agglom_mpi.storage.reader import given_strings, parameters_of
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.table import consecutive_samples
-from agglom_mpi.storage.verify import read_contents
+from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 from agglom_mpi.variables import NAMES
 
 
 class Replayed(NamedTuple):
-    """How much of what is stored was decided again, and is the same."""
+    """Numbers of stored rows that the replay gives again."""
 
     strings: int
     results: int
@@ -36,7 +36,7 @@ class Replayed(NamedTuple):
 
 
 class ReplayLog:
-    """Observer of an inversion that remembers everything."""
+    """Observer of an inversion that keeps all decisions."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], Proposals]] = []
@@ -44,116 +44,125 @@ class ReplayLog:
         self.summaries: dict[int, GenerationSummary] = {}
 
     def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take strings of a coming generation."""
+        """Ignore strings of a coming generation."""
 
     def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take new strings."""
+        """Ignore new strings: `restore` has kept them."""
 
     def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take a result."""
+        """Keep a result."""
         self.results[string] = result
 
     def generation_done(self, summary: GenerationSummary) -> None:
-        """Take a generation."""
+        """Keep a generation."""
         self.summaries[summary.generation] = summary
 
 
-def replay(contents: VerificationReport) -> Replayed:
-    """Decide everything again as a resume does, and compare; nothing is simulated.
+def replay(report: VerificationReport) -> Replayed:
+    """Repeat all decisions from the stored samples, as a resume does, and compare.
 
-    Raises a MissingLibraryError if that is not possible here.
+    Faults, and absent rows that decisions rest on, are added to the report. Nothing is simulated.
 
-    Faults, and rows that the decisions need but are absent, are added to the contents.
+    Raises
+    ------
+    MissingLibraryError
+        If the search needs a library that is not installed.
     """
     try:
-        text, code = str(contents.attributes["campaign"]), recorded_function(contents.identity)
-        campaign = Campaign.from_text(text, str(contents.path), code)
-        _check_campaign(campaign, contents)
-        campaign = campaign.with_generations(_generations(contents))
+        text, code = (
+            str(report.data.attributes["campaign"]),
+            recorded_function(report.data.identity),
+        )
+        campaign = Campaign.from_text(text, str(report.data.path), code)
+        _check_campaign(campaign, report)
+        campaign = campaign.with_generations(_generations(report))
         check_libraries(campaign)
-        recorder, inversion = _rerun_decisions(campaign, contents)
+        log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise
     except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        contents.faults.append(f"replay: not possible: {error}")
+        report.faults.append(f"replay: not possible: {error}")
         return Replayed(0, 0, 0)
     counts = Replayed(
-        _compare_strings(recorder, contents),
-        _compare_results(recorder, contents),
-        _compare_generations(recorder, contents),
+        _compare_strings(log, report),
+        _compare_results(log, report),
+        _compare_generations(log, report),
     )
-    _check_end(inversion, recorder, contents)
+    _check_end(inversion, log, report)
     return counts
 
 
-def _generations(contents: VerificationReport) -> int:
-    """Most generations to decide: all that there is room for, or that strings are stored of.
+def _generations(report: VerificationReport) -> int:
+    """Return how many generations to replay: all that there is room for, or strings are stored of.
 
     In a compact copy there is no room for the generation that the campaign was stopped in.
     """
-    proposed = contents.rows["strings"]["generation"].tolist()
-    return max([contents.room["generations"], *(number + 1 for number in proposed)])
+    proposed = report.data.string_rows()["generation"].tolist()
+    return max([report.room["generations"], *(number + 1 for number in proposed)])
 
 
-def _check_campaign(campaign: Campaign, contents: VerificationReport) -> None:
-    """Make sure that the text gives what else the file says of the campaign."""
-    if campaign.sha256() != contents.attributes["campaign_sha256"] or (
-        campaign.identity() != contents.identity
+def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
+    """Add a fault if the text of the campaign does not agree with the file's attributes."""
+    data = report.data
+    if campaign.sha256() != data.attributes["campaign_sha256"] or (
+        campaign.identity() != data.identity
     ):
-        contents.faults.append("campaign: the text in the file is not that of its identity")
-    if (campaign.seed, campaign.title) != tuple(contents.attributes[n] for n in ("seed", "title")):
-        contents.faults.append("attributes: another seed or title than in the campaign's text")
-    rows, box = contents.rows["variables"], campaign.variables
+        report.faults.append("campaign: the text in the file is not that of its identity")
+    if (campaign.seed, campaign.title) != tuple(
+        report.data.attributes[n] for n in ("seed", "title")
+    ):
+        report.faults.append("attributes: another seed or title than in the campaign's text")
+    rows, box = data.variable_rows(), campaign.variables
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     if not all(np.array_equal(*pair, equal_nan=True) for pair in bounds):
-        contents.faults.append("variables: other bounds than in the campaign's text")
+        report.faults.append("variables: other bounds than in the campaign's text")
 
 
-def _rerun_decisions(
-    campaign: Campaign, contents: VerificationReport
-) -> tuple[ReplayLog, Inversion]:
-    known = {
-        int(row["string"]): np.array([row[name] for name in NAMES])
-        for row in contents.rows["strings"]
-    }
-    recorder = ReplayLog()
+def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[ReplayLog, Inversion]:
+    log = ReplayLog()
 
     def restore(batch: Proposals, first: int) -> Proposals:
-        recorder.batches.append((np.arange(first, first + len(batch.parameters)), batch))
-        return restored(batch, first, known)
+        log.batches.append((np.arange(first, first + len(batch.parameters)), batch))
+        return report.data.restore(batch, first)
 
-    inversion = inversion_of(campaign, _given(campaign, contents), restore, recorder)
+    inversion = inversion_of(campaign, _given(campaign, report), restore, log)
     inversion.start()
-    stored, ahead = contents.searched, contents.room["generations"]
-    for string, first, outcomes in stored_outcomes(stored, contents.timed_out):
+    stored, ahead = report.data.searched_samples, report.room["generations"]
+    for string, first, outcomes in stored_outcomes(stored, report.data.judged_timed_out):
         while inversion.announce(ahead):  # what a run may have simulated ahead of its generation
             pass
         inversion.accept(string, first, outcomes)
     while inversion.announce(ahead):
         pass
-    return recorder, inversion
+    return log, inversion
 
 
-def _given(campaign: Campaign, contents: VerificationReport) -> NDArray[np.float64]:
-    """Strings that the search began with, whatever became of an earlier file, shape (n, 10).
+def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
+    """Return the strings that the search began with, as they are stored, shape (n, 10).
 
-    Where a row of them is lost, the middle of the box takes its place, so that all keep theirs.
+    Where a row is lost, the middle of the box takes its place, so that the others keep theirs.
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
         return campaign.given_strings()
     given = np.tile(campaign.parameters(), (start.strings, 1))
-    slots = contents.given["slot"]
-    given[slots[slots < start.strings]] = parameters_of(contents.given)[slots < start.strings]
+    stored = given_strings(report.data.string_rows())
+    stored = stored[stored["slot"] < start.strings]
+    given[stored["slot"]] = parameters_of(stored)
     return given
 
 
 def stored_outcomes(
     samples: NDArray[np.void], late: list[tuple[int, int]]
 ) -> Iterator[tuple[int, int, list[SampleSummary]]]:
-    """Read rows of `/samples`, and add samples that took too long: string, first sample, outcomes.
+    """Yield string, number of the first sample and outcomes of consecutive stored samples.
 
-    What follows each other in a string comes together.
+    Parameters
+    ----------
+    samples : (n,) structured array
+        Rows of `/samples`.
+    late
+        Samples, as (string, sample), without a row because they took too long: they come last.
     """
     for rows in consecutive_samples(samples):
         yield int(rows["string"][0]), int(rows["sample"][0]), summaries(rows)
@@ -161,12 +170,12 @@ def stored_outcomes(
         yield string, sample, [FAILED_SUMMARY]
 
 
-def _compare_strings(recorder: ReplayLog, contents: VerificationReport) -> int:
-    stored = {int(row["string"]): row for row in contents.rows["strings"]}
+def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
+    stored = {int(row["string"]): row for row in report.data.string_rows()}
     same: set[int] = set()
     other: set[int] = set()  # some strings are announced before they are proposed
-    for ids, batch in recorder.batches:
-        believed = contents.ranked_by_model and MODEL in batch.origin
+    for ids, batch in log.batches:
+        believed = report.ranked_by_model and MODEL in batch.origin
         for i, string in enumerate(ids.tolist()):
             row = stored.get(string)
             if row is None:
@@ -180,44 +189,40 @@ def _compare_strings(recorder: ReplayLog, contents: VerificationReport) -> int:
             )
             (same if agrees else other).add(string)
     if other:
-        contents.faults.append(f"replay: the search proposes other strings than {row_list(other)}")
+        report.faults.append(f"replay: the search proposes other strings than {row_list(other)}")
     return len(same - other)
 
 
-def _compare_results(recorder: ReplayLog, contents: VerificationReport) -> int:
-    stored = {int(row["string"]): row for row in contents.rows["results"]}
-    pairs = [(i, result, stored[i]) for i, result in recorder.results.items() if i in stored]
+def _compare_results(log: ReplayLog, report: VerificationReport) -> int:
+    stored = {int(row["string"]): row for row in report.data.result_rows()}
+    pairs = [(i, result, stored[i]) for i, result in log.results.items() if i in stored]
     other = [
         i
         for i, result, row in pairs
         if not all(_close(row[name], value) for name, value in result._asdict().items())
     ]
     if other:
-        contents.faults.append(
-            f"replay: the samples give other results of strings {row_list(other)}"
-        )
-    if contents.settled:
-        absent = recorder.results.keys() - stored.keys()
-        contents.miss("results", absent, "though the samples judge their strings")
+        report.faults.append(f"replay: the samples give other results of strings {row_list(other)}")
+    if report.settled:
+        absent = log.results.keys() - stored.keys()
+        report.add_absent("results", absent, "though the samples judge their strings")
     return len(pairs) - len(other)
 
 
-def _compare_generations(recorder: ReplayLog, contents: VerificationReport) -> int:
-    stored = {int(row["generation"]): row for row in contents.rows["generations"]}
-    pairs = [(i, done, stored[i]) for i, done in recorder.summaries.items() if i in stored]
+def _compare_generations(log: ReplayLog, report: VerificationReport) -> int:
+    stored = {int(row["generation"]): row for row in report.data.generation_rows()}
+    pairs = [(i, done, stored[i]) for i, done in log.summaries.items() if i in stored]
     other = [
         i
         for i, done, row in pairs
         if (row["evaluations"], row["samples_used"]) != (done.evaluations, done.samples_used)
-        or not (contents.ranked_by_model or _ranks_agree(row, done))
+        or not (report.ranked_by_model or _ranks_agree(row, done))
     ]
     if other:
-        contents.faults.append(
-            f"replay: the search ends otherwise in generations {row_list(other)}"
-        )
-    if contents.settled:
-        absent = recorder.summaries.keys() - contents.recorded
-        contents.miss("generations", absent, "though all their strings are judged")
+        report.faults.append(f"replay: the search ends otherwise in generations {row_list(other)}")
+    if report.settled:
+        absent = log.summaries.keys() - report.generations
+        report.add_absent("generations", absent, "though all their strings are judged")
     return len(pairs) - len(other)
 
 
@@ -230,42 +235,42 @@ def _ranks_agree(row: np.void, done: GenerationSummary) -> bool:
     )
 
 
-def _check_end(inversion: Inversion, recorder: ReplayLog, contents: VerificationReport) -> None:
-    """Where the replay ends there must be nothing stored beyond, unless something is lost."""
-    if any(contents.lost.values()):
+def _check_end(inversion: Inversion, log: ReplayLog, report: VerificationReport) -> None:
+    """Add a fault if there are results beyond the end of the replay, unless rows are lost."""
+    if any(report.lost.values()):
         return
-    beyond = set(inversion.live) & contents.numbers("results")
-    if contents.settled:  # a proposal need not wait until the samples behind it are written
-        proposed = {int(i) for ids, _ in recorder.batches for i in ids}
-        beyond |= contents.numbers("strings") - proposed
+    beyond = set(inversion.live) & report.numbers("results")
+    if report.settled:  # a proposal need not wait until the samples behind it are written
+        proposed = {int(i) for ids, _ in log.batches for i in ids}
+        beyond |= report.numbers("strings") - proposed
     if beyond:
-        contents.faults.append(f"replay: ends before strings {row_list(beyond)}, which are stored")
+        report.faults.append(f"replay: ends before strings {row_list(beyond)}, which are stored")
     if (
-        contents.settled
-        and contents.status.state == "finished"
-        and not contents.recorded  # with fewer generations asked for, later ones may have begun
+        report.settled
+        and report.data.status().state == "finished"
+        and not report.generations  # with fewer generations asked for, later ones may have begun
     ):
-        contents.faults.append("status: finished, but the search is not")
+        report.faults.append("status: finished, but the search is not")
 
 
 def _close(stored: object, decided: object) -> bool:
-    """Whether numbers agree; in the last digits they need not on another kind of processor."""
+    """Return whether numbers agree but for the last digits, which depend on the processor."""
     left, right = np.asarray(stored, float), np.asarray(decided, float)
     return bool(np.allclose(left, right, rtol=1e-9, atol=1e-12, equal_nan=True))
 
 
-AGAIN: Final = {
+REMEDIES: Final = {
     "strings": "propose again strings",
     "samples": "simulate again",
-    "results": "judge again strings",
-    "generations": "decide again generations",
+    "results": "recompute the results of strings",
+    "generations": "repeat the decisions of generations",
     "frames": "take again frames in rows",
 }
-"""What a resume does with lost rows; those of other tables stay lost."""
+"""What a resume does about lost rows, by table; those of other tables stay lost."""
 
 
 def check_file(path: str) -> tuple[str, int]:
-    """Verify a campaign file without writing to it: the text to print and the exit code.
+    """Verify a campaign file, without writing to it; return the text to print and the exit code.
 
     Raises
     ------
@@ -273,40 +278,39 @@ def check_file(path: str) -> tuple[str, int]:
         If it is none, or cannot be read.
     """
     try:
-        contents = read_contents(path)
+        report = verify_rows(path)
     except DamagedCampaign as error:
         said = "no resume can read it: restore a copy, or start afresh with --output"
         return f"{error}\n  {said}", FAILURE
-    check_numbers(contents)
-    digests = check_digests(contents)
-    studied = contents.attributes.get("purpose") == STUDY
-    replayed = None if studied else replay(contents)
-    lines = [*_verified(contents, digests, replayed)]
-    damage = [*contents.losses, *contents.faults]
+    check_numbers(report)
+    digests = check_digests(report)
+    studied = report.data.attributes.get("purpose") == STUDY
+    replayed = None if studied else replay(report)
+    lines = [*_verified(report, digests, replayed)]
+    damage = [*report.losses, *report.faults]
     if damage:
-        lines = [*damage, *_remedies(contents), *lines]
+        lines = [*damage, *_remedies(report), *lines]
     text = "\n  ".join([f"{path}: {'damaged' if damage else 'sound'}", *lines])
     return text, FAILURE if damage else FINISHED
 
 
-def _verified(
-    contents: VerificationReport, digests: int, replayed: Replayed | None
-) -> Iterator[str]:
-    rows = {name: len(rows) for name, rows in contents.rows.items()}
-    used = int(contents.rows["results"]["samples_used"].sum())
-    fresh = rows["samples"] - len(contents.searched)
+def _verified(report: VerificationReport, digests: int, replayed: Replayed | None) -> Iterator[str]:
+    names = ("strings", "results", "generations", "samples", "legs", "failures")
+    rows = {name: len(report.data.rows(name)) for name in names}
+    used = int(report.data.result_rows()["samples_used"].sum())
+    fresh = rows["samples"] - len(report.data.searched_samples)
     kinds = f"{used} used, {fresh} fresh" if fresh else f"{used} used"
     yield (
         f"checksums: {pluralise(rows['strings'], 'string')}, "
         f"{pluralise(rows['results'], 'result')}, "
         f"{pluralise(rows['generations'], 'generation')}, {pluralise(rows['samples'], 'sample')} "
         f"({kinds}), {pluralise(rows['legs'], 'leg')} and {pluralise(rows['failures'], 'failure')} "
-        "are whole"
+        "are valid"
     )
-    names = {"final_particles": "final state", "frames": "frame"}
-    counts = [pluralise(contents.counts[name], names[name]) for name in contents.counts]
+    units = {"final_particles": "final state", "frames": "frame"}
+    counts = [pluralise(count, units[name]) for name, count in report.counts.items()]
     if counts:
-        yield f"particles: {' and '.join(counts)} are whole"
+        yield f"particles: {' and '.join(counts)} are valid"
     yield f"digests: {digests} of {pluralise(rows['generations'], 'generation')} verified"
     if replayed is None:
         yield f"replay: left out; the strings of an {STUDY} are not searched"
@@ -317,21 +321,21 @@ def _verified(
             f"{pluralise(rows['results'], 'result')} and {replayed.generations} of "
             f"{pluralise(rows['generations'], 'population')}"
         )
-    state, _, reason = contents.status
+    state, _, reason = report.data.status()
     yield f"{state}: {reason}" if reason else state
 
 
-def _remedies(contents: VerificationReport) -> Iterator[str]:
-    """Say what a resume would compute again, and what it would not."""
-    lost, unused = dict(contents.lost), contents.unused
+def _remedies(report: VerificationReport) -> Iterator[str]:
+    """Yield lines on what a resume would compute again, and what it would not."""
+    lost, unused = dict(report.lost), report.unused_samples
     lost["samples"] = lost["samples"] - unused
-    again = [f"{what} {row_list(lost[name])}" for name, what in AGAIN.items() if lost[name]]
+    again = [f"{what} {row_list(lost[name])}" for name, what in REMEDIES.items() if lost[name]]
     if again:
         yield f"a resume would {', '.join(again)}"
     if unused:
         yield f"no result rests on {row_list(unused)}: only computed again if it comes to be needed"
-    if contents.faults:
+    if report.faults:
         yield (
-            "a resume believes all rows with right checksums, and would not mend the rest: restore "
+            "a resume trusts every row with a right checksum and repairs nothing else: restore "
             "a copy, or start afresh with --output"
         )

@@ -1,4 +1,4 @@
-"""Which variables matter: Sobol indices of a regression of all evaluated strings.
+"""Sensitivity of the objective to each variable: Sobol indices of a regression of all strings.
 
 The variance of the objective over the search box is divided among the variables (Sobol 1993): the
 first-order index of one is the share that it alone explains, the total index the share in which it
@@ -16,17 +16,16 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.surrogate import spread
-from agglom_mpi.storage.contents import parameters_of
-from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.reader import CampaignData, parameters_of
 
 POINTS: Final = 2048
-"""Base points of the estimate, a power of two; there are d + 2 times as many in all."""
+"""Base points of the estimate, a power of two; it takes d + 2 times as many evaluations."""
 
 FITTED: Final = 600
-"""Strings that the regression rests on at most, the best and others evenly."""
+"""Most strings that the regression is fitted to: the best, and others evenly."""
 
 FEWEST: Final = 10
-"""Strings without which nothing is said."""
+"""Fewest strings that the indices are estimated from."""
 
 
 class Sensitivity(NamedTuple):
@@ -36,12 +35,12 @@ class Sensitivity(NamedTuple):
     ----------
     first_order, total : array, shape (d,)
     strings
-        Strings that the regression rests on.
+        Number of strings that the regression is fitted to.
     explained
         Share of the variance among their objectives that it predicts when each is left out in
-        turn; what is missing is noise of the samples, or what the regression does not know.
+        turn; the rest is noise of the samples, or what the regression misses.
     noise
-        Share that the noise of the samples has, by the regression.
+        Share of the noise of the samples in that variance, by the regression.
     """
 
     first_order: NDArray[np.float64]
@@ -55,7 +54,7 @@ class Sensitivity(NamedTuple):
 def sensitivity(
     points: NDArray[np.float64], objectives: NDArray[np.float64], samples: NDArray[np.int64]
 ) -> Sensitivity | None:
-    """Estimate how much each variable matters over the unit cube.
+    """Estimate the Sobol indices of each variable over the unit cube.
 
     Parameters
     ----------
@@ -64,12 +63,12 @@ def sensitivity(
     objectives
         Finite, shape (n,).
     samples
-        How many each of them rests on, shape (n,).
+        Number of samples of each, shape (n,).
 
     Returns
     -------
     Sensitivity or None
-        None if there are too few strings, or all are worth the same.
+        None if there are fewer strings than `FEWEST`, or all have the same objective.
     """
     from scipy import stats
 
@@ -95,15 +94,13 @@ def sensitivity(
     )
 
 
-def sensitivity_of(file: CampaignData) -> tuple[tuple[str, ...], "Sensitivity | None"]:
-    """Variables that were searched, and how much each matters; None of too few strings.
+def sensitivity_of(data: CampaignData) -> tuple[tuple[str, ...], Sensitivity | None]:
+    """Return the searched variables of a campaign and their indices, None of too few strings.
 
-    Strings that could not be judged are left out.
+    Strings without a finite objective are left out.
     """
-    from agglom_mpi.analysis.sensitivity import sensitivity
-
-    variables = Campaign.from_text(file.campaign_text, str(file.path)).variables
-    strings, results = file.string_rows(), file.result_rows()
+    variables = Campaign.from_text(data.campaign_text, str(data.path)).variables
+    strings, results = data.string_rows(), data.result_rows()
     _, of_string, of_result = np.intersect1d(
         strings["string"], results["string"], return_indices=True
     )
@@ -115,8 +112,8 @@ def sensitivity_of(file: CampaignData) -> tuple[tuple[str, ...], "Sensitivity | 
     return variables.searched, found
 
 
-def as_dict(names: tuple[str, ...], found: "Sensitivity | None") -> dict[str, Any] | None:
-    """Return the same as plain numbers, for JSON."""
+def as_dict(names: tuple[str, ...], found: Sensitivity | None) -> dict[str, Any] | None:
+    """Return the indices as a dictionary, for JSON; None if there are none."""
     if found is None:
         return None
     indices = zip(names, found.first_order.tolist(), found.total.tolist(), strict=True)
@@ -130,8 +127,8 @@ def as_dict(names: tuple[str, ...], found: "Sensitivity | None") -> dict[str, An
     }
 
 
-def in_words(names: tuple[str, ...], found: "Sensitivity | None") -> RenderableType:
-    """Table of the variables, those that matter most first, and what it rests on."""
+def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> RenderableType:
+    """Return a table of the variables by total index, the largest first, and notes."""
     if found is None:
         return "sensitivity: too few strings, or all of them are worth the same"
     table = Table(box=None, padding=(0, 2, 0, 0))

@@ -1,4 +1,4 @@
-"""The end of a run in numbers, and the selection bias of the best strings."""
+"""Summary of a campaign in numbers, and the selection bias of its best strings."""
 
 import json
 import math
@@ -21,22 +21,22 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES, VARIABLES
 
 
-class Verdict(NamedTuple):
-    """What the estimates of several strings say together.
+class SelectionBias(NamedTuple):
+    """Selection bias of the search, and which of the best strings differ significantly.
 
     Attributes
     ----------
     first
-        The string with the lowest estimate.
+        String with the lowest estimate.
     same
-        Strings that cannot be told from it at 95 %, in order of rank.
+        Strings that do not differ from it at 95 %, in order of rank.
     pairs
-        Comparisons that this is corrected for.
+        Number of comparisons that the test is corrected for.
     test
-        How two are compared: by Welch's t, or by the paired t on common configurations.
+        The test: Welch's t, or the paired t on common configurations.
     optimism, standard_error
-        Mean of estimate minus the search's own objective, and its error by the fresh samples;
-        above 0 the search believed its luck.
+        Mean of estimate minus the search's own objective, positive if that is biased low, and its
+        standard error by the fresh samples.
     """
 
     first: int
@@ -47,15 +47,17 @@ class Verdict(NamedTuple):
     standard_error: float
 
 
-def verdict(estimates: Sequence[Estimate], paired: PairedSamples | None = None) -> Verdict | None:
-    """Compare estimates, in order of rank; None if there is none with an error.
+def selection_bias(
+    estimates: Sequence[Estimate], paired: PairedSamples | None = None
+) -> SelectionBias | None:
+    """Return the selection bias by estimates, in order of rank; None if none has an error.
 
     Parameters
     ----------
     estimates
-        Of strings.
+        On fresh samples.
     paired
-        The samples behind them if these start from the same random configurations.
+        Their samples, if strings share configurations.
     """
     known = [estimate for estimate in estimates if estimate.known]
     if not known:
@@ -78,11 +80,13 @@ def verdict(estimates: Sequence[Estimate], paired: PairedSamples | None = None) 
     same = [known[place].string for place in places[1:] if (0, place) not in different]
     optimism = float(np.mean([e.objective - e.searched_objective for e in known]))
     count = len(known) * (len(known) - 1) // 2
-    return Verdict(known[0].string, same, count, test, optimism, error)
+    return SelectionBias(known[0].string, same, count, test, optimism, error)
 
 
-def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> Iterator[str]:
-    """Lines on a verdict.
+def describe_bias(
+    verdict: SelectionBias | None, shown: Sequence[int], estimated: int
+) -> Iterator[str]:
+    """Yield notes on the selection bias, as lines of text.
 
     Parameters
     ----------
@@ -91,7 +95,7 @@ def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> I
     shown
         Strings of the columns of a table, #1 first.
     estimated
-        How many of them were estimated again.
+        Number of them that have estimates.
     """
     if verdict is None:
         yield "objectives are the search's own; the lucky survive, so they are biased low"
@@ -107,7 +111,7 @@ def in_words(verdict: Verdict | None, shown: Sequence[int], estimated: int) -> I
         yield _comparison(verdict, shown)
 
 
-def _comparison(verdict: Verdict, shown: Sequence[int]) -> str:
+def _comparison(verdict: SelectionBias, shown: Sequence[int]) -> str:
     test = f"at 95 % ({verdict.test}, {verdict.pairs} pair{'s' * (verdict.pairs > 1)}, Holm)"
     places = {string: f"#{place}" for place, string in enumerate(shown, 1)}
     first = places.get(verdict.first, f"string {verdict.first}")
@@ -115,7 +119,8 @@ def _comparison(verdict: Verdict, shown: Sequence[int]) -> str:
         return f"{first} is the best of those estimated again, {test}"
     names = [places.get(string, f"string {string}") for string in verdict.same]
     listed = names[-1] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"{listed} cannot be told from {first} {test}"
+    do = "does" if len(names) == 1 else "do"
+    return f"{listed} {do} not differ significantly from {first} {test}"
 
 
 _WIDE: Final = 10_000
@@ -129,11 +134,11 @@ REESTIMATED: Final = (
     "failed",
     "mean_radius_ratio",
 )
-"""What is told of an `Estimate`."""
+"""Attributes of an `Estimate` in a summary."""
 
 
 class Summary(NamedTuple):
-    """What `agglom report` says; `json.dumps` takes `_asdict()` of it."""
+    """The numbers of `agglom report`, whose names are the keys of its JSON."""
 
     file: str
     title: str
@@ -149,20 +154,24 @@ class Summary(NamedTuple):
     seconds: float
     samples_per_second: float
     best: list[dict[str, Any]]
-    verdict: Verdict | None
+    verdict: SelectionBias | None
 
 
 def collect_summary(file: CampaignData, best: int = 6) -> Summary:
-    """Gather the figures of a campaign file, finished or not, believing only what is final.
+    """Return the summary of a campaign file, finished or not.
 
-    In each of the best `reestimate` is None, or what its fresh samples say; the `verdict` is what
-    these say together.
+    Parameters
+    ----------
+    file
+        The campaign.
+    best
+        Number of the best strings to include. Each has a `reestimate` on its fresh samples, None if
+        it has none.
     """
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
-    strings = file.string_rows()
-    parameters = {int(row["string"]): row for row in strings}
-    rows, estimates, order = rank_strings(file, results, strings, samples)
+    parameters = {int(row["string"]): row for row in file.string_rows()}
+    rows, estimates, order = rank_strings(file)
     again = {estimate.string: estimate for estimate in estimates}
     fresh = int((samples["sample"] >= file.fresh_from).sum())
     cost = processor_seconds(samples, max(parameters, default=-1) + 1)
@@ -189,7 +198,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
             _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
             for string in order[:best]
         ],
-        verdict=verdict(estimates, PairedSamples.of_file(file, samples, estimates)),
+        verdict=selection_bias(estimates, PairedSamples.behind(estimates, file)),
     )
 
 
@@ -209,8 +218,8 @@ def _entry(
     return entry
 
 
-class Fitting:
-    """What is made of as many of the best strings as there are columns for on a terminal."""
+class FitWidth:
+    """A renderable with as many of its columns as fit the width of the terminal."""
 
     def __init__(self, make: Callable[[int], RenderableType], most: int) -> None:
         self._make = make
@@ -227,13 +236,13 @@ class Fitting:
             yield f"{count} of {self._most} shown; a wider window shows more"
 
 
-def summarise(file: CampaignData) -> RenderableType:
-    """Table of the best six strings in SI units, and what the campaign took.
+def summary_table(file: CampaignData) -> RenderableType:
+    """Return a table of the best six strings in SI units, and the cost of the campaign.
 
-    A narrow terminal shows fewer.
+    A narrow terminal shows fewer strings.
     """
     summary = collect_summary(file)
-    table = Fitting(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
+    table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
     return Group(table, *_footer(summary))
 
 
@@ -292,7 +301,7 @@ def _footer(summary: Summary) -> list[str]:
         f"{summary.generations} generations, {summary.strings} strings, {summary.samples_used} "
         f"samples used of {summary.samples_simulated} simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
-        *in_words(summary.verdict, shown, estimated),
+        *describe_bias(summary.verdict, shown, estimated),
     ]
     if summary.hit_maximum:
         lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")
@@ -302,13 +311,13 @@ def _footer(summary: Summary) -> list[str]:
 
 
 def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return a summary, and more by name, for JSON; numbers that are none are None."""
+    """Return a summary, and `more` entries, for JSON; nan and inf become None."""
     said = summary.verdict and summary.verdict._asdict()
     return dict(_without_nan(summary._asdict() | {"verdict": said} | dict(more or {})))
 
 
-def as_text(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
-    """JSON of `as_dict`."""
+def to_json(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
+    """Return `as_dict` as JSON."""
     return json.dumps(as_dict(summary, more), indent=2)
 
 

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate, estimates_in
+from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.outcome import REASONS
-from agglom_mpi.storage.columns import Column
 from agglom_mpi.storage.schema import (
     ORIGINS,
     RESULTS,
     SAMPLES,
     STATES,
     STRINGS,
-    generations_layout,
+    Column,
+    generations_schema,
 )
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import NAMES, VARIABLES, Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,28 +25,26 @@ if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 
-def table_of(file: "CampaignData", name: str) -> "pd.DataFrame":
+def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
     """Tabulate the `strings`, `samples`, `estimates`, `generations` or `variables` of a file."""
     if name == "variables":
-        return variables(file.variable_rows())
+        return variables(data.variable_rows())
     if name == "generations":
-        return generations(file.generation_rows())
-    stored = file.all_sample_rows()
+        return generations(data.generation_rows())
     if name == "samples":
-        return samples(stored, file.result_rows(), file.fresh_from)
+        return samples(data)
     if name == "estimates":
-        return estimates(estimates_in(file, stored))
-    return strings(file.string_rows(), file.result_rows(), file.variable_rows(), stored)
+        return estimates(estimates_of(data))
+    return strings(data)
 
 
-def strings(
-    rows: np.ndarray, results: np.ndarray, variables: np.ndarray, samples: np.ndarray
-) -> "pd.DataFrame":
-    """Tabulate strings, the variables in use and their judgement: nan or 0 if there is none.
+def strings(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate strings, the variables in use and their results: nan or 0 if there is none.
 
     `seconds` is the processor time of all samples of a string.
     """
-    pandas = _pandas()
+    pandas, rows, results = _pandas(), data.string_rows(), data.result_rows()
+    variables, samples = data.variable_rows(), data.all_sample_rows()
     unused = set(NAMES) - set(_used_names(variables))
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
@@ -64,15 +62,13 @@ def strings(
 
 
 def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
-    """Processor time in s that the samples of each string took, used or not, shape (strings,)."""
+    """Return the processor time, s, of all samples of each string, used or not, (strings,)."""
     return np.bincount(samples["string"], samples["seconds"], minlength=strings)
 
 
-def samples(rows: np.ndarray, results: np.ndarray, fresh_from: int) -> "pd.DataFrame":
-    """Tabulate samples, with `used` derived from how many samples of their string were judged.
-
-    Those from number `fresh_from` on are `fresh`: they estimate their string again.
-    """
+def samples(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate samples: `used` says whether a result rests on them, `fresh` if none ever does."""
+    rows, results, fresh_from = data.all_sample_rows(), data.result_rows(), data.fresh_from
     frame = _columns(_pandas(), rows, without={"state", "reason"})
     judged = dict(zip(results["string"].tolist(), results["samples_used"].tolist(), strict=True))
     limits = np.array([judged.get(string, 0) for string in rows["string"].tolist()], dtype=int)
@@ -84,7 +80,7 @@ def samples(rows: np.ndarray, results: np.ndarray, fresh_from: int) -> "pd.DataF
 
 
 def estimates(rows: Sequence[Estimate]) -> "pd.DataFrame":
-    """Tabulate estimates on fresh samples."""
+    """Tabulate estimates on fresh samples, one row each."""
     frame = _pandas().DataFrame(rows, columns=list(Estimate._fields))
     counts = {"string", "samples", "failed"}
     for name in frame.columns:
@@ -98,7 +94,7 @@ def generations(rows: np.ndarray) -> "pd.DataFrame":
     """Tabulate generations; `population` holds an array of string numbers, the best first."""
     frame = _columns(_pandas(), rows, without={"population"})
     frame["population"] = list(rows["population"])
-    return _with_units(frame, generations_layout(1).fields)
+    return _with_units(frame, generations_schema(1).fields)
 
 
 def variables(rows: np.ndarray) -> "pd.DataFrame":
@@ -112,6 +108,20 @@ def variables(rows: np.ndarray) -> "pd.DataFrame":
         "searched": used["searched"] == 1,
     }
     return _pandas().DataFrame(columns)
+
+
+def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, float, bool]]:
+    """Return the variables that are searched, their bounds (SI units), and if on a log scale."""
+    return [
+        (
+            variable,
+            float(row["lower"]),
+            float(row["upper"]),
+            data.identity.get(f"variables.{variable.name}.2") == "log",
+        )
+        for variable, row in zip(VARIABLES, data.variable_rows(), strict=True)
+        if row["searched"] == 1
+    ]
 
 
 def _used_names(rows: np.ndarray) -> list[str]:

@@ -1,4 +1,4 @@
-"""The strings that a search begins with, where they are the best of an earlier campaign."""
+"""Warm starts: the best strings of an earlier campaign, which a search begins with."""
 
 from pathlib import Path
 
@@ -10,8 +10,13 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.contents import given_rows, parameters_of, row_list
-from agglom_mpi.storage.reader import read_campaign, read_inversion
+from agglom_mpi.storage.reader import (
+    given_strings,
+    parameters_of,
+    read_campaign,
+    read_inversion,
+)
+from agglom_mpi.storage.verify import row_list
 
 
 def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArray[np.float64]:
@@ -22,20 +27,20 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
     campaign
         The campaign.
     output
-        Its own file; if it has begun, what it began with counts, whatever became of the other.
+        Its own file. If it holds those strings already, the earlier file is not read.
 
     Raises
     ------
     CampaignError
-        If the earlier campaign's file is none, cannot be read, has too few strings, or is needed
-        for a lost row and has other best strings by now.
+        If the earlier file is no campaign, cannot be read, has too few strings, or is needed for
+        a lost row and has other best strings by now.
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
         return campaign.given_strings()
     begun = None
     if output is not None and output.exists():
-        begun = given_rows(read_campaign(output).string_rows())
+        begun = given_strings(read_campaign(output).string_rows())
         if len(begun) == start.strings:
             return parameters_of(begun)
     try:
@@ -51,17 +56,16 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
 
 
 def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
-    """Return the best strings of another campaign as a report ranks them, shape (n, 10)."""
-    file = read_inversion(start.file)
-    strings = file.string_rows()
-    order = rank_strings(file, file.result_rows(), strings, file.all_sample_rows()).order
+    """Return the best strings of another campaign, ranked as in a report, shape (n, 10)."""
+    data = read_inversion(start.file)
+    strings, order = data.string_rows(), rank_strings(data).order
     if len(order) < start.strings:
         raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
     return parameters_of(strings[np.searchsorted(strings["string"], order[: start.strings])])
 
 
 def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return strings, (n, 10), with what is searched taken from others, and clipped to the box."""
+    """Return strings, (n, 10), clipped to the box, whose variables outside the search are fixed."""
     strings = np.tile(campaign.parameters(), (len(best), 1))
     searched = campaign.variables.lower < campaign.variables.upper
     known = searched & np.isfinite(best)
@@ -70,9 +74,9 @@ def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:
-    """Make sure that lost rows of the strings to begin with can be made again.
+    """Raise ValueError if the strings that a campaign began with are not those it would get now.
 
-    The earlier campaign may have gone on since, or have estimated its best again.
+    The earlier campaign may have gone on since, or have new estimates of its best.
     """
     if not np.array_equal(parameters_of(begun), strings[begun["slot"]], equal_nan=True):
         lost = row_list(set(range(len(strings))) - set(begun["slot"].tolist()))

@@ -93,7 +93,7 @@ def _write_page(file: str, out: Path, simulate: bool, sensitivity: bool) -> None
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     """Return the summary of a file, to be printed."""
-    from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
     from agglom_mpi.storage.reader import read_inversion
 
     opened, indices = read_inversion(file), None
@@ -103,10 +103,12 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
         indices = analysis.sensitivity_of(opened)
     if as_json:
         extra = {} if indices is None else {"sensitivity": analysis.as_dict(*indices)}
-        return as_text(collect_summary(opened), extra)
+        return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(summarise(opened), *([] if indices is None else [analysis.in_words(*indices)]))
+    return Group(
+        summary_table(opened), *([] if indices is None else [analysis.sensitivity_table(*indices)])
+    )
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
@@ -115,4 +117,4 @@ def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
     from agglom_mpi.storage.reader import read_inversion
 
     compared = comparison.compare([read_inversion(file) for file in files])
-    return comparison.as_text(compared) if as_json else comparison.in_words(compared)
+    return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)

@@ -125,8 +125,7 @@ def recorded_in(path: str, campaign: Campaign) -> PilotSamples:
         If it is none, or cannot be read.
     """
     # HDF5, which most forecasts do without.
-    from agglom_mpi.storage.contents import parameters_of
-    from agglom_mpi.storage.reader import read_inversion
+    from agglom_mpi.storage.reader import parameters_of, read_inversion
 
     file = read_inversion(path)
     if campaign.code is not None and recorded_function(file.identity) != campaign.code.unread:

@@ -1,12 +1,11 @@
 """How every figure of the package looks, and how it is written as PNG and SVG."""
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.report.requirements import require_library
+from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -52,29 +51,11 @@ def write_drawing(directory: Path, drawing: Drawing) -> None:
     canvas = FigureCanvasAgg(figure)
     drawing.draw(figure)
     # `savefig` draws everything twice, and lays it out anew each time.
-    with _replacing(directory / f"{drawing.name}.png") as path:
+    with atomic_file(directory / f"{drawing.name}.png", replace=True) as path:
         canvas.print_png(path)
     figure.set_layout_engine("none")
-    with _replacing(directory / f"{drawing.name}.svg") as path:
+    with atomic_file(directory / f"{drawing.name}.svg", replace=True) as path:
         FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file, or replace it; under its name there is never a part of it."""
-    with _replacing(path) as temporary:
-        temporary.write_bytes(content)
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, renamed to `path` at the end and removed on failure."""
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def axes_or_new(ax: Any | None, size: tuple[float, float] = SIZE) -> Any:

@@ -18,12 +18,13 @@ from agglom_mpi.display.remaining_time import (
 from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.inversion import GenerationSummary
-from agglom_mpi.storage.new_rows import News
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.timeouts import timed_out
 
 EXIT_CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
 """Exit codes by the state at the end of the run, the same as the run's own."""
+
+SAMPLE_COLUMNS: Final = ("string", "sample", "state", "seconds", "finished")
+"""Columns of `/samples` that are kept, a fifth of a row."""
 
 MIN_INTERVAL: Final = 1.0
 """Time between readings of the file, s, at least."""
@@ -50,10 +51,13 @@ def follow(file: CampaignData) -> int:
                 progress = source.read(time.time())
                 for summary in source.new_generations():
                     display.generation(
-                        summary, source.news.room, progress.samples, progress.rate or 0.0
+                        summary,
+                        source.data.generation_capacity,
+                        progress.samples,
+                        progress.rate or 0.0,
                     )
-                if len(source.news.legs) and source.news.status.state in EXIT_CODES:
-                    return EXIT_CODES[source.news.status.state]
+                if len(source.data.legs()) and source.data.status().state in EXIT_CODES:
+                    return EXIT_CODES[source.data.status().state]
                 display.tick(progress)
                 time.sleep(max(MIN_INTERVAL, (time.monotonic() - begun) / READING_SHARE))
     except KeyboardInterrupt:
@@ -65,19 +69,18 @@ class FileProgress:
 
     Attributes
     ----------
-    news
-        Rows of the file as they were read last.
+    data
+        Rows of the file as they were read last; each reading takes little more than new rows.
     """
 
     def __init__(self, file: CampaignData) -> None:
-        self.news = News(file)
-        self._file = file
+        self.data = CampaignData(file.path, file.attributes, SAMPLE_COLUMNS)
         self._campaign = recorded_campaign(file)
-        self._shown = max(0, len(self.news.generations) - 1)
+        self._shown = max(0, len(self.data.generation_rows()) - 1)
 
     def new_generations(self) -> list[GenerationSummary]:
         """Return the generations since the last call; at first the last generation alone."""
-        new = self.news.generations[self._shown :]
+        new = self.data.generation_rows()[self._shown :]
         self._shown += len(new)
         return [
             GenerationSummary(
@@ -95,54 +98,52 @@ class FileProgress:
 
     def read(self, now: float) -> Progress:
         """Read new rows at the Unix time `now`, s, and return the progress of the run."""
-        news = self.news
-        news.look()
-        if not len(news.legs):
+        data = self.data
+        data.refresh()
+        legs, samples, status = data.legs(), data.all_sample_rows(), data.status()
+        if not len(legs):
             note = "the run has not begun"
-            return Progress(0, news.room, "generations", 0.0, 0, note=note)
-        leg, samples = news.legs[-1], news.samples
+            return Progress(0, data.generation_capacity, "generations", 0.0, 0, note=note)
+        leg = legs[-1]
         ours = samples[samples["finished"] >= leg["started"]]
-        changed = max(news.status.updated, leg["started"], samples["finished"].max(initial=0.0))
+        changed = max(status.updated, leg["started"], samples["finished"].max(initial=0.0))
         silent = now - changed > SILENCE + 3.0 * ours["seconds"].max(initial=0.0)
-        if news.status.state == "running":
-            end = changed if silent else now
-        else:
-            end = news.status.updated
+        ongoing = changed if silent else now
+        end = ongoing if status.state == "running" else status.updated
         elapsed = max(1e-9, end - leg["started"])
-        late = timed_out(news.failures, samples)
         progress = Progress(
             done=0,
             total=0,
             unit="",
             elapsed=elapsed,
             samples=len(samples),
-            failed=int((samples["state"] == FAILED).sum()) + len(late),
+            failed=int((samples["state"] == FAILED).sum()) + len(data.timed_out),
             best=self._best(),
         )
         if len(ours):
             busy = float(ours["seconds"].sum()) / (elapsed * leg["ranks"])
             progress = progress._replace(rate=len(ours) / elapsed, busy=busy)
         progress = self._in_phase(progress, ours, elapsed)
-        if silent and news.status.state == "running":
+        if silent and status.state == "running":
             progress = progress._replace(note=silence_note(changed, now), remaining=None)
         return progress
 
     def _best(self) -> Best | None:
-        if not len(self.news.generations):
+        if not len(self.data.generation_rows()):
             return None
-        row = self.news.generations[-1]
+        row = self.data.generation_rows()[-1]
         names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
         return Best(*(row[name].item() for name in names))
 
     def _in_phase(self, progress: Progress, ours: np.ndarray, elapsed: float) -> Progress:
         """Return the progress of the search or, once it is over, of the stage after it."""
         final, frames = self._campaign.final, self._campaign.output.frames
-        fresh = self.news.samples["sample"] >= self._file.fresh_from
+        fresh = self.data.all_sample_rows()["sample"] >= self.data.fresh_from
         if not self._searched(fresh):
             return self._in_search(progress, elapsed)
         total, done = 0, int(fresh.sum())
         if final is not None:
-            room = self._file.max_samples - self._file.fresh_from
+            room = self.data.max_samples - self.data.fresh_from
             total = final.strings * min(final.samples, room)
         if done < total or frames is None:
             remaining = self._remaining_fresh(ours, total - done)
@@ -151,11 +152,11 @@ class FileProgress:
             )
         strings, samples = self._campaign.most_framed
         total = strings * samples * frames.count
-        return progress._replace(done=self.news.pictures, total=total, unit="pictures")
+        return progress._replace(done=self.data.frame_count, total=total, unit="pictures")
 
     def _searched(self, fresh: np.ndarray) -> bool:
         """Return whether the search is over; after --generations, only fresh samples show it."""
-        generations, samples = self.news.generations, self.news.samples
+        generations, samples = self.data.generation_rows(), self.data.all_sample_rows()
         if not len(generations):
             return False
         target = self._campaign.stopping.target
@@ -163,29 +164,30 @@ class FileProgress:
             return True
         finished = samples["finished"]
         later = fresh.any() and finished[fresh].max() >= finished[~fresh].max(initial=0.0)
-        return bool(later) or len(generations) == self.news.room
+        return bool(later) or len(generations) == self.data.generation_capacity
 
     def _in_search(self, progress: Progress, elapsed: float) -> Progress:
         """Return the progress of the search after `elapsed` seconds of this leg."""
-        news, done = self.news, len(self.news.generations)
-        earlier = news.legs[:-1]
+        generations, capacity = self.data.generation_rows(), self.data.generation_capacity
+        done, earlier = len(generations), self.data.legs()[:-1]
         before = float(np.nansum(earlier["stopped"] - earlier["started"]))
-        ends = news.generations["seconds"][news.generations["seconds"] > before]
+        ends = generations["seconds"][generations["seconds"] > before]
         durations = DurationStatistics(np.diff(ends, prepend=before).tolist())
         present = elapsed - (float(ends[-1]) - before if len(ends) else 0.0)
-        proposed = news.strings["string"][news.strings["generation"] == done]
+        strings = self.data.string_rows()
+        proposed = strings["string"][strings["generation"] == done]
         return progress._replace(
             done=done,
-            total=news.room,
+            total=capacity,
             unit="generations",
-            strings_open=len(np.setdiff1d(proposed, news.results["string"])),
-            remaining=remaining_in_turns(durations, news.room - done, max(0.0, present)),
+            strings_open=len(np.setdiff1d(proposed, self.data.result_rows()["string"])),
+            remaining=remaining_in_turns(durations, capacity - done, max(0.0, present)),
             may_end_sooner=self._campaign.stopping.target is not None,
         )
 
     def _remaining_fresh(self, ours: np.ndarray, rest: int) -> RemainingTime | None:
         """Forecast the remaining fresh samples by the rate of this leg."""
-        mine = ours[ours["sample"] >= self._file.fresh_from]
+        mine = ours[ours["sample"] >= self.data.fresh_from]
         if not len(mine):
             return None
         begun = float((mine["finished"] - mine["seconds"]).min())

@@ -7,25 +7,26 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi.analysis.comparison import PairedSamples
-from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
-from agglom_mpi.report.drawing import Drawing, replace_file, write_drawing
+from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.material import Material, gather
 from agglom_mpi.report.requirements import require_directory, require_library
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,
     all_stored,
 )
+from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
-from agglom_mpi.storage.timeouts import timed_out
 
 NAME: Final = "report.html"
 TEMPLATE: Final = "report.html.j2"
@@ -75,12 +76,11 @@ def write_report(
     require_library("jinja2", "web pages")
     require_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    material = gather(file)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
-    page = PageBuilder(material, directory, options, sensitivity)
+    page = PageBuilder(file, directory, options, sensitivity)
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
-        resimulates = section == "particles" and simulate and not all_stored(material)
-        if resimulates and material.best:
+        resimulates = section == "particles" and simulate and not all_stored(file)
+        if resimulates and rank_strings(file).order:
             yield RESIMULATION_MESSAGE
         page.draw(section)
     replace_file(directory / NAME, page.render().encode())
@@ -131,10 +131,10 @@ class PageBuilder:
     """
 
     def __init__(
-        self, material: Material, directory: Path, options: FigureOptions, sensitivity: bool
+        self, data: CampaignData, directory: Path, options: FigureOptions, sensitivity: bool
     ) -> None:
         self.figure_count = 0
-        self._material = material
+        self._data = data
         self._directory = directory
         self._options = options
         self._sensitivity = sensitivity
@@ -148,7 +148,7 @@ class PageBuilder:
             if figure.section != section or (figure.on_request and not self._sensitivity):
                 continue
             try:
-                drawing = figure.drawing(self._material, self._options)
+                drawing = figure.drawing(self._data, self._options)
             except FramesUnavailableError as error:
                 self._frames_unavailable = str(error)
                 continue
@@ -174,52 +174,53 @@ class PageBuilder:
 
     def _content(self) -> dict[str, Any]:
         """Return the variables of the template."""
-        material, samples = self._material, self._material.samples
-        file = material.file
+        data, samples = self._data, self._data.all_sample_rows()
         completed = int((samples["state"] == COMPLETED).sum())
         return {
-            "title": str(file.attributes["title"]) or file.path.stem,
-            "file_name": file.path.name,
-            "status": material.status,
-            "generations": len(material.generations),
-            "judged": len(material.results),
-            "samples_used": int(material.results["samples_used"].sum()),
+            "title": str(data.attributes["title"]) or data.path.stem,
+            "file_name": data.path.name,
+            "status": data.status(),
+            "generations": len(data.generation_rows()),
+            "judged": len(data.result_rows()),
+            "samples_used": int(data.result_rows()["samples_used"].sum()),
             "simulated": len(samples),
             "figures": self._figures,
             "frames_unavailable": self._frames_unavailable,
             "sensitivity": self._sensitivity,
-            "best": page_tables.best_strings(material) if material.best else None,
-            "comparison": comparison_lines(material),
-            "estimated": bool(material.estimates),
-            "paper": published_results.matching_paper(material.identity),
-            "paper_tables": published_results.comparison_tables(material),
-            "legs": page_tables.legs(material) if len(material.legs) else None,
+            "best": page_tables.best_strings(data) if rank_strings(data).order else None,
+            "comparison": comparison_lines(data),
+            "estimated": bool(rank_strings(data).estimates),
+            "paper": published_results.matching_paper(data.identity),
+            "paper_tables": published_results.comparison_tables(data),
+            "legs": page_tables.legs(data) if len(data.legs()) else None,
             "completed": completed,
-            "ledger": page_tables.ledger(material) if completed else None,
-            "damaged": file.damaged,
+            "ledger": page_tables.ledger(data) if completed else None,
+            "damaged": data.damaged,
             "provenance": {
-                name: file.attributes[name] for name in PROVENANCE if name in file.attributes
+                name: data.attributes[name] for name in PROVENANCE if name in data.attributes
             },
-            "campaign_text": file.campaign_text,
-            **scene_content(material),
-            **failure_content(material),
+            "campaign_text": data.campaign_text,
+            **scene_content(data),
+            **failure_content(data),
         }
 
 
-def comparison_lines(material: Material) -> list[str]:
+def comparison_lines(data: CampaignData) -> list[str]:
     """Return what may be said of the order of the best strings, a sentence a line."""
-    if not material.best:
+    if not rank_strings(data).order:
         return []
-    shown = material.best[: page_tables.BEST]
-    estimated = {estimate.string for estimate in material.estimates}.intersection(shown)
-    paired = PairedSamples.of_file(material.file, material.samples, material.estimates)
-    return list(in_words(verdict(material.estimates, paired), shown, len(estimated)))
+    shown = rank_strings(data).order[: page_tables.BEST]
+    estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
+    paired = PairedSamples.behind(rank_strings(data).estimates, data)
+    return list(
+        describe_bias(selection_bias(rank_strings(data).estimates, paired), shown, len(estimated))
+    )
 
 
-def scene_content(material: Material) -> dict[str, Any]:
+def scene_content(data: CampaignData) -> dict[str, Any]:
     """Return what the template says of the scene: its submodels, and what it leaves out."""
     try:
-        first, *rest = sections(material.campaign)
+        first, *rest = sections(recorded_campaign(data))
     except CampaignError as error:
         return {"unreadable": str(error)}
     headings = dict(rest)
@@ -232,13 +233,13 @@ def scene_content(material: Material) -> dict[str, Any]:
     }
 
 
-def failure_content(material: Material) -> dict[str, Any]:
+def failure_content(data: CampaignData) -> dict[str, Any]:
     """Return what the template says of the samples that failed."""
-    failed = material.samples[material.samples["state"] == FAILED]
-    late = timed_out(material.failures, material.samples)
+    failed = data.all_sample_rows()[data.all_sample_rows()["state"] == FAILED]
+    late = data.timed_out
     return {
-        "failed": page_tables.failed_samples(material, failed),
+        "failed": page_tables.failed_samples(data, failed),
         "timed_out": len(late),
-        "failure_texts": len(material.failures),
-        "failure_texts_full": len(material.failures) == FAILURE_CAPACITY,
+        "failure_texts": len(data.failures()),
+        "failure_texts_full": len(data.failures()) == FAILURE_CAPACITY,
     }

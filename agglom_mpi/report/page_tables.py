@@ -6,11 +6,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
-from agglom_mpi.report.material import Material
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import VARIABLES
 
 BEST: Final = 6
@@ -42,10 +43,10 @@ class Table(NamedTuple):
     text_columns: Sequence[int] = ()
 
 
-def best_strings(material: Material) -> Table:
+def best_strings(data: CampaignData) -> Table:
     """Return the best strings, one a column: variables, results and estimates."""
-    shown = material.best[:BEST]
-    rows = [*_variable_rows(material, shown), *_result_rows(material, shown)]
+    shown = rank_strings(data).order[:BEST]
+    rows = [*_variable_rows(data, shown), *_result_rows(data, shown)]
     return Table(["", *(f"#{place}" for place in range(1, len(shown) + 1))], rows)
 
 
@@ -54,36 +55,36 @@ def _row(name: str, entries: Sequence[Any], text: Callable[[Any], str]) -> list[
     return [name, *("" if entry is None else text(entry) for entry in entries)]
 
 
-def _variable_rows(material: Material, shown: list[int]) -> Iterator[list[str]]:
+def _variable_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     yield ["string", *map(str, shown)]
-    for variable, row in zip(VARIABLES, material.variables, strict=True):
+    for variable, row in zip(VARIABLES, data.variable_rows(), strict=True):
         if np.isnan(row["lower"]):  # the campaign does not use it
             continue
         factor, unit = scaled_unit(variable.unit, float(row["upper"]))
-        values = material.values(shown, variable.name) / factor
+        values = data.values(shown, variable.name) / factor
         fixed = "" if row["searched"] else ", fixed"
         name = f"{variable.name.replace('_', ' ')} ({unit}{fixed})"
         yield [name, *(f"{value:.5g}" for value in values)]
 
 
-def _result_rows(material: Material, shown: list[int]) -> Iterator[list[str]]:
-    results = [material.result_of[string] for string in shown]
-    cost = processor_seconds(material.samples, max(shown) + 1)
+def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
+    results = [rank_strings(data).results[string] for string in shown]
+    cost = processor_seconds(data.all_sample_rows(), max(shown) + 1)
     yield _row(
         "objective, as searched",
         results,
         lambda r: value_with_error(float(r["objective"]), float(r["standard_error"])),
     )
-    yield from _estimate_rows(material, shown)
+    yield from _estimate_rows(data, shown)
     yield _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}")
     yield _row("grains per particle (1)", results, lambda r: f"{r['mean_grains']:.4g}")
     yield _row("samples used", results, lambda r: str(r["samples_used"]))
     yield ["processor time", *(format_duration(float(cost[string])) for string in shown)]
 
 
-def _estimate_rows(material: Material, shown: list[int]) -> Iterator[list[str]]:
+def _estimate_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     """Yield rows of the estimates on fresh samples, if any of the strings has one."""
-    estimate_of = {estimate.string: estimate for estimate in material.estimates}
+    estimate_of = {estimate.string: estimate for estimate in rank_strings(data).estimates}
     known = [estimate_of.get(string) for string in shown]
     if all(estimate is None for estimate in known):
         return
@@ -94,10 +95,10 @@ def _estimate_rows(material: Material, shown: list[int]) -> Iterator[list[str]]:
     yield _row("fresh samples", known, lambda e: str(e.samples))
 
 
-def legs(material: Material) -> Table:
+def legs(data: CampaignData) -> Table:
     """Return the last starts of the program, one a row."""
-    rows = material.legs[-LAST:]
-    first = len(material.legs) - len(rows)
+    rows = data.legs()[-LAST:]
+    first = len(data.legs()) - len(rows)
     headings = (
         "leg",
         "started (UTC)",
@@ -137,9 +138,9 @@ def _text(value: bytes) -> str:
     return value.decode(errors="replace")
 
 
-def ledger(material: Material) -> Table:
+def ledger(data: CampaignData) -> Table:
     """Return the worst completed sample of each column of the ledger, and how to simulate it."""
-    rows = material.samples[material.samples["state"] == COMPLETED]
+    rows = data.all_sample_rows()[data.all_sample_rows()["state"] == COMPLETED]
     meanings = {column.name: column.meaning for column in COLUMNS}
     lines = []
     for name in LEDGER:
@@ -149,15 +150,15 @@ def ledger(material: Material) -> Table:
         affected = str(np.count_nonzero(size)) if is_count else ""
         where = ["", "", ""]
         if size.max() > 0.0:
-            where = [str(worst["string"]), str(worst["sample"]), _replay(material, worst)]
+            where = [str(worst["string"]), str(worst["sample"]), _replay(data, worst)]
         value = str(worst[name]) if is_count else f"{worst[name]:.3g}"
         lines.append([meanings[name], value, affected, *where])
     headings = ("", "worst", "samples with any", "string", "sample", "to simulate it again")
     return Table(headings, lines, text_columns=(5,))
 
 
-def _replay(material: Material, row: np.void) -> str:
-    name = material.file.path.name
+def _replay(data: CampaignData, row: np.void) -> str:
+    name = data.path.name
     return f"agglom simulate {name} --string {row['string']} --sample {row['sample']}"
 
 
@@ -179,7 +180,7 @@ class FailedSamples(NamedTuple):
     texts: list[str]
 
 
-def failed_samples(material: Material, failed: np.ndarray) -> FailedSamples:
+def failed_samples(data: CampaignData, failed: np.ndarray) -> FailedSamples:
     """Return the failures of a campaign, of which `failed` are the rows of `/samples`."""
     counts = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
     strings, failures = np.unique(failed["string"], return_counts=True)
@@ -187,7 +188,7 @@ def failed_samples(material: Material, failed: np.ndarray) -> FailedSamples:
     return FailedSamples(
         [(count, _reason(code)) for code, count in enumerate(counts) if count],
         [(int(strings[i]), int(failures[i])) for i in most],
-        [_failure(row) for row in material.failures[-LAST:]],
+        [_failure(row) for row in data.failures()[-LAST:]],
     )
 
 

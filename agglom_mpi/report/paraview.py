@@ -97,7 +97,7 @@ def select_samples(file: CampaignData, selection: FrameSelection) -> list[Select
 
 def _best(file: CampaignData) -> int:
 
-    order = rank_strings(file, file.result_rows(), file.string_rows(), file.all_sample_rows()).order
+    order = rank_strings(file).order
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]

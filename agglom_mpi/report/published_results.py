@@ -3,11 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report.drawing import scaled_unit
-from agglom_mpi.report.material import Material
+from agglom_mpi.report.figures.figure import objective_label
 from agglom_mpi.report.page_tables import Table
+from agglom_mpi.storage.reader import CampaignData
 
 
 class Column(NamedTuple):
@@ -180,39 +183,39 @@ def _entry(identity: Mapping[str, Any], name: str, value: Any) -> Any:
     return identity.get(name)
 
 
-def comparison_tables(material: Material) -> list[Table]:
+def comparison_tables(data: CampaignData) -> list[Table]:
     """Return the tables of the matching paper with a campaign's best strings between their rows.
 
     Without such a paper: one table of the best strings.
     """
-    paper, best = matching_paper(material.identity), material.best[:RANKS]
+    paper, best = matching_paper(data.identity), rank_strings(data).order[:RANKS]
     if paper is None:
-        return [_own_table(material, best)]
-    return [_beside(published, material, best) for published in PAPERS[paper][1]]
+        return [_own_table(data, best)]
+    return [_beside(published, data, best) for published in PAPERS[paper][1]]
 
 
-def _own_table(material: Material, best: Sequence[int]) -> Table:
+def _own_table(data: CampaignData, best: Sequence[int]) -> Table:
     objective, *results = AGGLOMERATION[2].columns
     columns = [
-        *_variable_columns(material),
-        objective._replace(heading=material.objective_label),
+        *_variable_columns(data),
+        objective._replace(heading=objective_label(data)),
         *results,
     ]
-    rows = [[str(i), *_cells(material, string, columns)] for i, string in enumerate(best, 1)]
+    rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
     headings = ["rank", *(column.heading for column in columns)]
     return Table(headings, rows, "Best strings")
 
 
-def _variable_columns(material: Material) -> list[Column]:
+def _variable_columns(data: CampaignData) -> list[Column]:
     columns = []
-    for variable, _, upper, _ in material.searched:
+    for variable, _, upper, _ in searched_variables(data):
         factor, unit = scaled_unit(variable.unit, upper)
         name = variable.name.replace("_", " ")
         columns.append(Column(f"{name} ({unit})", variable.name, factor, ".5g"))
     return columns
 
 
-def _beside(published: PublishedTable, material: Material, best: Sequence[int]) -> Table:
+def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) -> Table:
     columns = published.columns
     rows: list[list[str]] = []
     classes: list[str] = []
@@ -221,21 +224,21 @@ def _beside(published: PublishedTable, material: Material, best: Sequence[int]) 
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
-            rows.append(["", "here", *_cells(material, best[place], columns)])
+            rows.append(["", "here", *_cells(data, best[place], columns)])
             classes.append("here")
     headings = ["rank", "", *(column.heading for column in columns)]
     return Table(headings, rows, published.caption, classes, (1,))
 
 
-def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[str]:
+def _cells(data: CampaignData, string: int, columns: Sequence[Column]) -> list[str]:
     """Return a row of a campaign's string: by its fresh samples if there are any."""
-    result = material.result_of[string]
+    result = rank_strings(data).results[string]
     objective, error = float(result["objective"]), float(result["standard_error"])
     ratio = float(result["mean_radius_ratio"])
-    estimate = {estimate.string: estimate for estimate in material.estimates}.get(string)
+    estimate = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
     if estimate is not None and estimate.known:
-        rows = material.samples_of(string)
-        fresh = rows[(rows["sample"] >= material.fresh) & (rows["state"] == COMPLETED)]
+        rows = data.sample_rows(string)
+        fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
         objective, error = estimate.objective, estimate.standard_error
         ratio = float(fresh["mean_radius_ratio"].mean())
     results = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
@@ -247,6 +250,6 @@ def _cells(material: Material, string: int, columns: Sequence[Column]) -> list[s
         if column.name in results:
             value = results[column.name]
         else:
-            value = float(material.values([string], column.name)[0])
+            value = float(data.values([string], column.name)[0])
         cells.append(format(value / column.unit, column.digits))
     return cells

@@ -6,13 +6,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.resimulation import is_same
+from agglom_mpi.analysis.resimulation import is_same, recorded_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.physics.scales import end_time, grain_radius
-from agglom_mpi.report.material import Material
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
 
 Floats = NDArray[np.float64]
@@ -96,21 +96,28 @@ class RadiusDistribution(NamedTuple):
         return f"{words}\nskewness {third / second**1.5:.2f}, kurtosis {fourth / second**2:.2f}"
 
 
-def completed_samples(material: Material, string: int) -> np.ndarray:
+def target_ratio(data: CampaignData) -> float | None:
+    """Return the mean radius ratio that a campaign asks for; None if it asks for none."""
+    if data.identity.get("objective.law") != "growth_target":
+        return None
+    return float(data.identity["objective.ratio"])
+
+
+def completed_samples(data: CampaignData, string: int) -> np.ndarray:
     """Return the rows of the completed samples of a string: the fresh ones if there are any."""
-    rows = material.samples_of(string)
+    rows = data.sample_rows(string)
     rows = rows[rows["state"] == COMPLETED]
-    fresh = rows[rows["sample"] >= material.fresh]
+    fresh = rows[rows["sample"] >= data.fresh_from]
     return fresh if len(fresh) else rows
 
 
-def all_stored(material: Material) -> bool:
+def all_stored(data: CampaignData) -> bool:
     """Return whether final particles and frames are stored, so that nothing is resimulated."""
-    return bool(material.file.attributes.get("final_particles") and material.file.framed())
+    return bool(data.attributes.get("final_particles") and data.framed())
 
 
 def final_radii(
-    material: Material, string: int, seconds: float = RESIMULATION_SECONDS
+    data: CampaignData, string: int, seconds: float = RESIMULATION_SECONDS
 ) -> RadiusDistribution | None:
     """Return the final radii b/b0 of a string; None if it has no completed sample.
 
@@ -119,81 +126,81 @@ def final_radii(
 
     Parameters
     ----------
-    material
+    data
     string
     seconds
         Processor time that resimulation may take, s.
     """
-    rows = completed_samples(material, string)
+    rows = completed_samples(data, string)
     if not len(rows):
         return None
-    kind = "fresh" if rows["sample"][0] >= material.fresh else "all"
-    stored, radii = _stored_radii(material, string, rows[:MAX_SAMPLES])
+    kind = "fresh" if rows["sample"][0] >= data.fresh_from else "all"
+    stored, radii = _stored_radii(data, string, rows[:MAX_SAMPLES])
     if radii:
-        return _pooled(material, stored, radii, f"as stored of {kind} samples")
-    count = _affordable_samples(material, rows, seconds)
+        return _pooled(data, stored, radii, f"as stored of {kind} samples")
+    count = _affordable_samples(data, rows, seconds)
     if not count:
         reason = "particles are not stored, and to simulate again takes too long"
-        return _mean_radii(material, rows, reason)
+        return _mean_radii(data, rows, reason)
     try:
-        radii, same = _resimulated_radii(material, string, rows[:count])
+        radii, same = _resimulated_radii(data, string, rows[:count])
     except (CampaignError, RuntimeError) as error:
-        return _mean_radii(material, rows, f"samples cannot be simulated again ({error})")
+        return _mean_radii(data, rows, f"samples cannot be simulated again ({error})")
     source = "simulated again, identical to the recorded ones"
     if not same:
         source = "simulated again by other sources, not identical to the recorded ones"
-    return _pooled(material, rows[:count], radii, f"{kind} samples, {source}")
+    return _pooled(data, rows[:count], radii, f"{kind} samples, {source}")
 
 
 def _stored_radii(
-    material: Material, string: int, rows: np.ndarray
+    data: CampaignData, string: int, rows: np.ndarray
 ) -> tuple[np.ndarray, list[Floats]]:
     """Return the rows whose particles are stored, and the radii b/b0 of each."""
-    if not material.file.attributes.get("final_particles"):
+    if not data.attributes.get("final_particles"):
         return rows[:0], []
-    found = [material.file.final_particles(string, int(sample)) for sample in rows["sample"]]
+    found = [data.final_particles(string, int(sample)) for sample in rows["sample"]]
     scene = SimpleNamespace(
-        particles=material.identity["scene.particles"],
-        half_width=material.identity["scene.half_width"],
+        particles=data.identity["scene.particles"],
+        half_width=data.identity["scene.half_width"],
     )
-    first = grain_radius(scene, {"size_ratio": float(material.string_of[string]["size_ratio"])})
+    first = grain_radius(scene, {"size_ratio": float(data.values([string], "size_ratio")[0])})
     is_stored = np.array([particles is not None for particles in found], bool)
     return rows[is_stored], [each.radii / first for each in found if each is not None]
 
 
-def _affordable_samples(material: Material, rows: np.ndarray, seconds: float) -> int:
+def _affordable_samples(data: CampaignData, rows: np.ndarray, seconds: float) -> int:
     """Return how many of these samples can be resimulated within some processor time."""
-    if int(material.identity["scene.particles"]) > MAX_GRAINS:
+    if int(data.identity["scene.particles"]) > MAX_GRAINS:
         return 0
     count = seconds / max(float(rows["seconds"].mean()), 1e-9)
     return int(min(len(rows), MAX_SAMPLES, count))
 
 
 def _resimulated_radii(
-    material: Material, string: int, rows: np.ndarray
+    data: CampaignData, string: int, rows: np.ndarray
 ) -> tuple[list[Floats], bool]:
     """Return the radii of resimulated samples, and whether all equal the recorded ones."""
-    campaign = material.campaign
-    parameters, first = material.parameters(string), campaign.first_sample(string)
+    campaign = recorded_campaign(data)
+    parameters, first = data.parameters[string], campaign.first_sample(string)
     outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
     same = all(is_same(row, each.record) for row, each in zip(rows, outcomes, strict=True))
     return [outcome.radii for outcome in outcomes], same
 
 
 def _pooled(
-    material: Material, rows: np.ndarray, radii: list[Floats], source: str
+    data: CampaignData, rows: np.ndarray, radii: list[Floats], source: str
 ) -> RadiusDistribution:
     """Return the radii of the particles of samples, one array each, as one distribution."""
-    return _distribution(material, rows, np.concatenate(radii), False, source)
+    return _distribution(data, rows, np.concatenate(radii), False, source)
 
 
-def _mean_radii(material: Material, rows: np.ndarray, source: str) -> RadiusDistribution:
+def _mean_radii(data: CampaignData, rows: np.ndarray, source: str) -> RadiusDistribution:
     """Return the mean radii of samples; the moments are still those of the particles."""
-    return _distribution(material, rows, rows["mean_radius_ratio"].copy(), True, source)
+    return _distribution(data, rows, rows["mean_radius_ratio"].copy(), True, source)
 
 
 def _distribution(
-    material: Material, rows: np.ndarray, values: Floats, of_means: bool, source: str
+    data: CampaignData, rows: np.ndarray, values: Floats, of_means: bool, source: str
 ) -> RadiusDistribution:
     pool = PooledMoments()
     for summary in summaries(rows):
@@ -201,18 +208,18 @@ def _distribution(
     mean = float(rows["mean_radius_ratio"].mean())
     string = int(rows["string"][0])
     return RadiusDistribution(
-        string, values, len(rows), of_means, mean, pool.central, source, material.target
+        string, values, len(rows), of_means, mean, pool.central, source, target_ratio(data)
     )
 
 
 def frames_of(
-    material: Material, string: int, seconds: float = RESIMULATION_SECONDS
+    data: CampaignData, string: int, seconds: float = RESIMULATION_SECONDS
 ) -> SampleFrames:
     """Return frames of a sample: stored ones, those of the string first, or resimulated ones.
 
     Parameters
     ----------
-    material
+    data
     string
     seconds
         Processor time that resimulation may take, s.
@@ -222,27 +229,27 @@ def frames_of(
     FramesUnavailableError
         If none are stored, and no sample of the string can be resimulated.
     """
-    half_width = float(material.identity["scene.half_width"])
-    stored = [pair for pair in material.file.framed() if pair[0] == string]
-    for pair in stored or material.file.framed():
-        frames = material.file.frames(*pair)
+    half_width = float(data.identity["scene.half_width"])
+    stored = [pair for pair in data.framed() if pair[0] == string]
+    for pair in stored or data.framed():
+        frames = data.frames(*pair)
         if frames is not None and frames.particles.max(initial=0) > 0:
             return SampleFrames(*pair, frames, "as stored", half_width)
-    rows = completed_samples(material, string)
-    if not len(rows) or not _affordable_samples(material, rows, seconds):
+    rows = completed_samples(data, string)
+    if not len(rows) or not _affordable_samples(data, rows, seconds):
         raise FramesUnavailableError(
             "frames are not stored, and to simulate a sample again takes too long or was not wanted"
         )
     sample = int(rows["sample"][0])
     try:
-        frames = _resimulated_frames(material, string, sample)
+        frames = _resimulated_frames(data, string, sample)
     except (CampaignError, RuntimeError) as error:
         raise FramesUnavailableError(str(error)) from error
     return SampleFrames(string, sample, frames, "simulated again", half_width)
 
 
-def _resimulated_frames(material: Material, string: int, sample: int) -> Frames:
-    campaign, parameters = material.campaign, material.parameters(string)
+def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:
+    campaign, parameters = recorded_campaign(data), data.parameters[string]
     end = end_time(campaign.scene, dict(zip(NAMES, parameters.tolist(), strict=True)))
     number = campaign.first_sample(string) + sample
     outcome = campaign.simulate(parameters, number, frames=end * np.array(FRAME_TIMES))

@@ -22,7 +22,7 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.messages import NOT_NEEDED, SILENT_AFTER, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
 from agglom_mpi.runtime.progress_of_run import of_post_stage, of_search
-from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, Stored
+from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import Delivery, WorkerPool
 from agglom_mpi.scheduling.in_flight import SampleRange
@@ -66,7 +66,7 @@ class Coordinator:
         self._work = work
         self._writer = writer
         self._watcher = watcher
-        self._stored = Stored(file)
+        self._stored = file
         self._fresh = file.fresh_from, file.max_samples
         self._failing: set[int] = set()
         self._told_full = False
@@ -80,7 +80,8 @@ class Coordinator:
     def reestimation(self) -> ReestimationStage:
         """The fresh samples of the best strings, once all is decided."""
         assert self.inversion.finished
-        finalists, known = self._work.finalists(self.inversion), self._stored.estimated
+        finalists, stored = self._work.finalists(self.inversion), self._stored
+        known = {*stored.fresh_samples[["string", "sample"]].tolist(), *stored.fresh_timed_out}
         return ReestimationStage(finalists, *self._fresh, known, self.inversion.parameters)
 
     @cached_property
@@ -93,9 +94,8 @@ class Coordinator:
 
     def replay(self) -> bool:
         """Decide again what the stored samples decide; whether that finishes the campaign."""
-        for stored in stored_outcomes(self._stored.samples, self._stored.timed_out):
+        for stored in stored_outcomes(self._stored.searched_samples, self._stored.judged_timed_out):
             self.inversion.accept(*stored)
-        self.recorder.failures = self._stored.failures
         self.inversion.start()
         return self.inversion.finished and self.reestimation.complete and self.frame_stage.complete
 
@@ -105,7 +105,10 @@ class Coordinator:
         self._scheduler = Scheduler(
             self.inversion,
             pool.size,
-            [*self._stored.samples[["string", "sample"]].tolist(), *self._stored.timed_out],
+            [
+                *self._stored.searched_samples[["string", "sample"]].tolist(),
+                *self._stored.judged_timed_out,
+            ],
             [result.samples_used for result in self.inversion.results.values()],
         )
         self.recorder.begin()
@@ -213,7 +216,7 @@ class Coordinator:
                 self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
                 self.frame_stage.scheduler.done(delivery.rank)
         if len(delivery.results) or delivery.finals is not None:
-            writes = delivery.rank if self._writer.shared and delivery.rank else None
+            writes = delivery.rank if self._writer.parallel and delivery.rank else None
             self.recorder.simulated(storable(delivery.results), delivery.finals, writes)
             searched, fresh = self._parted(delivery.results)
             if len(searched):

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.ensemble import EnsembleResult
-from agglom_mpi.storage.digest import generation_digest, used_samples
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, sample_dtype
-from agglom_mpi.storage.table import concatenated
+from agglom_mpi.storage.table import concatenated, generation_digest, used_samples
 from agglom_mpi.variables import COUNT
 
 

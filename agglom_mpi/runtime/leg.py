@@ -43,12 +43,12 @@ def run_leg(
         warm_up(simulator, world)
         nodes = find_nodes(world).number
         if database == PARALLEL and world is not None:
-            writer.share(world)
+            writer.reopen_parallel(world)
         about = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
         leg = writer.begin_leg(**about)
         writer.set_status("running")
         pool = WorkerPool(simulator, world)
-        if nodes > 1 and writer.shared:
+        if nodes > 1 and writer.parallel:
             recorder.synced = pool.sync
         end = master.run(pool, stop)
     end = master.wind_up(pool, end)

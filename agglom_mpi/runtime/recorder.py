@@ -16,12 +16,10 @@ from agglom_mpi.runtime.messages import storable
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import GenerationSummary
-from agglom_mpi.search.proposals import Proposals, restored
+from agglom_mpi.search.proposals import Proposals
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.table import runs_of
-from agglom_mpi.storage.timeouts import judged_as_timed_out, timed_out
 from agglom_mpi.storage.writer import CampaignWriter
-from agglom_mpi.variables import NAMES
 
 
 class ProgressListener(Protocol):
@@ -43,70 +41,11 @@ class ProgressListener(Protocol):
         """Show what went wrong, however quiet the run is."""
 
 
-class Stored:
-    """What earlier legs left in a campaign file, read once at the start.
-
-    Attributes
-    ----------
-    samples, fresh
-        Samples that decisions may see, and those that none does.
-    timed_out, late
-        Samples, as (string, sample), that have no row because they took too long: those that were
-        judged, and fresh ones.
-    """
-
-    def __init__(self, file: CampaignData) -> None:
-        strings = file.string_rows()
-        self.parameters = {
-            int(row["string"]): np.array([row[name] for name in NAMES]) for row in strings
-        }
-        results = file.result_rows()
-        self.results = {int(row["string"]): results[i : i + 1] for i, row in enumerate(results)}
-        self.generations = {int(row["generation"]) for row in file.generation_rows()}
-        rows, failures = file.all_sample_rows(), file.failures()
-        fresh = rows["sample"] >= file.fresh_from
-        self.samples, self.fresh = rows[~fresh], rows[fresh]
-        self.timed_out = judged_as_timed_out(failures, rows, results)
-        late = timed_out(failures, rows)
-        self.late = {pair for pair in late if pair[1] >= file.fresh_from}
-        self.format_version = int(file.attributes["format_version"])
-        self.seconds = _seconds_of_legs(file)
-
-    @property
-    def failures(self) -> int:
-        """Samples that raised or took too long."""
-        raised = sum(
-            int((rows["reason"] == EXCEPTION).sum()) for rows in (self.samples, self.fresh)
-        )
-        return raised + len(self.timed_out) + len(self.late)
-
-    @property
-    def failed(self) -> int:
-        """Samples that failed for any reason."""
-        failed = sum(int((rows["state"] == FAILED).sum()) for rows in (self.samples, self.fresh))
-        return failed + len(self.timed_out) + len(self.late)
-
-    @property
-    def count(self) -> int:
-        """Samples, fresh ones included."""
-        return len(self.samples) + len(self.fresh)
-
-    @property
-    def estimated(self) -> set[tuple[int, int]]:
-        """Fresh samples, as (string, sample), that need no simulation."""
-        return {*self.fresh[["string", "sample"]].tolist(), *self.late}
-
-    def restore(self, batch: Proposals, first: int) -> Proposals:
-        """Replace proposals by what is stored of them, bit for bit."""
-        return restored(batch, first, self.parameters)
-
-
-def _seconds_of_legs(file: CampaignData) -> float:
+def _seconds_of_legs(data: CampaignData) -> float:
     """Wall-clock time of all earlier legs; of a killed one up to its last generation."""
-    legs = file.legs()
-    whole = float(np.nansum(legs["stopped"] - legs["started"]))
-    generations = file.generation_rows()
-    return max(whole, float(generations["seconds"].max()) if len(generations) else 0.0)
+    legs, generations = data.legs(), data.generation_rows()
+    ended = float(np.nansum(legs["stopped"] - legs["started"]))
+    return max(ended, float(generations["seconds"].max()) if len(generations) else 0.0)
 
 
 class RunRecorder:
@@ -142,25 +81,34 @@ class RunRecorder:
     def __init__(
         self,
         writer: CampaignWriter,
-        stored: Stored,
+        stored: CampaignData,
         watcher: ProgressListener,
         top: int,
         generations: int,
     ) -> None:
         self.samples = 0
         self.busy_seconds = 0.0
-        self.failures = 0
-        self.failed = stored.failed
+        rows, searched = stored.all_sample_rows(), stored.searched_samples
+        judged = stored.judged_timed_out
+        timed_out = len(judged) + len(stored.fresh_timed_out)
+        self.failures = int((rows["reason"] == EXCEPTION).sum()) + timed_out
+        self.failed = int((rows["state"] == FAILED).sum()) + timed_out
         self.best: Best | None = None
         self.laps = DurationStatistics()
         self.fresh_costs = DurationStatistics()
         self._generations = generations
         self.begin()
         self._writer = writer
-        self._stored = stored
+        results = stored.result_rows()
+        self._stored_results = {
+            string: results[i : i + 1] for i, string in enumerate(results["string"].tolist())
+        }
+        self._stored_generations = set(stored.generation_rows()["generation"].tolist())
+        self._stored_samples, self._stored_searched = len(rows), len(searched) + len(judged)
+        self._stored_seconds = _seconds_of_legs(stored)
         self._watcher = watcher
         self._top = top
-        self._evidence = DigestAccumulator(stored.samples, stored.format_version)
+        self._evidence = DigestAccumulator(searched, stored.format_version)
         self._backlog = WriteOrderBarrier()
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
@@ -187,12 +135,12 @@ class RunRecorder:
     @property
     def all_samples(self) -> int:
         """Samples of all legs, fresh ones included."""
-        return self._stored.count + self.samples
+        return self._stored_samples + self.samples
 
     @property
     def seconds(self) -> float:
         """Wall-clock seconds of all legs."""
-        return self._stored.seconds + self.elapsed
+        return self._stored_seconds + self.elapsed
 
     def simulated(
         self,
@@ -256,11 +204,11 @@ class RunRecorder:
 
     def judged(self, string: int, result: EnsembleResult) -> None:
         """Store the result of a string."""
-        row = self._stored.results.get(string)
+        row = self._stored_results.get(string)
         if row is None:
             row = result_row(string, result)
             self._writer.mark_running()
-            self._backlog.store(partial(self._writer.put_result, string, **result._asdict()))
+            self._backlog.store(partial(self._writer.put_result, row))
         self._evidence.judged(string, row)
 
     def written(self, rank: int, count: int) -> None:
@@ -283,11 +231,11 @@ class RunRecorder:
         self.best = Best(
             summary.best, summary.objective, summary.standard_error, summary.mean_of_top
         )
-        if summary.generation in self._stored.generations:
+        if summary.generation in self._stored_generations:
             return
         self.laps.add(self.lap)
         self._turned = time.monotonic()
-        simulated = len(self._stored.samples) + len(self._stored.timed_out) + self.samples
+        simulated = self._stored_searched + self.samples
         store = partial(
             self._writer.put_generation,
             summary.generation,

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from agglom_mpi.analysis.summary import summarise
+from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.libraries import check_libraries
@@ -64,7 +64,7 @@ def invert(options: Options, world: "Intracomm | None") -> int:
 
     def finish(order: Order) -> None:
         if not options.quiet:
-            display.table(summarise(read_campaign(order.path)))
+            display.table(summary_table(read_campaign(order.path)))
 
     return run_on_all_ranks(
         lambda: read_order(options), display, finish, world, max_walltime=options.max_walltime
@@ -182,6 +182,7 @@ def run_rank_zero(
             master = Coordinator(work, file, writer, display)
             if master.replay():
                 broadcast_start(world, FINISHED)
+                file.refresh()  # deciding again may have written rows that were lost
                 if file.status().state != "finished":  # killed just after the last generation
                     writer.set_status("finished", master.finished_because)
                 display.message(f"{order.path} is finished already: nothing to do")
@@ -194,7 +195,7 @@ def run_rank_zero(
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
-            writer.give_up(error_text(error))
+            writer.abandon(error_text(error))
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE

@@ -29,7 +29,7 @@ from agglom_mpi.runtime.sample_runner import Batch, SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, there_is_mail
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS, WOKEN_ROUND_TRIP_SECONDS
-from agglom_mpi.storage.particle_tables import final_particles_layout, frames_layout
+from agglom_mpi.storage.schema import final_particles_schema, frames_schema
 from agglom_mpi.storage.table import concatenated
 
 if TYPE_CHECKING:
@@ -115,8 +115,8 @@ class WorkerPool:
             WRITTEN: np.dtype(np.int64),
             ALIVE: HEARTBEAT,
             STOP: GOODBYE,
-            FINALS: final_particles_layout(simulator.grains).dtype,
-            FRAMES: frames_layout(simulator.grains).dtype,
+            FINALS: final_particles_schema(simulator.grains).dtype,
+            FRAMES: frames_schema(simulator.grains).dtype,
         }
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:

@@ -1,4 +1,4 @@
-"""Opening a campaign file: no locks, no sieve buffer, one clear error if it is not one."""
+"""Opening a campaign file: without HDF5's locks and sieve buffer, and with clear errors."""
 
 import errno
 import os
@@ -13,14 +13,14 @@ import numpy as np
 from h5py import h5f, h5p
 
 from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
-from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, layouts
+from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, table_schemas
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
 _LEAST_ROOM: Final = 1 << 16
-"""Bytes; a disc with less room left is full."""
+"""Bytes; a disk with less free space counts as full."""
 
 _SYMPTOMS: Final = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError),
@@ -29,13 +29,13 @@ _SYMPTOMS: Final = (
 
 
 class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
-    """The file is no campaign file that this program can read; one line says why."""
+    """The file is no campaign file that this program can read; the message is one line."""
 
     exit_code = BAD_INPUT
 
 
 class DamagedCampaign(NotACampaign):
-    """The file was a campaign file once; nothing here can open it any more."""
+    """The file is a campaign file, but so damaged that it cannot be opened."""
 
     exit_code = FAILURE
 
@@ -47,11 +47,18 @@ def open_file(
     thorough: bool = True,
     world: "Intracomm | None" = None,
 ) -> h5py.File:
-    """Open a campaign file and make sure that it is one.
+    """Open a campaign file and check that it is one.
 
-    Not `thorough`, it only believes what the file says of itself: the columns of all tables
-    take longer to check than a few rows to read. With a `world` all its ranks open the file
-    together, and close it together.
+    Parameters
+    ----------
+    path
+        The file.
+    write
+        Whether to open it for writing, too.
+    thorough
+        Whether to check the columns of all tables, which takes longer than to read a few rows.
+    world
+        All ranks, if these open the file together; then they close it together, too.
 
     Raises
     ------
@@ -72,7 +79,7 @@ def open_file(
             raise with_path(error, path) from error
         raise _explain(path, str(error)) from error
     try:
-        with damage_named(path):
+        with report_damage(path):
             _check_format(file, path)
             if thorough:
                 _check_tables(file, path)
@@ -86,10 +93,10 @@ def open_file(
 
 
 @contextmanager
-def damage_named(path: Path) -> Iterator[None]:
-    """Raise a DamagedCampaign for what h5py and NumPy raise where HDF5's own bytes are damaged.
+def report_damage(path: Path) -> Iterator[None]:
+    """Turn what h5py and NumPy raise where HDF5's own bytes are damaged into a DamagedCampaign.
 
-    A failed system call, an OSError with a number, says nothing of the file and is passed on.
+    A failed system call, an OSError with a number, is no sign of damage and is passed on.
     """
     try:
         yield
@@ -103,8 +110,8 @@ def damage_named(path: Path) -> Iterator[None]:
 
 
 def read_attributes(file: h5py.File, path: Path) -> dict[str, Any]:
-    """Read what a campaign file says of itself; raises DamagedCampaign."""
-    with damage_named(path):
+    """Read the attributes of a campaign file, numbers as Python's; raises DamagedCampaign."""
+    with report_damage(path):
         return {
             name: value.item() if isinstance(value, np.generic) else value
             for name, value in file.attrs.items()
@@ -112,7 +119,7 @@ def read_attributes(file: h5py.File, path: Path) -> dict[str, Any]:
 
 
 def refuse_compact(file: h5py.File, path: Path) -> None:
-    """Raise NotACampaign if writing to the file could tear it: its rows lie in chunks."""
+    """Raise NotACampaign if a kill could tear a row that is written: rows lie in chunks."""
     if file["samples"].chunks is not None:
         raise NotACampaign(
             f"{path}: a compact copy, which can be read but not continued; continue the file "
@@ -121,9 +128,9 @@ def refuse_compact(file: h5py.File, path: Path) -> None:
 
 
 def with_path(error: OSError | RuntimeError, path: Path) -> OSError:
-    """Replace HDF5's long account of a failed system call by its reason and the path.
+    """Return an OSError with the number of a failed system call and the path.
 
-    What fails in closing a file h5py reports as a RuntimeError, the number in its text.
+    HDF5 puts the number into a long text, and h5py raises a RuntimeError where closing fails.
     """
     found = re.search(r"errno = (\d+)", str(error))
     number = getattr(error, "errno", None) or (int(found[1]) if found else None)
@@ -165,12 +172,12 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
-    for layout in layouts(file.attrs):
-        names = (layout.name, layout.done) if layout.final else (layout.name,)
+    for schema in table_schemas(file.attrs):
+        names = (schema.name, schema.done) if schema.final else (schema.name,)
         dtypes = [file[name].dtype for name in names]
-        if dtypes[0] != layout.dtype:
+        if dtypes[0] != schema.dtype:
             raise NotACampaign(
-                f"{path}: table /{layout.name} has other columns than this version of "
+                f"{path}: table /{schema.name} has other columns than this version of "
                 f"agglom_mpi expects (written by version {file.attrs['code_version']})"
             )
 

@@ -8,26 +8,25 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.access import NotACampaign, open_file
-from agglom_mpi.storage.columns import TableSchema
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
-from agglom_mpi.storage.schema import layouts
+from agglom_mpi.storage.schema import TableSchema, table_schemas
 from agglom_mpi.storage.table import Rows, checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
-"""Size of a chunk before compression; several fit into HDF5's cache of 1 MiB."""
+"""Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""
 REWRITE_SECONDS: Final = 0.1
 """Longer than a row of `/legs` takes to be rewritten in place."""
 
 
-class Copied(NamedTuple):
-    """What a compact copy holds; damaged rows are final ones with a wrong checksum."""
+class CopyCounts(NamedTuple):
+    """Rows that a compact copy holds; damaged ones are final, but with a wrong checksum."""
 
     strings: int
     samples: int
     damaged: int
 
 
-def write_compact(source: Path, target: Path) -> Copied:
+def write_compact(source: Path, target: Path) -> CopyCounts:
     """Write a chunked, compressed copy of what is final in a campaign file, also a growing one.
 
     Attributes, rows, checksums and done bytes are the same; the attribute `strings` and the
@@ -44,29 +43,29 @@ def write_compact(source: Path, target: Path) -> Copied:
     """
     with open_file(source) as old, atomic_file(target) as temporary:
         attributes = dict(old.attrs)
-        tables = layouts(attributes)
-        # Before the rows, for the last word of a run is that it has finished.
+        tables = table_schemas(attributes)
+        # Before the rows: what the status tells of is then in the file.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
         final = final_rows(old, source)
         damaged = 0
-        with new_file(temporary) as (new, disc):
-            rooms = {name: len(final[name]) for name in ("strings", "frames") if name in final}
-            new.attrs.update(attributes | rooms)
+        with new_file(temporary) as (new, checked):
+            lengths = {name: len(final[name]) for name in ("strings", "frames") if name in final}
+            new.attrs.update(attributes | lengths)
             for table in tables:
                 if not table.final:
-                    _compressed(new, old[table.name], plain[table.name])
+                    _write_compressed(new, old[table.name], plain[table.name])
                     continue
-                damaged += _copy(old, new, table, final[table.name], source, disc)
-                _compressed(new, old[table.done], final[table.name].astype("u1"))
+                damaged += _copy(old, new, table, final[table.name], source, checked)
+                _write_compressed(new, old[table.done], final[table.name].astype("u1"))
     strings, samples = (int(final[name].sum()) for name in ("strings", "samples"))
-    return Copied(strings, samples, damaged)
+    return CopyCounts(strings, samples, damaged)
 
 
 def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
-    """Which rows of each table are final, up to the last one, as bool arrays of length ≥ 1.
+    """Return which rows of each table are final, up to the last one: bool arrays of length ≥ 1.
 
-    A run writes strings, then their samples, then judgements, then the generation. Read the
-    other way round, no row is there without those that it rests on.
+    A run writes strings, then their samples, then results, then the generation. Read the other
+    way round, no row is there without those that it rests on.
     """
     final = {
         name: _up_to_last(_read(file, f"{name}_done", path) != 0)
@@ -97,9 +96,9 @@ def _copy(
     table: TableSchema,
     final: np.ndarray,
     source: Path,
-    disc: CheckedFile,
+    checked: CheckedFile,
 ) -> int:
-    """Copy the final rows of a table, chunk by chunk; how many of them are damaged."""
+    """Copy the final rows of a table, chunk by chunk; return how many of them are damaged."""
     copy = _dataset(new, old[table.name], len(final))
     step, damaged = copy.chunks[0], 0
     for first in range(0, len(final), step):
@@ -113,16 +112,16 @@ def _copy(
             damaged += int((~checksum_ok(part[kept])).sum())
         part[~kept] = np.zeros(1, part.dtype)
         copy[first : first + len(part)] = part
-        disc.check()
+        checked.check()
     return damaged
 
 
-def _compressed(new: h5py.File, dataset: h5py.Dataset, rows: np.ndarray) -> None:
+def _write_compressed(new: h5py.File, dataset: h5py.Dataset, rows: np.ndarray) -> None:
     _dataset(new, dataset, len(rows))[:] = rows
 
 
 def _dataset(new: h5py.File, dataset: h5py.Dataset, length: int) -> h5py.Dataset:
-    """Make a chunked dataset of this length with the type and the attributes of another."""
+    """Create a chunked dataset of a length, with the type and the attributes of another."""
     chunk = min(length, max(1, CHUNK_BYTES // dataset.dtype.itemsize))
     storage = {"chunks": (chunk,), "compression": "gzip", "shuffle": True}
     copy = new.create_dataset(dataset.name, (length,), dataset.dtype, **storage)

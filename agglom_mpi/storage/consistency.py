@@ -1,4 +1,4 @@
-"""Do the numbers in a campaign file agree with each other, and with the digests?"""
+"""Agreement of the numbers in a campaign file with each other and with its digests."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -6,43 +6,43 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS
-from agglom_mpi.storage.contents import Key, VerificationReport, parameters_of, row_list
-from agglom_mpi.storage.digest import generation_digest, used_samples
+from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
-from agglom_mpi.storage.timeouts import timed_out
+from agglom_mpi.storage.table import generation_digest, used_samples
+from agglom_mpi.storage.verify import Key, VerificationReport, row_list
 from agglom_mpi.variables import VARIABLES
 
 EXIT_CODES: Final = (-1, 0, 1, 75)
-"""What a leg can have ended with; -1 if it did not."""
+"""Exit codes that a leg may have; -1 if it has not ended."""
 
 
-def check_numbers(contents: VerificationReport) -> None:
-    """Find rows that are absent although others rest on them, and numbers that cannot be."""
-    if contents.attributes.get("purpose") not in (INVERSION, STUDY):
-        contents.faults.append("attributes: unknown purpose")
-    contents.faults += _wrong_variables(contents)
-    _find_absent_strings(contents)
-    _find_absent_samples(contents)
-    _find_absent_of_generations(contents)
-    for table, wrong, what in _out_of_range(contents):
+def check_numbers(report: VerificationReport) -> None:
+    """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
+    if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
+        report.faults.append("attributes: unknown purpose")
+    report.faults += _wrong_variables(report)
+    _find_absent_strings(report)
+    _find_absent_samples(report)
+    _find_absent_of_generations(report)
+    for table, wrong, what in _out_of_range(report):
         if wrong.any():
-            rows = contents.rows[table][wrong]
+            rows = report.data.rows(table)[wrong]
             columns = ("string", "sample") if table == "samples" else ("string",)
             keys = rows[list(columns)].tolist()
-            named_keys = row_list(key if len(key) == 2 else key[0] for key in keys)
-            contents.faults.append(f"{table}: {what} in {named_keys}")
-    for what, number in _mismatches(contents):
-        contents.faults.append(f"generations: {what} in {number} does not follow from the results")
-    contents.faults += _wrong_legs(contents)
+            keys_text = row_list(key if len(key) == 2 else key[0] for key in keys)
+            report.faults.append(f"{table}: {what} in {keys_text}")
+    for what, number in _mismatches(report):
+        report.faults.append(f"generations: {what} in {number} does not follow from the results")
+    report.faults += _wrong_legs(report)
 
 
-def check_digests(contents: VerificationReport) -> int:
-    """Compare the digests of all generations that rest on whole rows; how many are right."""
+def check_digests(report: VerificationReport) -> int:
+    """Compare the digests of all generations that rest on valid rows; return how many agree."""
     right, wrong = 0, []
-    lost = contents.lost_strings
-    strings, results = contents.rows["strings"], contents.rows["results"]
-    samples = used_samples(contents.rows["samples"], results)
-    for row in contents.rows["generations"]:
+    lost = report.lost_strings
+    strings, results = report.data.string_rows(), report.data.result_rows()
+    samples = used_samples(report.data.all_sample_rows(), results)
+    for row in report.data.generation_rows():
         mine = strings[strings["generation"] == row["generation"]]
         ids = mine["string"]
         if not len(ids) or not lost.isdisjoint(range(ids[0], ids[-1] + 1)):
@@ -51,22 +51,22 @@ def check_digests(contents: VerificationReport) -> int:
             parameters_of(mine),
             results[np.isin(results["string"], ids)],
             samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
-            contents.format_version,
+            report.data.format_version,
         )
         if digest == int(row["digest"]):
             right += 1
         else:
             wrong.append(int(row["generation"]))
     if wrong:
-        contents.faults.append(
+        report.faults.append(
             f"generations: what {row_list(wrong)} rests on is not what it was: a parameter, result "
             "or used sample has been changed together with its checksum"
         )
     return right
 
 
-def _wrong_variables(contents: VerificationReport) -> Iterator[str]:
-    rows = contents.rows["variables"]
+def _wrong_variables(report: VerificationReport) -> Iterator[str]:
+    rows = report.data.variable_rows()
     names = [name.rstrip(b"\0") for name in rows["name"].tolist()]
     units = [unit.rstrip(b"\0") for unit in rows["unit"].tolist()]
     if names != [v.name.encode() for v in VARIABLES] or units != [
@@ -75,90 +75,90 @@ def _wrong_variables(contents: VerificationReport) -> Iterator[str]:
         yield f"{VARIABLE_TABLE.name}: other names or units than those of this program"
 
 
-def _find_absent_strings(contents: VerificationReport) -> None:
-    """Every string up to the last of a generation that has begun must be there."""
-    stored, strings = contents.numbers("strings"), contents.rows["strings"]
-    begun = strings["generation"] <= max(contents.bred["generation"].tolist(), default=0)
-    last = max([*strings["string"][begun].tolist(), *contents.numbers("results")], default=-1)
-    contents.miss("strings", set(range(last + 1)) - stored, "though later ones are stored")
-    contents.miss("strings", contents.numbers("samples") - stored, "though they have samples")
+def _find_absent_strings(report: VerificationReport) -> None:
+    """Record absent strings: all up to the last of a generation that has begun must be there."""
+    stored, strings = report.numbers("strings"), report.data.string_rows()
+    begun = strings["generation"] <= max(report.bred_strings["generation"].tolist(), default=0)
+    last = max([*strings["string"][begun].tolist(), *report.numbers("results")], default=-1)
+    report.add_absent("strings", set(range(last + 1)) - stored, "though later ones are stored")
+    report.add_absent("strings", report.numbers("samples") - stored, "though they have samples")
 
 
-def _find_absent_samples(contents: VerificationReport) -> None:
-    samples, results = contents.rows["samples"], contents.rows["results"]
-    most = int(contents.attributes["max_samples"])
+def _find_absent_samples(report: VerificationReport) -> None:
+    samples, results = report.data.all_sample_rows(), report.data.result_rows()
+    most = report.data.max_samples
     used = np.clip(results["samples_used"], 0, most)
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
     gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
-    late = timed_out(contents.rows["failures"], samples)
-    missing = {divmod(place, most) for place in gaps.tolist()} - late
-    contents.miss("samples", missing, "though the results of their strings rest on them")
-    counted = max(contents.rows["generations"]["samples_simulated"].tolist(), default=0)
-    torn = [key for key in contents.lost["samples"] - missing if _is_searched(key, contents)]
-    final = len(contents.searched) + len(torn) + len(missing)
-    final += sum(_is_searched(key, contents) for key in late)
+    timed_out = report.data.timed_out
+    missing = {divmod(place, most) for place in gaps.tolist()} - timed_out
+    report.add_absent("samples", missing, "though the results of their strings rest on them")
+    counted = max(report.data.generation_rows()["samples_simulated"].tolist(), default=0)
+    damaged = [key for key in report.lost["samples"] - missing if _is_searched(key, report)]
+    final = len(report.data.searched_samples) + len(damaged) + len(missing)
+    final += sum(_is_searched(key, report) for key in timed_out)
     if final < counted:
-        contents.faults.append(
+        report.faults.append(
             f"samples: {counted - final} unused ones are absent; {counted} had been "
             "simulated when the last generation was stored"
         )
 
 
-def _is_searched(key: Key, contents: VerificationReport) -> bool:
-    """Whether decisions may see a sample."""
-    return isinstance(key, tuple) and key[1] < contents.fresh_from
+def _is_searched(key: Key, report: VerificationReport) -> bool:
+    """Return whether decisions may see a sample."""
+    return isinstance(key, tuple) and key[1] < report.data.fresh_from
 
 
-def _find_absent_of_generations(contents: VerificationReport) -> None:
-    strings = contents.rows["strings"]
-    # Those read before the results; of `recorded` some may have come since.
-    stored = contents.numbers("generations") | contents.lost["generations"]
+def _find_absent_of_generations(report: VerificationReport) -> None:
+    strings = report.data.string_rows()
+    # Those read before the results; of `report.generations` some may have come since.
+    stored = report.numbers("generations") | report.lost["generations"]
     decided = strings["generation"] <= max(stored, default=-1)
-    without = set(strings["string"][decided].tolist()) - contents.numbers("results")
-    contents.miss("results", without, "though the generations of their strings are stored")
-    # Where ranks write their samples themselves, judgements are stored somewhat later.
-    begun = contents.bred["generation"] - 1 if contents.settled else ()
-    last = max([*contents.recorded, *begun], default=-1)
-    if contents.settled:
-        fresh = contents.rows["samples"]["sample"] >= contents.fresh_from
-        again = set(contents.rows["samples"]["string"][fresh].tolist())
-        without = again - contents.numbers("results")
-        contents.miss("results", without, "though their strings were estimated again")
-    missing = set(range(int(last) + 1)) - contents.recorded
-    contents.miss("generations", missing, "though later ones have begun")
+    without = set(strings["string"][decided].tolist()) - report.numbers("results")
+    report.add_absent("results", without, "though the generations of their strings are stored")
+    # Where ranks write their samples themselves, results are stored somewhat later.
+    begun = report.bred_strings["generation"] - 1 if report.settled else ()
+    last = max([*report.generations, *begun], default=-1)
+    if report.settled:
+        fresh = report.data.all_sample_rows()["sample"] >= report.data.fresh_from
+        again = set(report.data.all_sample_rows()["string"][fresh].tolist())
+        without = again - report.numbers("results")
+        report.add_absent("results", without, "though their strings were estimated again")
+    missing = set(range(int(last) + 1)) - report.generations
+    report.add_absent("generations", missing, "though later ones have begun")
 
 
-def _out_of_range(contents: VerificationReport) -> Iterator[tuple[str, Any, str]]:
-    """Look for numbers that no run writes; yields table, mask of its rows, and what is wrong."""
-    strings, results = contents.rows["strings"], contents.rows["results"]
-    parents, most = strings["parents"], contents.fresh_from
+def _out_of_range(report: VerificationReport) -> Iterator[tuple[str, Any, str]]:
+    """Yield table, mask of its rows, and what is wrong, of numbers that no run writes."""
+    strings, results = report.data.string_rows(), report.data.result_rows()
+    parents, most = strings["parents"], report.data.fresh_from
     yield "strings", strings["origin"] >= len(ORIGINS), "unknown origin"
     unborn = (parents < -1) | (parents >= strings["string"][:, None])
     yield "strings", unborn.any(axis=1), "parents that were not there yet"
     used, failed = results["samples_used"], results["failed"]
     yield "results", (used < 1) | (used > most), "number of samples used"
-    samples = used_samples(contents.rows["samples"], results)
+    samples = used_samples(report.data.all_sample_rows(), results)
     failures = samples["string"][samples["state"] == FAILED]
-    found = np.bincount(failures, minlength=int(contents.attributes["strings"]))
-    for string, _ in contents.timed_out:
+    found = np.bincount(failures, minlength=int(report.data.attributes["strings"]))
+    for string, _ in report.data.judged_timed_out:
         found[string] += 1
-    whole = ~np.isin(results["string"], list(contents.lost_strings))
+    whole = ~np.isin(results["string"], list(report.lost_strings))
     yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
-    samples = contents.rows["samples"]
+    samples = report.data.all_sample_rows()
     yield "samples", ~np.isin(samples["state"], (COMPLETED, FAILED)), "unknown state"
     odd = (samples["reason"] > 0) != (samples["state"] == FAILED)
     yield "samples", odd | (samples["reason"] >= len(REASONS)), "reason of failure"
 
 
-def _mismatches(contents: VerificationReport) -> Iterator[tuple[str, int]]:
-    """Find what in a generation does not follow from results; yields that and its number."""
-    strings = contents.rows["strings"]
-    results = {int(row["string"]): row for row in contents.rows["results"]}
-    for row in contents.rows["generations"]:
+def _mismatches(report: VerificationReport) -> Iterator[tuple[str, int]]:
+    """Yield what in a generation does not follow from results, and the generation."""
+    strings = report.data.string_rows()
+    results = {int(row["string"]): row for row in report.data.result_rows()}
+    for row in report.data.generation_rows():
         number = int(row["generation"])
         ids = strings["string"][strings["generation"] <= number].tolist()
-        if contents.lost_strings & set(range(max(ids, default=0) + 1)):
+        if report.lost_strings & set(range(max(ids, default=0) + 1)):
             continue  # nothing can be said
         if not set(ids) <= results.keys():
             continue
@@ -171,10 +171,10 @@ def _mismatches(contents: VerificationReport) -> Iterator[tuple[str, int]]:
         if not set(population) <= set(ids):
             yield "strings of the population", number
             continue
-        if contents.ranked_by_model:
+        if report.ranked_by_model:
             continue
-        worth = [(float(results[string]["objective"]), string) for string in population]
-        if worth != sorted(set(worth)):
+        objectives = [(float(results[string]["objective"]), string) for string in population]
+        if objectives != sorted(set(objectives)):
             yield "order of the population", number
         best = results[population[0]]
         stored = row["best_string"], row["best_objective"], row["best_standard_error"].tobytes()
@@ -182,16 +182,16 @@ def _mismatches(contents: VerificationReport) -> Iterator[tuple[str, int]]:
             yield "best string", number
 
 
-def _wrong_legs(contents: VerificationReport) -> Iterator[str]:
-    legs = contents.rows["legs"]
+def _wrong_legs(report: VerificationReport) -> Iterator[str]:
+    legs = report.data.legs()
     ended = np.isfinite(legs["stopped"])
     odd = (legs["ranks"] < 1) | ~np.isin(legs["exit_code"], EXIT_CODES) | (legs["samples"] < 0)
     odd |= ended & (legs["exit_code"] == -1)
     if odd.any():
-        yield f"legs: numbers that cannot be in {row_list(np.flatnonzero(odd).tolist())}"
-    # A rank that writes its own samples may have been given up before it told of the last ones.
+        yield f"legs: impossible numbers in {row_list(np.flatnonzero(odd).tolist())}"
+    # A rank that writes its own samples may be lost before it reports the last ones.
     gathered = (legs["database"] == b"gathered").all()
-    if gathered and ended.all() and not contents.lost["legs"] and len(legs) < LEG_CAPACITY:
-        simulated, stored = int(legs["samples"].sum()), len(contents.rows["samples"])
+    if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:
+        simulated, stored = int(legs["samples"].sum()), len(report.data.all_sample_rows())
         if stored > simulated:
             yield f"legs: simulated {simulated} samples in all, but {stored} are stored"

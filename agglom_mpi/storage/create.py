@@ -1,10 +1,8 @@
-"""Making a campaign file, and a larger one: whole under its name, or not there at all."""
+"""Creating a campaign file, and a larger one with the same rows."""
 
 import json
 import os
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,9 +11,8 @@ import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
-from agglom_mpi.storage.access import open_file, refuse_compact, with_path
-from agglom_mpi.storage.columns import TableSchema
-from agglom_mpi.storage.files import new_file, sync
+from agglom_mpi.storage.access import open_file, refuse_compact
+from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     FORMAT,
@@ -24,7 +21,8 @@ from agglom_mpi.storage.schema import (
     LEG_CAPACITY,
     STATUS,
     VARIABLE_TABLE,
-    layouts,
+    TableSchema,
+    table_schemas,
 )
 from agglom_mpi.storage.table import Rows, Table
 from agglom_mpi.variables import COUNT, VARIABLES
@@ -54,7 +52,7 @@ def create_campaign_file(
     frames: int = 0,
     purpose: str = INVERSION,
 ) -> None:
-    """Create the file of a campaign; whoever calls holds its `CampaignLock`.
+    """Create the file of a campaign; the caller holds its `CampaignLock`.
 
     Parameters
     ----------
@@ -65,31 +63,29 @@ def create_campaign_file(
     lower, upper : (10,) float64
         Search box in SI units; equal where a variable is fixed, nan where it is unused.
     strings, max_samples, generations, population : int
-        Room for so many strings, samples of each, generations, strings in a population.
+        Numbers of rows: strings, samples of each, generations; and strings in a population.
     fresh : int
-        Room for so many further samples of each string, numbered from `max_samples`, that no
-        decision sees; the attribute `max_samples` is then the room for both.
+        Number of further samples of each string, numbered from `max_samples`, that no decision
+        sees; the attribute `max_samples` of the file is the sum of both.
     grains : int
-        Grains of a sample, if particles are to be stored.
+        Grains of a sample; needed if particles are to be stored.
     final_particles : bool
-        Whether there is room for those left at the end of each sample.
+        Whether the file has `/final_particles`.
     frames : int
-        Room for so many pictures.
+        Number of rows of `/frames`.
     purpose : str
-        What the strings are for, in words; only an inversion has best ones.
+        What the strings are for: `INVERSION` or `STUDY`.
 
     Raises
     ------
     FileExistsError
         If there is a file already.
     ValueError
-        If there would be no room for anything.
+        If a table would have no rows.
     OSError
         If it cannot be written; nothing is left behind.
     """
     path = Path(os.path.realpath(path))
-    if path.exists():
-        raise FileExistsError(f"{path}: exists already")
     if min(strings, max_samples, generations, population) < 1:
         raise ValueError("a campaign file needs room for at least one row in every table")
     attributes: dict[str, Any] = {
@@ -112,7 +108,7 @@ def create_campaign_file(
         "final_particles": int(final_particles),
         "frames": frames,
     }
-    with _new_file(path) as file:
+    with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, generations)
         Rows(file[VARIABLE_TABLE.name], path).write(0, _variable_rows(lower, upper))
         status = np.zeros(1, STATUS.dtype)
@@ -130,9 +126,9 @@ def enlarge_campaign_file(
     final_particles: bool = False,
     frames: int = 0,
 ) -> None:
-    """Replace a campaign file by one with more room and the same rows; no-op if it has enough.
+    """Replace a campaign file by one with more room and the same rows, unless it has enough.
 
-    Whoever calls holds its `CampaignLock` and has no writer open.
+    The caller holds its `CampaignLock` and has no writer open.
 
     Raises
     ------
@@ -149,33 +145,11 @@ def enlarge_campaign_file(
         lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
         if not lacks and generations <= len(old["generations"]):
             return
-        kept = layouts(attributes)
-        with _new_file(path) as new:
+        kept = table_schemas(attributes)
+        with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
             _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
-            for layout in kept:
-                _copy(old, new, layout, path)
-
-
-@contextmanager
-def _new_file(path: Path) -> Iterator[h5py.File]:
-    """Yield an HDF5 file that gets its name when it is whole and safe on the disc.
-
-    HDF5 1.10 would crash after a failed write, so the disc is watched here, as for a copy.
-    """
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        with new_file(temporary) as (file, _):
-            yield file
-        if path.exists():
-            shutil.copymode(path, temporary)
-        sync(temporary)
-        os.replace(temporary, path)
-        sync(path.parent)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise with_path(error, path) from error
-        raise
+            for schema in kept:
+                _copy(old, new, schema, path)
 
 
 def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:
@@ -186,22 +160,22 @@ def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -
     capacities |= {"legs": LEG_CAPACITY, "failures": FAILURE_CAPACITY, "status": 1}
     capacities |= {"variables": COUNT, "generations": generations}
     capacities |= {"final_particles": samples, "frames": int(attributes.get("frames", 0))}
-    for layout in layouts(attributes):
-        capacity = capacities[layout.name]
-        rows = _dataset(file, layout.name, layout.dtype, capacity)
-        rows.attrs["meaning"] = layout.meaning
-        rows.attrs["row"] = layout.row
-        rows.attrs["field_units"] = [field.unit for field in layout.fields]
-        rows.attrs["field_meanings"] = [field.meaning for field in layout.fields]
-        if layout.final:
-            done = _dataset(file, layout.done, np.dtype("u1"), capacity)
-            done.attrs["meaning"] = f"1 where a row of /{layout.name} is final, 0 where absent"
-            done.attrs["row"] = layout.row
+    for schema in table_schemas(attributes):
+        capacity = capacities[schema.name]
+        rows = _dataset(file, schema.name, schema.dtype, capacity)
+        rows.attrs["meaning"] = schema.meaning
+        rows.attrs["row"] = schema.row
+        rows.attrs["field_units"] = [field.unit for field in schema.fields]
+        rows.attrs["field_meanings"] = [field.meaning for field in schema.fields]
+        if schema.final:
+            done = _dataset(file, schema.done, np.dtype("u1"), capacity)
+            done.attrs["meaning"] = f"1 where a row of /{schema.name} is final, 0 where absent"
+            done.attrs["row"] = schema.row
             done.attrs["unit"] = ""
 
 
 def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py.Dataset:
-    """Create a dataset whose place in the file is settled now and whose space stays a hole."""
+    """Create a dataset with a fixed place in the file, whose space stays a hole until written."""
     creation = h5p.create(h5p.DATASET_CREATE)
     creation.set_layout(h5d.CONTIGUOUS)
     creation.set_alloc_time(h5d.ALLOC_TIME_EARLY)
@@ -221,13 +195,13 @@ def _variable_rows(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _copy(old: h5py.File, new: h5py.File, layout: TableSchema, path: Path) -> None:
+def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
     """Copy the final rows of a table as they are, checksums included; holes stay holes."""
-    if not layout.final:
-        Rows(new[layout.name], path).write(0, Rows(old[layout.name], path).read_all())
+    if not schema.final:
+        Rows(new[schema.name], path).write(0, Rows(old[schema.name], path).read_all())
         return
-    source_table, target = Table(old, layout.name, path), Table(new, layout.name, path)
-    step = max(1, _COPY_BYTES // layout.dtype.itemsize)
+    source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
+    step = max(1, _COPY_BYTES // schema.dtype.itemsize)
     for first, count in source_table.runs():
         for at in range(first, first + count, step):
             length = min(step, first + count - at)

@@ -1,15 +1,15 @@
-"""Files written whole or not at all, a full disc noticed, and the lock of the writer."""
+"""Atomic writing of files, detection of a full disk, and the lock against a second writer."""
 
 import errno
 import fcntl
 import io
 import os
+import shutil
 import socket
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import h5py
@@ -19,10 +19,10 @@ from agglom_mpi.storage.access import with_path
 
 
 class CheckedFile(io.FileIO):
-    """A new file that remembers the first failed write and ignores what follows.
+    """A new file that keeps the first failure to write, and ignores all writes after it.
 
     HDF5 cannot flush its cache of chunks once a write has failed: closing the file fails, and the
-    next file that the process opens may crash it. So it is told that all went well.
+    next file that the process opens may crash it. So every write is reported as a success.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,7 +35,7 @@ class CheckedFile(io.FileIO):
             raise OSError(self._error, os.strerror(self._error), self.name)
 
     def write(self, data: Any) -> int:
-        """Write all of it, or pretend to."""
+        """Write all of it, unless a write has failed; return its length in any case."""
         view = memoryview(data).cast("B")
         written = 0
         try:
@@ -46,7 +46,7 @@ class CheckedFile(io.FileIO):
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Cut or lengthen the file, or pretend to."""
+        """Set the length of the file, unless a write has failed."""
         try:
             if not self._error:
                 return super().truncate(size)
@@ -57,54 +57,66 @@ class CheckedFile(io.FileIO):
 
 @contextmanager
 def new_file(path: Path) -> Iterator[tuple[h5py.File, CheckedFile]]:
-    """Yield an empty HDF5 file in the oldest format and the disc that it is written to.
+    """Yield an empty HDF5 file in the oldest format, and the file object that it is written to.
 
     Raises
     ------
     OSError
         At the end, if a write failed; `CheckedFile.check` says so before.
     """
-    with CheckedFile(path) as disc:
-        with h5py.File(h5f.create(os.fsencode(path), fapl=_access_list(disc))) as file:
-            yield file, disc
-        disc.check()
+    with CheckedFile(path) as target:
+        with h5py.File(h5f.create(os.fsencode(path), fapl=_access_list(target))) as file:
+            yield file, target
+        target.check()
 
 
-def _access_list(disc: CheckedFile) -> h5p.PropFAID:
-    # Not to be kept: it holds the disc, and HDF5 lets go of it after Python has ended.
+def _access_list(target: CheckedFile) -> h5p.PropFAID:
+    # Not to be kept: it holds the file object, which HDF5 releases after Python has ended.
     access = h5p.create(h5p.FILE_ACCESS)
-    access.set_fileobj_driver(h5fd.fileobj_driver, disc)
+    access.set_fileobj_driver(h5fd.fileobj_driver, target)
     access.set_libver_bounds(h5f.LIBVER_EARLIEST, h5f.LIBVER_LATEST)
     return access
 
 
 def require_absent(path: Path) -> None:
-    """Raise FileExistsError if there is something under this name."""
+    """Raise FileExistsError if there is anything under this name."""
     if os.path.lexists(path):
         raise FileExistsError(errno.EEXIST, "exists already and is not overwritten", str(path))
 
 
 @contextmanager
-def atomic_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path, *, replace: bool = False) -> Iterator[Path]:
     """Yield a name beside `path`; what has been written there at the end is renamed to `path`.
 
-    A kill leaves at most the hidden file of that name, which the next attempt replaces.
+    So there is the whole file under its name, or what was there before. A kill leaves at most the
+    hidden file of the other name, which the next attempt replaces.
+
+    Parameters
+    ----------
+    path
+        The file.
+    replace
+        Whether it may take the place, and has the permissions, of one that is there.
 
     Raises
     ------
     FileExistsError
-        If there is a file already, before or after writing.
+        If there is a file already, before or after writing, and it is not to be replaced.
     OSError
         If it cannot be written, or another process is doing so; nothing is left behind.
     """
-    require_absent(path)
+    if not replace:
+        require_absent(path)
     temporary = path.with_name(f".{path.name}.new")
     with _sole_writer(temporary, path):
         try:
             yield temporary
+            if not replace:
+                require_absent(path)
+            elif path.exists():
+                shutil.copymode(path, temporary)
             sync(temporary)
-            require_absent(path)
-            os.rename(temporary, path)
+            os.replace(temporary, path)
             sync(path.parent)
         except BaseException as error:
             temporary.unlink(missing_ok=True)
@@ -114,9 +126,15 @@ def atomic_file(path: Path) -> Iterator[Path]:
             raise
 
 
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file whole, in place of one that may be there; raises OSError as `atomic_file`."""
+    with atomic_file(path, replace=True) as temporary:
+        temporary.write_bytes(content)
+
+
 @contextmanager
 def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
-    """Hold a lock on the temporary file, which the kernel drops however the process ends."""
+    """Hold a lock on the temporary file, which the kernel releases however the process ends."""
     try:
         descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as error:
@@ -142,9 +160,9 @@ class CampaignInUse(RuntimeError):  # noqa: N818 - the name says what it is in a
 
 
 class CampaignLock:
-    """The right to write to a campaign file, held from `acquire` to `release` or in a `with`.
+    """Lock of a campaign file against a second writer: `acquire` and `release`, or `with`.
 
-    The kernel drops it when the process ends, however it ends. The lock file stays.
+    The kernel releases it when the process ends, however it ends. The lock file stays.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -153,7 +171,7 @@ class CampaignLock:
         self._descriptor: int | None = None
 
     def acquire(self) -> None:
-        """Take the lock at once or not at all.
+        """Take the lock, without waiting for it.
 
         Raises
         ------
@@ -189,7 +207,7 @@ class CampaignLock:
         self._descriptor = descriptor
 
     def release(self) -> None:
-        """Give the lock back; does nothing if it is not held."""
+        """Release the lock if it is held."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
@@ -198,17 +216,23 @@ class CampaignLock:
         self.acquire()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.release()
 
 
+def require_in_place(path: Path, descriptor: int) -> None:
+    """Raise FileNotFoundError if an open file is no longer the one under its name."""
+    try:
+        found = os.path.samestat(os.stat(path), os.fstat(descriptor))
+    except FileNotFoundError:
+        found = False
+    if not found:
+        message = "was removed or replaced while it was being written"
+        raise OSError(errno.ENOENT, message, str(path))
+
+
 def sync(path: Path) -> None:
-    """Wait until a file, or the names in a directory, are on the disc."""
+    """Wait until a file, or the names in a directory, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

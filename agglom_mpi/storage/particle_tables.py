@@ -1,64 +1,17 @@
-"""Particles in a campaign file: those left at the end of every sample, and pictures of some.
+"""Rows of `/final_particles` and `/frames`: final states of samples, and frames of some.
 
-Rows are as wide as a sample has grains, N; of each array the first `particles` places are filled.
+Arrays in a row are as long as a sample has grains; their first `particles` places are filled.
 """
 
+from pathlib import Path
+
+import h5py
 import numpy as np
 
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.storage.columns import CRC, Column, TableSchema
-
-_STRING = Column("string", "i8", "", "number of the string")
-_SAMPLE = Column("sample", "i8", "", "number of the sample in its string, from 0")
-
-
-def final_particles_layout(grains: int) -> TableSchema:
-    """Layout of `/final_particles` for samples of so many grains."""
-    wide = (grains,)
-    return TableSchema(
-        "final_particles",
-        "the particles left at the end of each sample, in the first places of each array; the "
-        "others are nan, or 0 grains",
-        "row = string * max_samples + sample",
-        (
-            _STRING,
-            _SAMPLE,
-            Column("particles", "i8", "1", "particles left"),
-            Column("radius", "f8", "m", "radii", wide),
-            Column("mass", "f8", "kg", "masses", wide),
-            Column("temperature", "f8", "K", "temperatures", wide),
-            Column("grains", "i8", "1", "original grains in each", wide),
-            CRC,
-        ),
-    )
-
-
-def frames_layout(grains: int) -> TableSchema:
-    """Layout of `/frames` for samples of so many grains."""
-    wide, vectors = (grains,), (grains, 3)
-    return TableSchema(
-        "frames",
-        "pictures of some samples of the best strings, in the first places of each array; the "
-        "others are nan, 0 grains and the label -1",
-        "row = a sample's place among those chosen * frames of each + frame",
-        (
-            _STRING,
-            _SAMPLE,
-            Column("frame", "i8", "", "number of the picture, from 0"),
-            Column("time", "f8", "s", "when it was taken"),
-            Column("particles", "i8", "1", "particles there are"),
-            Column("label", "i8", "", "who is who, from frame to frame", wide),
-            Column("position", "f8", "m", "centres, wrapped into the box from -D to D", vectors),
-            Column("velocity", "f8", "m/s", "velocities", vectors),
-            Column("radius", "f8", "m", "radii", wide),
-            Column("mass", "f8", "kg", "masses", wide),
-            Column("temperature", "f8", "K", "temperatures", wide),
-            Column("grains", "i8", "1", "original grains in each", wide),
-            CRC,
-        ),
-    )
-
+from agglom_mpi.storage.schema import final_particles_schema, frames_schema
+from agglom_mpi.storage.table import Table, concatenated
 
 _OF_FINAL = {
     "radius": "radii",
@@ -80,8 +33,8 @@ _OF_FRAMES = {
 
 
 def final_row(string: int, sample: int, final: FinalParticles, grains: int) -> np.ndarray:
-    """Row of `/final_particles`, shape (1,), without its checksum."""
-    row = np.zeros(1, final_particles_layout(grains).dtype)
+    """Return the row of `/final_particles` of a sample, (1,), without its checksum."""
+    row = np.zeros(1, final_particles_schema(grains).dtype)
     left = len(final.radii)
     row["string"], row["sample"], row["particles"] = string, sample, left
     for column, name in _OF_FINAL.items():
@@ -97,9 +50,9 @@ def final_of(row: np.void) -> FinalParticles:
 
 
 def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
-    """Rows of `/frames`, shape (F,), without their checksums."""
+    """Return the rows of `/frames` of a sample, (frames,), without their checksums."""
     count, grains = frames.radii.shape
-    rows = np.zeros(count, frames_layout(grains).dtype)
+    rows = np.zeros(count, frames_schema(grains).dtype)
     rows["string"], rows["sample"], rows["frame"] = string, sample, np.arange(count)
     for column, name in _OF_FRAMES.items():
         rows[column] = getattr(frames, name)
@@ -107,5 +60,49 @@ def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
 
 
 def frames_of(rows: np.ndarray) -> Frames:
-    """Return the pictures in rows of `/frames` of one sample, (F,), in order."""
+    """Return the frames in rows of `/frames` of one sample, (frames,), in order."""
     return Frames(**{name: np.array(rows[column]) for column, name in _OF_FRAMES.items()})
+
+
+def read_final_particles(
+    file: h5py.File, path: Path, string: int, sample: int
+) -> FinalParticles | None:
+    """Read the row of `/final_particles` of a sample; None if there is none."""
+    if "final_particles" not in file:
+        return None
+    table, most = Table(file, "final_particles", path), int(file.attrs["max_samples"])
+    place = string * most + sample
+    if not (0 <= sample < most and 0 <= place < table.capacity):
+        return None
+    rows = table.read(place, 1).rows
+    return final_of(rows[0]) if len(rows) else None
+
+
+def frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int]]:
+    """Read (string, sample) of each final row of `/frames`, by row, and no particles."""
+    if "frames" not in file:
+        return {}
+    final = np.flatnonzero(Table(file, "frames", path).done.read_all())
+    pairs = file["frames"].fields(["string", "sample"])[:]
+    return dict(zip(final.tolist(), pairs[final].tolist(), strict=True))
+
+
+def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, int]]:
+    """Read (string, sample, frame) of each row of `/frames` with the right checksum, by row."""
+    if "frames" not in file:
+        return {}
+    table, keys = Table(file, "frames", path), {}
+    for place in np.flatnonzero(table.done.read_all()).tolist():  # one by one: they are large
+        for row in table.read(place, 1).rows:
+            keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
+    return keys
+
+
+def read_frames(file: h5py.File, path: Path, string: int, sample: int) -> Frames | None:
+    """Read the rows of `/frames` of a sample; None if there are none."""
+    places = [place for place, key in frame_keys(file, path).items() if key == (string, sample)]
+    if not places:
+        return None
+    table = Table(file, "frames", path)
+    rows = concatenated([table.read(place, 1).rows for place in places], table.dtype)
+    return frames_of(rows) if len(rows) else None

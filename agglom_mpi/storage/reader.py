@@ -1,21 +1,31 @@
 """Reading a campaign file, finished or not, also while it is being written."""
 
-import json
 import os
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import h5py
 import numpy as np
 
 from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.search.proposals import Proposals, restored
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
-from agglom_mpi.storage.particle_tables import final_of, frames_of
-from agglom_mpi.storage.schema import INVERSION, fresh_from
-from agglom_mpi.storage.table import Rows, Table, ValidRows, concatenated
+from agglom_mpi.storage.header import CampaignHeader
+from agglom_mpi.storage.particle_tables import frame_keys, read_final_particles, read_frames
+from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
+from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.variables import NAMES
 
 __all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
+
+T = TypeVar("T")
+
+READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
+"""Tables in the order in which they are read: a row is there before those that refer to it, so no
+row of a growing file is read without those that it rests on. Samples are read last, and only those
+of strings that were there."""
 
 
 class Status(NamedTuple):
@@ -26,154 +36,243 @@ class Status(NamedTuple):
     reason: str
 
 
-class CampaignData:
-    """What is in a campaign file now.
+class CampaignData(CampaignHeader):
+    """The rows of a campaign file as they were when they were first asked for, or refreshed.
 
-    Every call opens the file, reads what it needs and closes it. A row counts only if it is
-    final and its checksum is right. Methods give numpy rows as they are stored (columns in
-    `schema`).
+    Nothing is read before it is needed: all tables but `/samples` together at the first use of one,
+    samples at theirs, and particles at each call. A row counts only if it is final and its checksum
+    is right. Arrays are structured and read-only, with the columns in `schema`.
+
+    Parameters
+    ----------
+    path
+        The file.
+    attributes
+        Its attributes.
+    sample_columns
+        Columns of `/samples` to keep, in that order; all by default. They need `string` and
+        `sample`.
     """
 
-    def __init__(self, path: Path, attributes: dict[str, Any]) -> None:
-        self.path = path
-        self.attributes = attributes
+    def __init__(
+        self,
+        path: Path,
+        attributes: dict[str, Any],
+        sample_columns: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(path, attributes)
+        self._sample_columns = sample_columns
+        self._kept: dict[str, np.ndarray] = {}
+        self._damaged: dict[str, int] = {}
+        self._derived: dict[Callable[..., Any], Any] = {}
+        self._strings_end = 0
+        self._frames = 0
+        self._generation_capacity = 0
+        self._seen = np.zeros(0, bool)  # places in /samples of the rows that are kept
 
-    def __repr__(self) -> str:
-        return f"<CampaignData {str(self.path)!r}: {self.attributes['title']}>"
+    @classmethod
+    def of_rows(
+        cls, path: Path, attributes: dict[str, Any], tables: Mapping[str, np.ndarray]
+    ) -> Self:
+        """Return data of rows that have been read already, by table."""
+        data = cls(path, attributes)
+        data._kept.update(tables)
+        return data
+
+    def rows(self, table: str) -> np.ndarray:
+        """Return the rows of a table, (n,), in the order of their places."""
+        if table not in self._kept:
+            with open_file(self.path, thorough=False) as file:
+                if not self._kept:
+                    self._read_tables(file)
+                if table == "samples":
+                    self._read_samples(file)
+        return self._kept[table]
+
+    def refresh(self) -> None:
+        """Read the tables that have been read again; of `/samples` only rows that are new."""
+        self._derived.clear()
+        with open_file(self.path, thorough=False) as file:
+            self._read_tables(file)
+            if "samples" in self._kept:
+                self._read_samples(file)
+
+    def derived(self, compute: Callable[["CampaignData"], T]) -> T:
+        """Return `compute(self)`, which is computed once for the rows as they are."""
+        if compute not in self._derived:
+            self._derived[compute] = compute(self)
+        value: T = self._derived[compute]
+        return value
 
     @property
-    def campaign_text(self) -> str:
-        """The campaign, as YAML."""
-        return str(self.attributes["campaign"])
+    def generation_capacity(self) -> int:
+        """Generations that there is room for."""
+        self.rows("generations")
+        return self._generation_capacity
 
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What makes the campaign what it is."""
-        return dict(json.loads(self.attributes["identity"]))
+    # Rows
 
-    def section(self, name: str) -> dict[str, Any]:
-        """Return what the identity has of a section, nested as in the campaign's text."""
-        nested: dict[str, Any] = {}
-        for path, value in self.identity.items():
-            first, *keys = path.split(".")
-            if first == name and keys:
-                inner = nested
-                for key in keys[:-1]:
-                    inner = inner.setdefault(key, {})
-                inner[keys[-1]] = value
-        return nested
-
-    @property
-    def seed(self) -> int:
-        """The seed of all random streams."""
-        return int(self.attributes["seed"])
-
-    @property
-    def max_samples(self) -> int:
-        """Samples that there is room for of each string, fresh ones included."""
-        return int(self.attributes["max_samples"])
-
-    @property
-    def fresh_from(self) -> int:
-        """Number of the first fresh sample of each string: decisions see those before it alone."""
-        return fresh_from(self.attributes)
+    def status(self) -> Status:
+        """Return what the campaign was doing when the rows were read: read before all others."""
+        return status_of(self.rows("status"))
 
     def variable_rows(self) -> np.ndarray:
-        """Read the ten search variables and their box; nan bounds where one is unused."""
-        with open_file(self.path, thorough=False) as file:
-            return Rows(file["variables"], self.path).read_all()
+        """Return the ten search variables and their box, (10,); nan bounds where one is unused."""
+        return self.rows("variables")
 
     def string_rows(self) -> np.ndarray:
-        """Read the strings stored so far, by number."""
-        return self._rows("strings")
+        """Return the strings stored so far, by number."""
+        return self.rows("strings")
 
     def result_rows(self) -> np.ndarray:
-        """Read the judgements of strings so far, by string number."""
-        return self._rows("results")
+        """Return the results of strings so far, by string."""
+        return self.rows("results")
 
     def generation_rows(self) -> np.ndarray:
-        """Read the generations so far, in order."""
-        return self._rows("generations")
+        """Return the generations so far, in order."""
+        return self.rows("generations")
 
-    def sample_rows(self, string: int) -> np.ndarray:
-        """Read the samples of one string so far, by number, and nothing else."""
-        return self._rows("samples", string * self.max_samples, self.max_samples)
+    def legs(self) -> np.ndarray:
+        """Return the starts of the program, in order."""
+        return self.rows("legs")
+
+    def failures(self) -> np.ndarray:
+        """Return the exceptions of failed samples, in order of arrival."""
+        return self.rows("failures")
 
     def all_sample_rows(self) -> np.ndarray:
-        """Read all samples so far, by string and number; holes are skipped."""
+        """Return all samples so far, by string and number; holes are skipped."""
+        return self.rows("samples")
+
+    def sample_rows(self, string: int) -> np.ndarray:
+        """Return the samples of one string, by number; they alone are read if none have been."""
+        if "samples" in self._kept:
+            rows = self._kept["samples"]
+            return rows[slice(*np.searchsorted(rows["string"], [string, string + 1]))]
         with open_file(self.path, thorough=False) as file:
-            return self._samples(file).rows
+            table = Table(file, "samples", self.path)
+            return table.read(string * self.max_samples, self.max_samples).rows
+
+    @property
+    def damaged(self) -> int:
+        """Number of rows that are marked final but have a wrong checksum; they count as absent."""
+        self.rows("samples")
+        return sum(self._damaged.values())
+
+    # Views of the rows
+
+    @property
+    def parameters(self) -> dict[int, np.ndarray]:
+        """Parameter strings by number, each of shape (10,), in SI units."""
+        return self.derived(_parameters_by_string)
+
+    def values(self, strings: Sequence[int] | np.ndarray, variable: str) -> np.ndarray:
+        """Return a variable of strings, (n,), in SI units; nan where a string's row is damaged."""
+        column, known = NAMES.index(variable), self.parameters
+        return np.array([known[int(i)][column] if int(i) in known else np.nan for i in strings])
+
+    def restore(self, batch: Proposals, first: int) -> Proposals:
+        """Return proposals, numbered from `first`, with the stored parameters where there are any.
+
+        Computed again on another machine they might differ in the last bits.
+        """
+        return restored(batch, first, self.parameters)
+
+    @property
+    def searched_samples(self) -> np.ndarray:
+        """Rows of the samples that decisions may see."""
+        rows = self.all_sample_rows()
+        return rows[rows["sample"] < self.fresh_from]
+
+    @property
+    def fresh_samples(self) -> np.ndarray:
+        """Rows of the samples that no decision sees."""
+        rows = self.all_sample_rows()
+        return rows[rows["sample"] >= self.fresh_from]
+
+    @property
+    def timed_out(self) -> set[tuple[int, int]]:
+        """Samples, as (string, sample), that have no row because they took too long."""
+        return self.derived(_timed_out)
+
+    @property
+    def judged_timed_out(self) -> list[tuple[int, int]]:
+        """Those of `timed_out` that results rest on, in order."""
+        late = self.timed_out
+        used = dict(self.result_rows()[["string", "samples_used"]].tolist()) if late else {}
+        return sorted((string, sample) for string, sample in late if sample < used.get(string, 0))
+
+    @property
+    def fresh_timed_out(self) -> set[tuple[int, int]]:
+        """Those of `timed_out` that are fresh."""
+        return {pair for pair in self.timed_out if pair[1] >= self.fresh_from}
+
+    # Particles
 
     def final_particles(self, string: int, sample: int) -> FinalParticles | None:
         """Read the particles left at the end of a sample; None if they were not stored."""
         with open_file(self.path, thorough=False) as file:
-            if "final_particles" not in file:
-                return None
-            table = Table(file, "final_particles", self.path)
-            place = string * self.max_samples + sample
-            if not (0 <= sample < self.max_samples and 0 <= place < table.capacity):
-                return None
-            rows = table.read(place, 1).rows
-        return final_of(rows[0]) if len(rows) else None
+            return read_final_particles(file, self.path, string, sample)
 
     def framed(self) -> list[tuple[int, int]]:
-        """List string and number of the samples that there are pictures of, the best first."""
+        """Read which samples, as (string, sample), there are frames of, the best string first."""
         with open_file(self.path, thorough=False) as file:
-            if "frames" not in file:
-                return []
-            keys = self._frame_keys(file)
-        return list(dict.fromkeys(keys.values()))
+            return list(dict.fromkeys(frame_keys(file, self.path).values()))
 
     def frames(self, string: int, sample: int) -> Frames | None:
-        """Read the pictures of a sample; None if none were stored."""
+        """Read the frames of a sample; None if none were stored."""
         with open_file(self.path, thorough=False) as file:
-            if "frames" not in file:
-                return None
-            table, keys = Table(file, "frames", self.path), self._frame_keys(file)
-            places = [place for place, key in keys.items() if key == (string, sample)]
-            rows = concatenated([table.read(place, 1).rows for place in places], table.dtype)
-        return frames_of(rows) if len(rows) else None
-
-    def legs(self) -> np.ndarray:
-        """Read the starts of the program, in order."""
-        return self._rows("legs")
-
-    def failures(self) -> np.ndarray:
-        """Read the exceptions of failed samples, in order of arrival."""
-        return self._rows("failures")
-
-    def status(self) -> Status:
-        """Read what the campaign is doing."""
-        with open_file(self.path, thorough=False) as file:
-            row = Rows(file["status"], self.path).read_all()[0]
-        return Status(row["state"].decode(), float(row["updated"]), row["reason"].decode())
+            return read_frames(file, self.path, string, sample)
 
     @property
-    def damaged(self) -> int:
-        """Rows that are marked final but have a wrong checksum; they count as absent."""
-        small = ("strings", "results", "generations", "legs", "failures")
-        with open_file(self.path, thorough=False) as file:
-            damaged = sum(Table(file, name, self.path).read().damaged for name in small)
-            return damaged + self._samples(file).damaged
+    def frame_count(self) -> int:
+        """Number of frames there are, of all samples."""
+        self.rows("status")
+        return self._frames
 
-    def _frame_keys(self, file: h5py.File) -> dict[int, tuple[int, int]]:
-        """Read string and sample of the pictures there are, by row, and not the pictures."""
-        final = np.flatnonzero(Table(file, "frames", self.path).done.read_all())
-        pairs = file["frames"].fields(["string", "sample"])[:]
-        return dict(zip(final.tolist(), pairs[final].tolist(), strict=True))
+    def _read_tables(self, file: h5py.File) -> None:
+        """Read all tables but `/samples`, the status before anything that it tells of."""
+        status = Rows(file["status"], self.path).read_all()
+        for name in READ_TOGETHER:
+            table = Table(file, name, self.path)
+            if name == "strings":
+                self._strings_end = table.end()
+            found = table.read()
+            self._kept[name], self._damaged[name] = _locked(found.rows), found.damaged
+        self._generation_capacity = len(file["generations"])
+        if "frames" in file:
+            self._frames = int(np.count_nonzero(Rows(file["frames_done"], self.path).read_all()))
+        self._kept["variables"] = _locked(Rows(file["variables"], self.path).read_all())
+        self._kept["status"] = _locked(status)
 
-    def _rows(self, table: str, first: int = 0, count: int | None = None) -> np.ndarray:
-        with open_file(self.path, thorough=False) as file:
-            return Table(file, table, self.path).read(first, count).rows
+    def _read_samples(self, file: h5py.File) -> None:
+        """Read the samples that are not kept yet, of strings that are."""
+        table = Table(file, "samples", self.path)
+        new = table.done.read(0, self._strings_end * self.max_samples) != 0
+        before = self._seen[: len(new)]
+        new[: len(before)] &= ~before
+        found = table.read_marked(new)
+        rows = self._with_columns(found.rows)
+        if "samples" in self._kept:
+            places = np.searchsorted(np.flatnonzero(before), found.places)
+            rows = np.insert(self._kept["samples"], places, rows)
+        self._kept["samples"], self._damaged["samples"] = _locked(rows), found.damaged
+        self._seen = np.zeros(len(new), bool)
+        self._seen[: len(before)] = before
+        self._seen[found.places] = True
 
-    def _samples(self, file: h5py.File) -> ValidRows:
-        """Read all samples; their done bytes only as far as there are strings."""
-        strings = Table(file, "strings", self.path).end()
-        return Table(file, "samples", self.path).read(0, strings * self.max_samples)
+    def _with_columns(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of `/samples` with the columns to keep alone."""
+        if self._sample_columns is None:
+            return rows
+        kept = np.empty(len(rows), [(name, rows.dtype[name]) for name in self._sample_columns])
+        for name in self._sample_columns:
+            kept[name] = rows[name]
+        return kept
 
 
 def read_campaign(path: str | os.PathLike[str]) -> CampaignData:
-    """Open a campaign file for reading.
+    """Open a campaign file for reading; of its rows none is read yet.
 
     Raises
     ------
@@ -197,8 +296,45 @@ def read_inversion(path: str | os.PathLike[str]) -> CampaignData:
     OSError
         If it is missing or cannot be read.
     """
-    file = read_campaign(path)
-    purpose = file.attributes.get("purpose", INVERSION)
+    data = read_campaign(path)
+    purpose = data.attributes.get("purpose", INVERSION)
     if purpose != INVERSION:
         raise NotACampaign(f"{path}: holds the samples of an {purpose}, not an inversion's")
-    return file
+    return data
+
+
+def status_of(rows: np.ndarray) -> Status:
+    """Return the row of `/status`, (1,), as text and numbers."""
+    [row] = rows
+    state, reason = (row[name].decode(errors="replace") for name in ("state", "reason"))
+    return Status(state, float(row["updated"]), reason)
+
+
+def given_strings(strings: np.ndarray) -> np.ndarray:
+    """Return those rows of `/strings` that a search was given to begin with."""
+    return strings[strings["origin"] == ORIGINS.index("given")]
+
+
+def parameters_of(strings: np.ndarray) -> np.ndarray:
+    """Return the parameters in rows of `/strings`, shape (n, 10), in SI units."""
+    return np.column_stack([strings[name] for name in NAMES])
+
+
+def _parameters_by_string(data: CampaignData) -> dict[int, np.ndarray]:
+    rows = data.string_rows()
+    return dict(zip(rows["string"].tolist(), parameters_of(rows), strict=True))
+
+
+def _timed_out(data: CampaignData) -> set[tuple[int, int]]:
+    """Find them by the texts of failures; a later attempt may have stored a row after all."""
+    failures, mark = data.failures(), TOOK_TOO_LONG.encode()
+    late = np.array([text.startswith(mark) for text in failures["text"]], bool)
+    if not late.any():
+        return set()
+    pairs = set(failures[["string", "sample"]][late].tolist())
+    return pairs - set(data.all_sample_rows()[["string", "sample"]].tolist())
+
+
+def _locked(rows: np.ndarray) -> np.ndarray:
+    rows.flags.writeable = False
+    return rows

@@ -1,4 +1,4 @@
-"""Samples into a campaign file: buffered, in runs of rows, by any rank."""
+"""Writing samples to a campaign file: buffered, in runs of rows, by any rank."""
 
 import os
 import time
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Stopwatch:
-    """Sums up wall-clock time inside `with` blocks, which may be nested.
+    """Sum of the wall-clock time inside `with` blocks, which may be nested.
 
     Attributes
     ----------
@@ -47,21 +47,21 @@ class Stopwatch:
 
 
 FLUSH_ROWS: Final = 1024
-"""Rows that wait at most."""
+"""Most rows that are buffered."""
 FLUSH_BYTES: Final = 1 << 22
-"""Bytes that wait at most."""
+"""Most bytes that are buffered."""
 FLUSH_AGE: Final = 0.5
-"""Seconds that a row waits at most."""
+"""Longest time that a row is buffered, s."""
 
 
 class RowBuffer:
-    """Rows of samples, or of strings, that wait to be written; knows their places, not the file.
+    """Buffer of rows of one table, addressed by string, or by string and sample.
 
     Parameters
     ----------
     room
-        Numbers that there is room for, by the columns that say where a row belongs: `string`, and
-        `sample` for rows of samples.
+        Number of strings, and of samples of each, by the columns of the table that give a row's
+        place: `string`, and `sample` if there is one.
     dtype
         Of a row.
     """
@@ -72,27 +72,27 @@ class RowBuffer:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all rows: they are written."""
+        """Remove all rows."""
         self._waiting: list[bytes] = []
         self._count = 0
         self._since = 0.0
 
     @property
     def count(self) -> int:
-        """Rows that wait."""
+        """Number of rows in the buffer."""
         return self._count
 
     @property
     def full(self) -> bool:
-        """Whether enough rows wait to be worth writing."""
+        """Whether the buffer has reached its limit."""
         return self._count >= min(FLUSH_ROWS, max(1, FLUSH_BYTES // self._dtype.itemsize))
 
     def due(self, now: float) -> bool:
-        """Whether the oldest row has waited for too long at monotonic time `now`."""
+        """Return whether the oldest row is older than `FLUSH_AGE` at `time.monotonic()` = now."""
         return self._count > 0 and now - self._since >= FLUSH_AGE
 
     def add(self, records: np.ndarray, now: float) -> None:
-        """Keep a copy of rows, (n,); raises IndexError if they have no place."""
+        """Add a copy of rows, (n,); raises IndexError if the table has no place for them."""
         for name, room in self._room.items():
             for number in records[name].tolist():
                 if not 0 <= number < room:
@@ -105,7 +105,7 @@ class RowBuffer:
         self._count += len(records)
 
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Row numbers and rows of each consecutive run; of rows for one place the first added."""
+        """Yield row number and rows of each consecutive run; of rows for one place the first."""
         if not self._count:
             return
         rows = np.frombuffer(b"".join(self._waiting), self._dtype)
@@ -120,7 +120,7 @@ class RowBuffer:
 
 
 class SampleWriter:
-    """Writes samples in runs of consecutive rows; they are visible to readers after `flush`.
+    """Writer of `/samples` and `/final_particles`; rows are visible to readers after `flush`.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class SampleWriter:
     path
         Its name.
     clock
-        Runs while rows are written.
+        Measures the time spent on writing.
 
     Attributes
     ----------
@@ -149,10 +149,14 @@ class SampleWriter:
             self._waiting_finals = RowBuffer(room, self._finals.dtype)
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
-        """Take rows, (n,) of `sample_dtype` without `crc`; they wait for `flush`.
+        """Buffer rows of samples until `flush`, which is called here if the buffer is full.
 
-        With them come their rows of `/final_particles`, if the file has that table. Of rows for
-        the same sample that wait together, the first is kept. Flushes by itself when many wait.
+        Parameters
+        ----------
+        records : (n,) of `sample_dtype`
+            Without `crc`. Of several rows of one sample in the buffer, the first is kept.
+        finals : structured array, optional
+            Their rows of `/final_particles`, if the file has that table.
         """
         with self._clock:
             self._buffer.add(records, time.monotonic())
@@ -164,22 +168,22 @@ class SampleWriter:
             self.flush()
 
     def due(self, now: float) -> bool:
-        """Whether a sample has waited for long at `time.monotonic()` = now."""
+        """Return whether a sample is older than `FLUSH_AGE` at `time.monotonic()` = now."""
         return self._buffer.due(now)
 
     def flush_due(self) -> None:
-        """Flush if a sample has waited for long."""
+        """Flush if a sample is older than `FLUSH_AGE`."""
         if self.due(time.monotonic()):
             self.flush()
 
     def flush(self) -> None:
-        """Write the samples that wait; consecutive ones in one go, their particles before them."""
+        """Write the buffered samples, consecutive ones together, their particles first."""
         with self._clock:
             if self._finals is not None:
                 for first, rows in self._waiting_finals.runs():
                     # Where a run was killed between a sample's particles and the sample.
                     if self._finals.done.read(first, len(rows)).any():
-                        self._finals.forget(first, len(rows))
+                        self._finals.mark_absent(first, len(rows))
                     self._finals.write(first, rows)
                 self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
@@ -189,33 +193,33 @@ class SampleWriter:
         self._buffer.clear()
 
     def _stored(self, first: int, count: int) -> NDArray[np.bool_]:
-        """Which of these rows are in the file; two ranks may have been given the same sample."""
+        """Return which rows are in the file, (n,); two ranks may have simulated the same sample."""
         stored = self._table.done.read(first, count) != 0
         if stored.any():
             stored &= checksum_ok(self._table.rows.read(first, count))
         return stored
 
-    def forget(self) -> None:
-        """Drop the samples that wait: writing has failed."""
+    def discard(self) -> None:
+        """Remove the buffered samples without writing them."""
         self._buffer.clear()
         if self._finals is not None:
             self._waiting_finals.clear()
 
 
 class RankWriter:
-    """A campaign file as a rank other than 0 has it: open with all ranks, for samples.
+    """Writer of samples on a rank other than 0, with the file opened by all ranks together.
 
-    Opening and closing are collective. Between the two there is no call that waits for another
-    rank: rows are raw data, and a plain descriptor puts them on the disc.
+    Opening and closing are collective. Between the two no call waits for another rank: rows are
+    raw data, and `fsync` of a plain descriptor puts them on the disk.
 
     Parameters
     ----------
     path
-        The file, laid out already.
+        The file.
     world
         All ranks.
     syncs
-        Whether `sync` is this rank's to do: one of a node does it for all.
+        Whether this rank calls `fsync`: one rank of a node does so for all of them.
     """
 
     def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
@@ -226,7 +230,7 @@ class RankWriter:
         self.samples = SampleWriter(self._file, path, self.clock)
 
     def sync(self) -> None:
-        """Wait until everything that ranks of this node have flushed is on the disc."""
+        """Wait until what all ranks of this node have flushed is on the disk."""
         if self._descriptor is not None:
             with self.clock:
                 sync_descriptor(self._descriptor, self._path)
@@ -241,7 +245,7 @@ class RankWriter:
 
 
 def sync_descriptor(descriptor: int, path: Path) -> None:
-    """Wait until a file is on the disc; raises OSError with its path."""
+    """Wait until a file is on the disk; raises OSError with its path."""
     try:
         os.fsync(descriptor)
     except OSError as error:

@@ -1,11 +1,12 @@
 """The tables of a campaign file: one place for every column, its unit and its meaning."""
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
+
+import h5py
+import numpy as np
 
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.storage.columns import CRC, Column, TableSchema
-from agglom_mpi.storage.particle_tables import final_particles_layout, frames_layout
 from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
@@ -13,21 +14,68 @@ FORMAT_VERSION: Final = 2
 """What is written; files of any version from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
-"""What strings of a file are for, if a campaign searched with them."""
+"""Purpose of the strings of a campaign, which a search proposed."""
 STUDY: Final = "accuracy study"
-"""What they are for, if they are set-ups to be compared."""
+"""Purpose of the strings of a study, which are set-ups to be compared."""
 
 ORIGINS: Final = ("random", "offspring", "model", "given", "again")
-"""Where a string comes from, by its `origin`."""
+"""Texts of the codes in the column `origin` of `/strings`."""
 STATES: Final = ("", "completed", "failed")
-"""How a sample ended, by its `state`."""
+"""Texts of the codes in the column `state` of `/samples`."""
 CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
 
 TOOK_TOO_LONG: Final = "took longer than max_seconds,"
-"""How the text of a failure begins that is no exception; its sample has no row in `/samples`."""
+"""Prefix of the text of a failure that is a timeout; its sample has no row in `/samples`."""
 
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
+
+
+class Column(NamedTuple):
+    """One column of a table: type, unit, meaning, shape of an element, and since which version."""
+
+    name: str
+    dtype: str
+    unit: str
+    meaning: str
+    shape: tuple[int, ...] = ()
+    since: int = 1
+
+
+class TableSchema(NamedTuple):
+    """One table: its name and meaning, what the number of a row is, and its columns."""
+
+    name: str
+    meaning: str
+    row: str
+    fields: tuple[Column, ...]
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The packed row type, texts as fixed-size UTF-8."""
+        return np.dtype([(field.name, _scalar(field.dtype), field.shape) for field in self.fields])
+
+    def at(self, version: int) -> "TableSchema":
+        """Return the schema of a format version."""
+        fields = tuple(field for field in self.fields if field.since <= version)
+        return self._replace(fields=fields)
+
+    @property
+    def done(self) -> str:
+        """Name of the dataset of done bytes."""
+        return f"{self.name}_done"
+
+    @property
+    def final(self) -> bool:
+        """Whether rows carry a checksum and a done byte."""
+        return self.fields[-1] is CRC
+
+
+def _scalar(code: str) -> np.dtype:
+    return h5py.string_dtype("utf-8", int(code[1:])) if code[0] == "S" else np.dtype(code)
+
+
+CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 VARIABLE_TABLE: Final = TableSchema(
     "variables",
@@ -170,13 +218,13 @@ DIGEST_MEANING: Final = (
 def fresh_from(attributes: Mapping[str, Any]) -> int:
     """Return the number of the first fresh sample of each string; older files have no room for any.
 
-    The rows of `/samples` of one string are `max_samples` wide; no decision sees the last of them.
+    Each string has `max_samples` rows of `/samples`; no decision sees those from this number on.
     """
     return int(attributes.get("fresh_from", attributes["max_samples"]))
 
 
-def generations_layout(population: int) -> TableSchema:
-    """Layout of `/generations` for a population of so many strings."""
+def generations_schema(population: int) -> TableSchema:
+    """Return the schema of `/generations` for a population of `population` strings."""
     return TableSchema(
         "generations",
         "the search after each generation",
@@ -199,25 +247,72 @@ def generations_layout(population: int) -> TableSchema:
     )
 
 
-def layouts(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
-    """All tables of a campaign file with such attributes; those not asked for are left out.
+def final_particles_schema(grains: int) -> TableSchema:
+    """Return the schema of `/final_particles`, whose arrays are `grains` long."""
+    wide = (grains,)
+    return TableSchema(
+        "final_particles",
+        "the particles left at the end of each sample, in the first places of each array; the "
+        "others are nan, or 0 grains",
+        "row = string * max_samples + sample",
+        (
+            Column("string", "i8", "", "number of the string"),
+            Column("sample", "i8", "", "number of the sample in its string, from 0"),
+            Column("particles", "i8", "1", "particles left"),
+            Column("radius", "f8", "m", "radii", wide),
+            Column("mass", "f8", "kg", "masses", wide),
+            Column("temperature", "f8", "K", "temperatures", wide),
+            Column("grains", "i8", "1", "original grains in each", wide),
+            CRC,
+        ),
+    )
 
-    Their columns are those of its format version.
+
+def frames_schema(grains: int) -> TableSchema:
+    """Return the schema of `/frames`, whose arrays are `grains` long."""
+    wide, vectors = (grains,), (grains, 3)
+    return TableSchema(
+        "frames",
+        "pictures of some samples of the best strings, in the first places of each array; the "
+        "others are nan, 0 grains and the label -1",
+        "row = a sample's place among those chosen * frames of each + frame",
+        (
+            Column("string", "i8", "", "number of the string"),
+            Column("sample", "i8", "", "number of the sample in its string, from 0"),
+            Column("frame", "i8", "", "number of the picture, from 0"),
+            Column("time", "f8", "s", "when it was taken"),
+            Column("particles", "i8", "1", "particles there are"),
+            Column("label", "i8", "", "who is who, from frame to frame", wide),
+            Column("position", "f8", "m", "centres, wrapped into the box from -D to D", vectors),
+            Column("velocity", "f8", "m/s", "velocities", vectors),
+            Column("radius", "f8", "m", "radii", wide),
+            Column("mass", "f8", "kg", "masses", wide),
+            Column("temperature", "f8", "K", "temperatures", wide),
+            Column("grains", "i8", "1", "original grains in each", wide),
+            CRC,
+        ),
+    )
+
+
+def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
+    """Return the schemas of all tables that a file with these attributes has, in its version.
+
+    `/final_particles` and `/frames` are there if the campaign asks for them.
     """
     version = int(attributes.get("format_version", FORMAT_VERSION))
     grains = int(attributes.get("grains", 0))
     bulk = []
     if attributes.get("final_particles", 0):
-        bulk.append(final_particles_layout(grains))
+        bulk.append(final_particles_schema(grains))
     if attributes.get("frames", 0):
-        bulk.append(frames_layout(grains))
+        bulk.append(frames_schema(grains))
     tables = (
         VARIABLE_TABLE,
         STATUS,
         LEGS,
         STRINGS,
         RESULTS,
-        generations_layout(int(attributes["population"])),
+        generations_schema(int(attributes["population"])),
         FAILURES,
         SAMPLES,
         *bulk,

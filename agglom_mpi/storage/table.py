@@ -1,22 +1,22 @@
-"""Rows that are either absent or final: checksums, done bytes and the order of writing."""
+"""Rows that are either absent or final: checksums, done bytes, digests of generations."""
 
+import hashlib
 import zlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
 from h5py import h5s
 
 from agglom_mpi.storage.access import with_path
-from agglom_mpi.storage.columns import fitted
-from agglom_mpi.storage.schema import FORMAT_VERSION, layouts
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, table_schemas
 
 
 class Rows:
-    """Plain reading and writing of ranges of one dataset.
+    """Reading and writing of ranges of one dataset.
 
     The low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
     """
@@ -31,7 +31,7 @@ class Rows:
         self._space = dataset.id.get_space()
 
     def read(self, first: int, count: int) -> np.ndarray:
-        """`count` elements from `first` on; raises IndexError outside, OSError with the path."""
+        """Read `count` elements from `first` on; raises IndexError, and OSError with the path."""
         self._select(first, count)
         rows = np.empty(count, self.dtype)
         try:
@@ -41,11 +41,11 @@ class Rows:
         return rows
 
     def read_all(self) -> np.ndarray:
-        """All elements."""
+        """Read all elements."""
         return self.read(0, self.capacity)
 
     def write(self, first: int, rows: np.ndarray) -> None:
-        """Write elements from `first` on; raises IndexError outside, OSError with the path."""
+        """Write elements from `first` on; raises IndexError, and OSError with the path."""
         self._select(first, len(rows))
         try:
             self._id.write(h5s.create_simple((len(rows),)), self._space, rows, self._type)
@@ -66,19 +66,29 @@ class Rows:
 
 
 class ValidRows(NamedTuple):
-    """The rows of a range that are final and whole, and how many final ones are not whole."""
+    """The rows of a range that are final and have the right checksum.
+
+    Attributes
+    ----------
+    rows : (n,) structured array
+    places : (n,) int64
+        Their numbers, ascending.
+    damaged : int
+        Number of final rows of the range whose checksum is wrong.
+    """
 
     rows: np.ndarray
+    places: np.ndarray
     damaged: int
 
 
 class Table:
-    """A dataset of checksummed rows and the one of their done bytes.
+    """A dataset of rows with checksums, and the dataset of their done bytes.
 
     Attributes
     ----------
     dtype
-        Of the rows that are taken and given.
+        Of the rows that are written and returned.
     rows
         The rows as the file has them: in one of an older format version they have fewer columns.
     done
@@ -90,12 +100,12 @@ class Table:
         self.done = Rows(file[f"{name}_done"], path)
         self.dtype = self.rows.dtype
         if file.attrs["format_version"] < FORMAT_VERSION:
-            now = layouts({**file.attrs, "format_version": FORMAT_VERSION})
+            now = table_schemas({**file.attrs, "format_version": FORMAT_VERSION})
             [self.dtype] = [table.dtype for table in now if table.name == name]
 
     @property
     def capacity(self) -> int:
-        """Rows that there is room for."""
+        """Number of rows that there is room for."""
         return self.rows.capacity
 
     def write(self, first: int, rows: np.ndarray) -> None:
@@ -113,38 +123,71 @@ class Table:
         self.rows.write(first, rows)
         self.done.write(first, np.ones(len(rows), np.uint8))
 
-    def forget(self, first: int, count: int) -> None:
-        """Make rows absent."""
+    def mark_absent(self, first: int, count: int) -> None:
+        """Clear the done bytes of rows."""
         self.done.write(first, np.zeros(count, np.uint8))
 
     def read(self, first: int = 0, count: int | None = None) -> ValidRows:
-        """Rows of a range (by default all) that are final and whole, in order."""
-        parts = [self.rows.read(*run) for run in self.runs(first, count)]
-        rows = concatenated(parts, self.rows.dtype)
-        whole = checksum_ok(rows)
-        return ValidRows(fitted(rows[whole], self.dtype), int(len(rows) - whole.sum()))
+        """Return the valid rows among `count` from `first` on (by default all), in order."""
+        return self.read_marked(self._done(first, count), first)
+
+    def read_marked(self, marked: np.ndarray, first: int = 0) -> ValidRows:
+        """Return the valid rows among those not 0 in `marked`, (n,), which begins at `first`."""
+        runs = [(first + start, length) for start, length in runs_of(marked)]
+        rows = concatenated([self.rows.read(*run) for run in runs], self.rows.dtype)
+        valid = checksum_ok(rows)
+        places = first + np.flatnonzero(marked)[valid]
+        return ValidRows(fitted(rows[valid], self.dtype), places, int(len(rows) - valid.sum()))
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
-        """Start and length of each unbroken run of final rows in a range."""
-        done = self.done.read(first, self.capacity - first if count is None else count)
-        for start, length in runs_of(done):
+        """Yield start and length of each run of final rows in a range."""
+        for start, length in runs_of(self._done(first, count)):
             yield first + start, length
 
+    def _done(self, first: int, count: int | None) -> np.ndarray:
+        return self.done.read(first, self.capacity - first if count is None else count)
+
     def end(self) -> int:
-        """Find the number after that of the last final row."""
+        """Return the number after that of the last final row."""
         final = np.flatnonzero(self.done.read_all())
         return int(final[-1]) + 1 if len(final) else 0
 
-    def following(self) -> int:
-        """Find the row to append: the next one, or the last if there is no more room."""
+    def append_place(self) -> int:
+        """Return the number of the row to append: the next, or the last if there is no room."""
         return min(self.end(), self.capacity - 1)
 
 
-def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
-    """Rows of all parts, one after the other; a single part itself.
+def fitted(rows: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Return rows, (n,), with the columns of another row type, by name.
 
-    `numpy.concatenate` copies structured rows column by column, which takes a hundred times as
-    long.
+    What the rows lack is nan, 0 or empty.
+    """
+    if rows.dtype == dtype:
+        return rows
+    found = np.zeros(len(rows), dtype)
+    for name in dtype.names or ():
+        if name in (rows.dtype.names or ()):
+            found[name] = rows[name]
+        elif dtype[name].base.kind == "f":
+            found[name] = np.nan
+    return found
+
+
+def make_row(dtype: np.dtype, **columns: Any) -> np.ndarray:
+    """Return one row, (1,): texts cut to fit between characters, columns left out zero."""
+    row = np.zeros(1, dtype)
+    for name, value in columns.items():
+        if isinstance(value, str):
+            fitting = value.encode()[: dtype[name].itemsize]
+            value = fitting.decode(errors="ignore").encode()
+        row[name] = value
+    return row
+
+
+def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
+    """Return the rows of all parts, one after the other; a single part is not copied.
+
+    `numpy.concatenate` copies structured rows column by column and takes a hundred times as long.
     """
     if len(parts) == 1:
         return parts[0]
@@ -152,7 +195,7 @@ def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
 
 
 def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Start and length of each run of done bytes that are set."""
+    """Yield start and length of each run of done bytes that are set."""
     if len(done) and done.all():  # nearly always, among what ranks return
         yield 0, len(done)
         return
@@ -162,7 +205,7 @@ def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Parts of rows, (n,), that are consecutive samples of one string."""
+    """Yield parts of rows, (n,), that are consecutive samples of one string."""
     ends = np.flatnonzero((np.diff(rows["sample"]) != 1) | (np.diff(rows["string"]) != 0)) + 1
     for begin, end in pairwise([0, *ends.tolist(), len(rows)]):
         if end > begin:
@@ -170,12 +213,12 @@ def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def checksum_ok(rows: np.ndarray) -> np.ndarray:
-    """Whether each row has its right checksum, (n,) bool."""
+    """Return whether each row has the right checksum, (n,) bool."""
     return checksums(rows) == rows["crc"]
 
 
 def checksums(rows: np.ndarray) -> np.ndarray:
-    """CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
+    """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
     blank = rows.copy()
     blank["crc"] = 0
     raw = memoryview(blank.tobytes())
@@ -183,3 +226,52 @@ def checksums(rows: np.ndarray) -> np.ndarray:
     return np.array(
         [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
     )
+
+
+NOT_DETERMINED: Final = ("seconds", "finished", "rank", "crc")
+"""Columns that may differ between two runs of the same campaign."""
+
+
+def generation_digest(
+    parameters: np.ndarray,
+    results: np.ndarray,
+    samples: np.ndarray,
+    version: int = FORMAT_VERSION,
+) -> int:
+    """Return the 64-bit BLAKE2b digest of what a generation rests on (see `DIGEST_MEANING`).
+
+    Parameters
+    ----------
+    parameters : (n, 10) float64
+        The strings judged in the generation, by number.
+    results, samples : structured arrays
+        Their rows of `/results` and, by string and sample, those of `/samples` that are used.
+    version : int
+        Format version of the file, whose columns count.
+    """
+    digest = hashlib.blake2b(digest_size=8)
+    digest.update(parameters.astype("<f8").tobytes())
+    digest.update(_packed(fitted(results, RESULTS.at(version).dtype)))
+    digest.update(_packed(fitted(samples, SAMPLES.at(version).dtype)))
+    return int.from_bytes(digest.digest(), "little")
+
+
+def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
+    """Return the rows that the results rest on: each once, by string and sample."""
+    if not len(samples) or not len(results):
+        return samples[:0]
+    most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
+    most[results["string"]] = results["samples_used"]
+    used = samples[samples["sample"] < most[samples["string"]]]
+    places = used["string"] * (1 + most.max()) + used["sample"]
+    return used[np.unique(places, return_index=True)[1]]
+
+
+def _packed(rows: np.ndarray) -> bytes:
+    """Return the little-endian bytes of the deterministic columns, row after row."""
+    names = [name for name in rows.dtype.names or () if name not in NOT_DETERMINED]
+    dtype = np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names])
+    packed = np.empty(len(rows), dtype)
+    for name in names:
+        packed[name] = rows[name]
+    return packed.tobytes()

@@ -1,4 +1,4 @@
-"""Structure and checksums of a campaign file: what is whole and what is damaged.
+"""Structure and checksums of a campaign file: which rows are valid, which are damaged.
 
 Rows refer to rows that were written before them. So the tables are read against the order of
 writing: whatever a row refers to is then there, also while a run goes on.
@@ -6,27 +6,123 @@ writing: whatever a row refers to is then there, also while a run goes on.
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import h5py
 import numpy as np
 
-from agglom_mpi.storage.access import damage_named, open_file, read_attributes
-from agglom_mpi.storage.columns import fitted
-from agglom_mpi.storage.contents import Key, VerificationReport, row_list
-from agglom_mpi.storage.reader import Status
-from agglom_mpi.storage.schema import CAMPAIGN_STATES, layouts
-from agglom_mpi.storage.table import Rows, Table, checksum_ok, concatenated, runs_of
+from agglom_mpi.storage.access import open_file, read_attributes, report_damage
+from agglom_mpi.storage.reader import CampaignData, status_of
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, ORIGINS, table_schemas
+from agglom_mpi.storage.table import Rows, Table, checksum_ok, concatenated, fitted, runs_of
 
-WRITTEN_WITHIN: Final = 0.05
-"""Seconds after which a row that was being written is whole."""
+Key = int | tuple[int, int]
+"""Number of a string, generation, leg or failure, or string and number of a sample."""
+
+RECOMPUTED: Final = ("strings", "results", "samples", "generations", "frames")
+"""Tables whose lost rows a resume makes again."""
+MAX_LISTED: Final = 8
+"""Rows that a message lists at most."""
+
+
+REWRITE_SECONDS: Final = 0.05
+"""Longer than a row that is rewritten in place takes to be whole again."""
+REPLACE_SECONDS: Final = 0.1
+"""Longer than a frame that takes the place of another takes to be written."""
+_READ_BYTES: Final = 1 << 25
 _READ: Final = ("generations", "results", "samples", "strings", "failures", "legs")
 
 
-def read_contents(path: str | os.PathLike[str]) -> VerificationReport:
-    """Read everything that is final, and find out whether it is whole.
+@dataclass
+class VerificationReport:
+    """What is wrong in a campaign file, and the rows with which nothing is.
+
+    Attributes
+    ----------
+    data
+        The rows that are final, have the right checksum and lie in their own places.
+    lost
+        Numbers of rows, by table, that are needed but absent or damaged. To a resume they are
+        absent: it makes those of `RECOMPUTED` again as far as it needs them.
+    losses, faults
+        Messages: on rows that a resume makes again, and on all else.
+    counts
+        Valid rows of the tables of particles, by table.
+    generations
+        Generations that were final when all other tables had been read.
+    room
+        Rows that there is room for, by table.
+    settled
+        Whether no run was writing while the file was read, and the last one ended in order.
+    """
+
+    data: CampaignData
+    lost: dict[str, set[Key]]
+    losses: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    generations: set[int] = field(default_factory=set)
+    room: dict[str, int] = field(default_factory=dict)
+    settled: bool = False
+
+    def numbers(self, table: str) -> set[int]:
+        """Return the strings or generations that a table has rows of."""
+        column = "generation" if table == "generations" else "string"
+        return set(self.data.rows(table)[column].tolist())
+
+    def add_absent(self, table: str, keys: Iterable[Key], why: str) -> None:
+        """Record that rows are absent which others need, unless they are known to be lost."""
+        missing = set(keys) - self.lost[table]
+        if missing:
+            self.add_lost(table, missing, f"absent, {why}")
+
+    def add_lost(self, table: str, keys: set[Key], why: str) -> None:
+        """Record that rows are lost."""
+        self.lost[table] |= keys
+        messages = self.losses if table in RECOMPUTED else self.faults
+        messages.append(f"{table}: {row_list(keys)} {why}")
+
+    @property
+    def ranked_by_model(self) -> bool:
+        """Whether a regression proposes and ranks strings.
+
+        It need not give the same bits on another machine, so what it gave cannot be compared.
+        """
+        try:
+            return self.data.identity.get("search.method") == "surrogate"
+        except ValueError:  # it cannot be read, which others find
+            return False
+
+    @property
+    def bred_strings(self) -> np.ndarray:
+        """Rows of strings that are offspring, or parents again: their generations have begun.
+
+        Random strings of coming generations may be stored, too, whose samples are simulated ahead.
+        """
+        strings = self.data.string_rows()
+        bred = [ORIGINS.index(origin) for origin in ("offspring", "again")]
+        return strings[np.isin(strings["origin"], bred)]
+
+    @property
+    def unused_samples(self) -> set[Key]:
+        """Lost samples that no result rests on, fresh ones included."""
+        used = {int(row["string"]): int(row["samples_used"]) for row in self.data.result_rows()}
+        pairs = (key for key in self.lost["samples"] if isinstance(key, tuple))
+        return {pair for pair in pairs if pair[1] >= used.get(pair[0], pair[1] + 1)}
+
+    @property
+    def lost_strings(self) -> set[int]:
+        """Strings of which a row is lost that their generation rests on."""
+        samples = self.lost["samples"] - self.unused_samples
+        lost = self.lost["strings"] | self.lost["results"] | samples
+        return {key[0] if isinstance(key, tuple) else key for key in lost}
+
+
+def verify_rows(path: str | os.PathLike[str]) -> VerificationReport:
+    """Read everything that is final, and find out which rows are damaged.
 
     Raises
     ------
@@ -37,170 +133,166 @@ def read_contents(path: str | os.PathLike[str]) -> VerificationReport:
         If it is missing or cannot be read.
     """
     path = Path(path)
-    with open_file(path) as file, damage_named(path):
-        return _read(file, path)
+    with open_file(path) as file, report_damage(path):
+        return _verify(file, path)
 
 
-def _read(file: h5py.File, path: Path) -> VerificationReport:
-    attributes, status = read_attributes(file, path), _status(file, path)
-    tables = (*_READ, "final_particles", "frames")
-    contents = VerificationReport(path, attributes, status, {}, {name: set() for name in tables})
-    _check_shapes(file, contents)
+def _verify(file: h5py.File, path: Path) -> VerificationReport:
+    attributes, status = read_attributes(file, path), Rows(file["status"], path).read_all()
+    tables: dict[str, np.ndarray] = {"status": status}
+    lost: dict[str, set[Key]] = {name: set() for name in (*_READ, "final_particles", "frames")}
+    report = VerificationReport(CampaignData.of_rows(path, attributes, tables), lost)
+    _check_shapes(file, report)
     for name in _READ:
-        contents.rows[name] = _final_rows(file, Table(file, name, path), contents)
-    check_particles(file, contents)
-    contents.rows["variables"] = Rows(file["variables"], path).read_all()
+        tables[name] = _valid_rows(file, Table(file, name, path), report)
+    tables["variables"] = Rows(file["variables"], path).read_all()
+    report.data = CampaignData.of_rows(path, attributes, tables)
+    check_particles(file, report)
     generations = Table(file, "generations", path)
-    contents.recorded = {at for first, n in generations.runs() for at in range(first, first + n)}
-    ended = contents.status.state in ("stopped", "finished")
-    contents.settled = ended and contents.status == _status(file, path)
-    if contents.status.state not in CAMPAIGN_STATES:
-        contents.faults.append(f"status: unknown state {contents.status.state!r}")
-    return contents
+    report.generations = {at for first, n in generations.runs() for at in range(first, first + n)}
+    state = report.data.status().state
+    report.settled = state in ("stopped", "finished") and report.data.status() == status_of(
+        Rows(file["status"], path).read_all()
+    )
+    if state not in CAMPAIGN_STATES:
+        report.faults.append(f"status: unknown state {state!r}")
+    return report
 
 
-def _status(file: h5py.File, path: Path) -> Status:
-    row = Rows(file["status"], path).read_all()[0]
-    texts = [row[name].decode(errors="replace") for name in ("state", "reason")]
-    return Status(texts[0], float(row["updated"]), texts[1])
-
-
-def _check_shapes(file: h5py.File, contents: VerificationReport) -> None:
-    strings, most = (int(contents.attributes[name]) for name in ("strings", "max_samples"))
+def _check_shapes(file: h5py.File, report: VerificationReport) -> None:
+    attributes = report.data.attributes
+    strings, most = int(attributes["strings"]), report.data.max_samples
     wanted = {"strings": strings, "results": strings, "samples": strings * most}
     wanted["final_particles"] = strings * most
-    wanted["frames"] = int(contents.attributes.get("frames", 0))
-    for layout in layouts(contents.attributes):
-        room = len(file[layout.name])
-        contents.room[layout.name] = room
-        if layout.final and len(file[layout.done]) != room:
-            raise IndexError(f"/{layout.done} is not as long as /{layout.name}")
-        if wanted.get(layout.name, room) != room:
-            raise IndexError(f"/{layout.name} has {room} rows, not {wanted[layout.name]}")
+    wanted["frames"] = int(attributes.get("frames", 0))
+    for schema in table_schemas(attributes):
+        room = len(file[schema.name])
+        report.room[schema.name] = room
+        if schema.final and len(file[schema.done]) != room:
+            raise IndexError(f"/{schema.done} is not as long as /{schema.name}")
+        if wanted.get(schema.name, room) != room:
+            raise IndexError(f"/{schema.name} has {room} rows, not {wanted[schema.name]}")
 
 
-def _final_rows(file: h5py.File, table: Table, contents: VerificationReport) -> np.ndarray:
-    """Rows of a table that are whole and in their places."""
+def _valid_rows(file: h5py.File, table: Table, report: VerificationReport) -> np.ndarray:
+    """Return the rows of a table that have the right checksum and lie in their own places."""
     name = table.rows.name.removeprefix("/")
     done = table.done.read_all()
     places = np.flatnonzero(done)
     odd = places[done[places] != 1]
     if len(odd):
-        keys = [_key(name, int(place), contents) for place in odd]
-        contents.faults.append(f"{name}_done: neither 0 nor 1 for {row_list(keys)}")
+        keys = [_key(name, int(place), report) for place in odd]
+        report.faults.append(f"{name}_done: neither 0 nor 1 for {row_list(keys)}")
     parts = [table.rows.read(first, count) for first, count in runs_of(done)]
     rows = concatenated(parts, table.rows.dtype)
-    whole = checksum_ok(rows)
-    if not whole.all():  # perhaps a row that is being written again, as those of /legs are
-        if _status(file, contents.path).state == "running":
-            time.sleep(WRITTEN_WITHIN)
-        for at in np.flatnonzero(~whole):
+    valid = checksum_ok(rows)
+    if not valid.all():  # perhaps a row that is being written again, as those of /legs are
+        if status_of(Rows(file["status"], report.data.path).read_all()).state == "running":
+            time.sleep(REWRITE_SECONDS)
+        for at in np.flatnonzero(~valid):
             rows[at] = table.rows.read(int(places[at]), 1)[0]
-        whole = checksum_ok(rows)
-    torn = {_key(name, int(place), contents) for place in places[~whole]}
-    if torn:
-        contents.lose(name, torn, "with a wrong checksum")
-    astray = whole & (_own_places(name, rows, contents) != places)
-    if astray.any():  # a resume would believe the numbers in the row
-        strangers = {_key(name, int(place), contents) for place in places[astray]}
-        contents.lost[name] |= strangers
-        contents.faults.append(f"{name}: numbers of another row in {row_list(strangers)}")
-    return fitted(rows[whole & ~astray], table.dtype)
+        valid = checksum_ok(rows)
+    damaged = {_key(name, int(place), report) for place in places[~valid]}
+    if damaged:
+        report.add_lost(name, damaged, "with a wrong checksum")
+    misplaced = valid & (_own_places(name, rows, report) != places)
+    if misplaced.any():  # a resume would trust the numbers in the row
+        displaced = {_key(name, int(place), report) for place in places[misplaced]}
+        report.lost[name] |= displaced
+        report.faults.append(f"{name}: numbers of another row in {row_list(displaced)}")
+    return fitted(rows[valid & ~misplaced], table.dtype)
 
 
-def _own_places(name: str, rows: np.ndarray, contents: VerificationReport) -> np.ndarray:
-    """Places of rows as their own numbers have it."""
+def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.ndarray:
+    """Return the places where rows belong by the numbers in them."""
     if name in ("strings", "results"):
         return rows["string"]
     if name == "generations":
         return rows["generation"]
     if name == "samples":
-        return rows["string"] * int(contents.attributes["max_samples"]) + rows["sample"]
+        return rows["string"] * report.data.max_samples + rows["sample"]
     return np.arange(len(rows))
 
 
-def _key(name: str, place: int, contents: VerificationReport) -> Key:
+def _key(name: str, place: int, report: VerificationReport) -> Key:
     if name != "samples":
         return place
-    return divmod(place, int(contents.attributes["max_samples"]))
+    return divmod(place, report.data.max_samples)
 
 
-REPLACED_WITHIN: Final = 0.1
-"""Seconds after which a picture that takes the place of another is whole."""
-_READ_BYTES: Final = 1 << 25
+def check_particles(file: h5py.File, report: VerificationReport) -> None:
+    """Verify the rows of `/final_particles` and `/frames`: checksums, and numbers for their places.
 
-
-def check_particles(file: h5py.File, contents: VerificationReport) -> None:
-    """Verify checksums, and that rows are what belongs there.
-
-    A final state must have as many particles as its sample says, and a picture its place among
-    those of its sample. That a final state is absent cannot be seen: a leg need not have stored
+    A final state must have as many particles as its sample says, and a frame its place among those
+    of its sample. That a final state is absent cannot be seen: a leg need not have stored
     any.
     """
-    rows = contents.rows["samples"][["string", "sample", "particles"]].tolist()
+    rows = report.data.all_sample_rows()[["string", "sample", "particles"]].tolist()
     left = {(string, sample): particles for string, sample, particles in rows}
     if "final_particles" in file:
-        _check_finals(Table(file, "final_particles", contents.path), left, contents)
+        _check_finals(Table(file, "final_particles", report.data.path), left, report)
     if "frames" in file:
-        _check_frames(Table(file, "frames", contents.path), contents)
+        _check_frames(Table(file, "frames", report.data.path), report)
 
 
 def _check_finals(
-    table: Table, left: dict[tuple[int, int], int], contents: VerificationReport
+    table: Table, left: dict[tuple[int, int], int], report: VerificationReport
 ) -> None:
-    torn: set[Key] = set()
-    astray: set[Key] = set()
-    most = int(contents.attributes["max_samples"])
-    for place, whole, row in _rows(table, ["string", "sample", "particles"]):
+    damaged: set[Key] = set()
+    misplaced: set[Key] = set()
+    most = report.data.max_samples
+    for place, valid, row in _rows(table, ["string", "sample", "particles"]):
         key = divmod(place, most)
-        if not whole:
-            torn.add(key)
+        if not valid:
+            damaged.add(key)
         elif row[:2] != key or left.get(key, row[2]) != row[2]:
-            astray.add(key)
-    _tell(table, "final_particles", torn, astray, contents)
+            misplaced.add(key)
+    _record(table, "final_particles", damaged, misplaced, report)
 
 
-def _check_frames(table: Table, contents: VerificationReport) -> None:
-    torn: set[Key] = set()
+def _check_frames(table: Table, report: VerificationReport) -> None:
+    damaged: set[Key] = set()
     stored: dict[int, tuple[int, ...]] = {}
-    for place, whole, row in _rows(table, ["string", "sample", "frame"]):
-        if whole:
+    for place, valid, row in _rows(table, ["string", "sample", "frame"]):
+        if valid:
             stored[place] = row
         else:
-            torn.add(place)
-    settled = contents.status.state == "finished"  # before, others may be taking their places
+            damaged.add(place)
+    settled = report.data.status().state == "finished"  # before, others may be taking their places
     count = 1 + max((row[2] for row in stored.values()), default=0)
     first = {place // count: row[:2] for place, row in reversed(stored.items())}
-    astray: set[Key] = {
+    misplaced: set[Key] = {
         place
         for place, (string, sample, frame) in stored.items()
         if settled and (place % count != frame or first[place // count] != (string, sample))
     }
-    _tell(table, "frames", torn, astray, contents)
+    _record(table, "frames", damaged, misplaced, report)
     all_of = {block * count + frame for block in first for frame in range(count)}
     if settled:
-        contents.miss("frames", all_of - stored.keys(), "though others of their samples are there")
+        report.add_absent(
+            "frames", all_of - stored.keys(), "though others of their samples are there"
+        )
 
 
 def _rows(table: Table, columns: list[str]) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Place of each final row, whether it is whole, and what is in some columns."""
+    """Yield place of each final row, whether its checksum is right, and some of its columns."""
     step = max(1, _READ_BYTES // table.rows.dtype.itemsize)
     for first, length in table.runs():
         for at in range(first, first + length, step):
             rows = table.rows.read(at, min(step, first + length - at))
-            whole = checksum_ok(rows)
+            valid = checksum_ok(rows)
             for i, row in enumerate(rows[columns].tolist()):
-                if whole[i]:
+                if valid[i]:
                     yield at + i, True, row
                 else:
-                    yield from _again(table, at + i, columns)
+                    yield from _read_again(table, at + i, columns)
 
 
-def _again(
+def _read_again(
     table: Table, place: int, columns: list[str]
 ) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Look once more at a row that was not whole: perhaps it was being replaced."""
-    time.sleep(REPLACED_WITHIN)
+    """Read a row again whose checksum was wrong: perhaps it was being replaced."""
+    time.sleep(REPLACE_SECONDS)
     found = table.read(place, 1)
     if found.damaged:
         yield place, False, ()
@@ -208,11 +300,22 @@ def _again(
         yield place, True, row
 
 
-def _tell(
-    table: Table, name: str, torn: set[Key], astray: set[Key], contents: VerificationReport
+def _record(
+    table: Table, name: str, damaged: set[Key], misplaced: set[Key], report: VerificationReport
 ) -> None:
-    contents.counts[name] = int(np.count_nonzero(table.done.read_all())) - len(torn)
-    if torn:
-        contents.lose(name, torn, "with a wrong checksum")
-    if astray:
-        contents.faults.append(f"{name}: not what belongs there in {row_list(astray)}")
+    report.counts[name] = int(np.count_nonzero(table.done.read_all())) - len(damaged)
+    if damaged:
+        report.add_lost(name, damaged, "with a wrong checksum")
+    if misplaced:
+        report.faults.append(f"{name}: wrong content in {row_list(misplaced)}")
+
+
+def row_list(keys: Iterable[Key]) -> str:
+    """Return numbers of rows as text: `3, 7`, or for samples `sample 7 of string 3`."""
+    ordered = sorted(set(keys), key=lambda key: key if isinstance(key, tuple) else (key, 0))
+    shown = [
+        f"sample {key[1]} of string {key[0]}" if isinstance(key, tuple) else str(key)
+        for key in ordered[:MAX_LISTED]
+    ]
+    more = len(ordered) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")

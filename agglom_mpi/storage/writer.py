@@ -1,12 +1,10 @@
 """Writing a campaign file: raw data in rows laid out beforehand, no metadata."""
 
-import errno
 import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import h5py
@@ -14,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file
-from agglom_mpi.storage.columns import fitted
+from agglom_mpi.storage.files import require_in_place
+from agglom_mpi.storage.particle_tables import valid_frame_keys
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
-from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.table import Rows, Table, fitted, make_row
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -25,29 +24,29 @@ if TYPE_CHECKING:
 
 
 class CampaignWriter:
-    """The writer of a campaign file; whoever opens it holds the `CampaignLock`.
+    """Writer of a campaign file; the caller holds its `CampaignLock`.
 
-    It is the only one, until `share` lets other ranks write samples of their own.
+    It is the only one, until `reopen_parallel` lets other ranks write their own samples.
 
-    Everything but samples and results is in the file, visible to readers and safe from a kill of
-    the process, when its `put_` returns; those are after `flush`. Only `sync` guards against a
+    Samples and results are buffered until `flush`. All else is in the file, visible to readers and
+    safe from a kill of the process, when its `put_` returns. Only `sync` guards against a
     crash of the machine. Failed writes raise OSError with the path, and can be repeated;
     numbers beyond the room in the file raise IndexError.
 
     Attributes
     ----------
     clock
-        Time spent here.
+        Time spent on writing, s.
     samples
-        Writes samples.
-    shared
+        Writer of samples.
+    parallel
         Whether other ranks have the file open, too.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(os.path.realpath(path))
         self.clock = Stopwatch()
-        self.shared = False
+        self.parallel = False
         self._running = False
         self._descriptor = os.open(self.path, os.O_RDONLY)
         self._open(open_file(self.path, write=True))
@@ -63,10 +62,10 @@ class CampaignWriter:
         self._results = RowBuffer({"string": results.capacity}, results.dtype)
         self._status = Rows(file["status"], self.path)
 
-    def share(self, world: "Intracomm") -> None:
-        """Close the file and open it again together with all other ranks, each a `RankWriter`.
+    def reopen_parallel(self, world: "Intracomm") -> None:
+        """Close the file, and open it together with the `RankWriter` of all other ranks.
 
-        From now on closing is collective.
+        From then on closing is collective.
 
         Raises
         ------
@@ -75,7 +74,7 @@ class CampaignWriter:
         """
         self.flush()
         self._file.close()
-        self.shared = True
+        self.parallel = True
         try:
             self._open(open_file(self.path, write=True, thorough=False, world=world))
         except (OSError, NotACampaign) as error:  # it was open a moment ago
@@ -101,7 +100,7 @@ class CampaignWriter:
         generation : int or (n,)
             Generation that they are proposed for.
         slots, origins : (n,) int
-            Place in the generation; 0 random, 1 offspring.
+            Place in the generation, and index in `schema.ORIGINS`.
         parents : (n, 2) int
             Numbers of the parents, -1 for none.
         parameters : (n, 10) float64
@@ -118,7 +117,7 @@ class CampaignWriter:
             self._tables["strings"].write(first_id, rows)
 
     def flush_due(self, now: float | None = None) -> bool:
-        """Flush if something has waited for long at `time.monotonic()` = now; say if so."""
+        """Flush if a row is older than `FLUSH_AGE` at `time.monotonic()` = now; return if so."""
         now = time.monotonic() if now is None else now
         due = self.samples.due(now) or self._results.due(now)
         if due:
@@ -127,7 +126,7 @@ class CampaignWriter:
         return due
 
     def flush(self) -> None:
-        """Write the samples that wait, and then the results."""
+        """Write the buffered samples, and then the results."""
         self.samples.flush()
         with self.clock:
             for first, rows in self._results.runs():
@@ -135,75 +134,45 @@ class CampaignWriter:
         self._results.clear()
 
     def put_samples(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
-        """Take samples, which wait for `flush`, as `SampleWriter.put`."""
+        """Buffer samples; see `SampleWriter.put`."""
         self.samples.put(records, finals)
 
     def put_frames(self, first: int, rows: np.ndarray) -> None:
-        """Store pictures, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        """Write frames, (n,) rows of `/frames` without `crc`, in place of those there are."""
         with self.clock:
             table = Table(self._file, "frames", self.path)
-            table.forget(first, len(rows))
+            table.mark_absent(first, len(rows))
             table.write(first, rows)
 
     def frame_keys(self) -> dict[int, tuple[int, int, int]]:
-        """Read (string, sample, frame) of the pictures there are, by row."""
-        if "frames" not in self._file:
-            return {}
-        table, keys = Table(self._file, "frames", self.path), {}
-        for place in np.flatnonzero(table.done.read_all()).tolist():
-            for row in table.read(place, 1).rows:
-                keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
-        return keys
+        """Return (string, sample, frame) of the frames there are, by row."""
+        return valid_frame_keys(self._file, self.path)
 
     def forget_frames(self) -> None:
-        """Drop all pictures: others are to be taken."""
+        """Make all frames absent."""
         with self.clock:
             table = Table(self._file, "frames", self.path)
-            table.forget(0, table.capacity)
+            table.mark_absent(0, table.capacity)
 
-    def put_result(
-        self,
-        string: int,
-        *,
-        objective: float,
-        standard_error: float,
-        mean_radius_ratio: float,
-        mean_grains: float,
-        growth_number: float,
-        samples_used: int,
-        failed: int,
-        hit_maximum: bool,
-    ) -> None:
-        """Take the judgement of a string, which waits for `flush` as its samples do."""
-        fields = {
-            "string": string,
-            "objective": objective,
-            "standard_error": standard_error,
-            "mean_radius_ratio": mean_radius_ratio,
-            "mean_grains": mean_grains,
-            "growth_number": growth_number,
-            "samples_used": samples_used,
-            "failed": failed,
-            "hit_maximum": hit_maximum,
-        }
-        results = self._tables["results"]
-        results.rows.check(string, 1)
-        self._results.add(_row(results.dtype, fields), time.monotonic())
+    def put_result(self, row: np.ndarray) -> None:
+        """Buffer the result of a string, a row of `/results`, (1,), without `crc`."""
+        self._tables["results"].rows.check(int(row["string"][0]), 1)
+        self._results.add(row, time.monotonic())
 
     @property
     def has_room_for_failures(self) -> bool:
-        """Whether no failure needs to be overwritten by the next one."""
+        """Whether the next failure overwrites none."""
         table = self._tables["failures"]
         return table.end() < table.capacity
 
     def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> bool:
-        """Store the exception of a failed sample; of a long text the end, which names the error.
+        """Write the exception of a failed sample, of a long text the end, which names the error.
 
-        Without room the last one is overwritten. But where that is all there is of a sample that
-        took too long, it stays; say whether this one was stored.
+        Where the table is full the last row is overwritten, unless it is of a sample that took too
+        long: nothing else tells of such a one. Return whether this one was written.
         """
         table = self._tables["failures"]
-        place = table.following()
+        place = table.append_place()
         if any(row["text"].startswith(TOOK_TOO_LONG.encode()) for row in table.read(place, 1).rows):
             return False
         end = text.encode()[-table.dtype["text"].itemsize :].decode(errors="ignore")
@@ -226,10 +195,10 @@ class CampaignWriter:
         population: ArrayLike,
         digest: int,
     ) -> None:
-        """Store the state of the search after a generation, after what waits.
+        """Write the state of the search after a generation, after all that is buffered.
 
-        `population` is (S,) string numbers, the best first; `seconds` are summed over legs;
-        `digest` is that of `database.digest`.
+        The columns are those of `/generations`: `population`, (population,), has string numbers,
+        the best first; `seconds` are summed over legs; `digest` is from `generation_digest`.
         """
         self.flush()
         self._put(
@@ -263,7 +232,7 @@ class CampaignWriter:
         git_revision: str,
         versions: Mapping[str, str],
     ) -> int:
-        """Record a start of the program; return the number of this leg.
+        """Write a start of the program; return the number of this leg.
 
         Parameters
         ----------
@@ -278,7 +247,7 @@ class CampaignWriter:
         versions : mapping
             Library versions by the names of `schema.VERSIONS`; those left out stay empty.
         """
-        index = self._tables["legs"].following()
+        index = self._tables["legs"].append_place()
         self._put(
             "legs",
             index,
@@ -307,9 +276,9 @@ class CampaignWriter:
         busy_seconds: float,
         database_seconds: float,
     ) -> None:
-        """Record the end of a leg.
+        """Write the end of a leg.
 
-        `stopped` is in Unix time; `busy_seconds` are summed over samples, `database_seconds` over
+        `stopped` is Unix time, s; `busy_seconds` is summed over samples, `database_seconds` over
         ranks.
         """
         legs = self._tables["legs"]
@@ -321,46 +290,39 @@ class CampaignWriter:
             legs.write(index, row)
 
     def set_status(self, state: str, reason: str = "") -> None:
-        """Say what the campaign is doing: running, stopped, finished or failed."""
+        """Write what the campaign is doing, one of `CAMPAIGN_STATES`, and why."""
         if state not in CAMPAIGN_STATES:
             raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
-        fields = {"state": state, "updated": time.time(), "reason": reason}
+        row = make_row(self._status.dtype, state=state, updated=time.time(), reason=reason)
         with self.clock:
-            self._status.write(0, _row(self._status.dtype, fields))
+            self._status.write(0, row)
         self._running = state == "running"
 
     def mark_running(self) -> None:
-        """Say that the campaign is running, unless that was said last."""
+        """Set the status to running, unless that was done last."""
         if not self._running:
             self.set_status("running")
 
     def sync(self) -> None:
-        """Flush, and wait until everything is on the disc."""
+        """Flush, and wait until everything is on the disk."""
         self.flush()
         self._check_place()
         with self.clock:
             sync_descriptor(self._descriptor, self.path)
 
     def _check_place(self) -> None:
-        """Raise an OSError if the file is no longer found under its name."""
         with self.clock:
-            try:
-                found = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
-            except FileNotFoundError:
-                found = False
-        if not found:
-            message = "was removed or replaced while it was being written"
-            raise OSError(errno.ENOENT, message, str(self.path))
+            require_in_place(self.path, self._descriptor)
 
-    def give_up(self, reason: str) -> None:
-        """After a failed write: forget what waits, and say why if the file takes it."""
-        self.samples.forget()
+    def abandon(self, reason: str) -> None:
+        """Drop what is buffered after a failed write, and set the status if that is possible."""
+        self.samples.discard()
         self._results.clear()
         with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
             self.set_status("failed", reason)
 
     def close(self) -> None:
-        """Flush and close; closing twice does nothing."""
+        """Flush and close, if the file is open."""
         if not self._file:
             return
         try:
@@ -374,26 +336,15 @@ class CampaignWriter:
 
     def __exit__(
         self,
-        kind: type[BaseException] | None,
+        kind: object,
         error: BaseException | None,
-        trace: TracebackType | None,
+        trace: object,
     ) -> None:
-        # In an emergency the others would not join in: whoever catches this aborts the job.
-        if error is None or not self.shared:
+        # After an error the others would not join in closing: who catches it aborts the job.
+        if error is None or not self.parallel:
             self.close()
 
     def _put(self, table: str, number: int, **fields: Any) -> None:
         rows = self._tables[table]
         with self.clock:
-            rows.write(number, _row(rows.dtype, fields))
-
-
-def _row(dtype: np.dtype, fields: Mapping[str, Any]) -> np.ndarray:
-    """One row, (1,); texts cut to fit between characters, fields left out zero."""
-    row = np.zeros(1, dtype)
-    for name, value in fields.items():
-        if isinstance(value, str):
-            fitting = value.encode()[: dtype[name].itemsize]
-            value = fitting.decode(errors="ignore").encode()
-        row[name] = value
-    return row
+            rows.write(number, make_row(rows.dtype, **fields))

@@ -22,14 +22,14 @@ RUNS = 5
 POLLER = """
 import sys, time
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.analysis.summary import summarise
+from agglom_mpi.analysis.summary import summary_table
 
 path, looks, seconds = sys.argv[1], 0, 0.0
 try:
     while True:
         begin = time.monotonic()
         try:
-            summarise(open_campaign(path))
+            summary_table(open_campaign(path))
         except FileNotFoundError:
             pass
         else:

@@ -11,15 +11,15 @@ from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
-from agglom_mpi.storage.schema import layouts
+from agglom_mpi.storage.schema import table_schemas
 from agglom_mpi.storage.table import Table
 
 TABLES = ("strings", "results", "samples", "generations")
 AGAIN = {
     "strings": "propose again strings {0}",
-    "results": "judge again strings {0}",
+    "results": "recompute the results of strings {0}",
     "samples": "simulate again sample {1} of string {0}",
-    "generations": "decide again generations {0}",
+    "generations": "repeat the decisions of generations {0}",
 }
 
 
@@ -81,7 +81,7 @@ def test_a_sound_file_is_said_to_be_and_left_as_it_is(agglom, copy):
     assert done.stdout.splitlines() == [
         f"{copy}: sound",
         f"  checksums: {strings} strings, {strings} results, 3 generations, "
-        f"{len(file.all_sample_rows())} samples ({used} used), 1 leg and 0 failures are whole",
+        f"{len(file.all_sample_rows())} samples ({used} used), 1 leg and 0 failures are valid",
         "  digests: 3 of 3 generations verified",
         f"  replay: the samples lead again to {strings} of {strings} strings, {strings} of "
         f"{strings} results and 3 of 3 populations",
@@ -199,9 +199,9 @@ def test_what_is_said_to_be_computed_again_is_and_the_file_is_sound_afterwards(s
     text = "\n".join(lines(copy, 1))
     assert (
         "a resume would propose again strings 17, simulate again sample 1 of string 3, sample 0 of "
-        "string 20, judge again strings 5, decide again generations 1\n"
+        "string 20, recompute the results of strings 5, repeat the decisions of generations 1\n"
     ) in text
-    assert "believes all rows" not in text
+    assert "trusts every row" not in text
     finish(copy.parent, "small.yaml", "-q", "-o", copy.name)
     lines(copy, 0)
     assert_same(copy, wanted)
@@ -256,7 +256,7 @@ FORGERIES = [
     ("generations", 1, {"population": [range(12)]}, "order of the population in 1 does not"),
     ("generations", 1, {"population": [range(90, 102)]}, "strings of the population in 1 does"),
     ("generations", 2, {"samples_simulated": 10**6}, "unused ones are absent; 1000000 had been"),
-    ("legs", 0, {"ranks": 0}, "legs: numbers that cannot be in 0"),
+    ("legs", 0, {"ranks": 0}, "legs: impossible numbers in 0"),
 ]
 
 
@@ -265,7 +265,7 @@ def test_a_row_that_was_forged_with_its_checksum_is_found(copy, table, number, c
     forge(copy, table, number, **changes)
     text = "\n".join(lines(copy, 1))
     assert expected in text
-    assert "a resume believes all rows with right checksums, and would not mend" in text
+    assert "a resume trusts every row with a right checksum and repairs nothing else" in text
 
 
 def test_another_order_of_equal_worth_is_found_by_the_replay(copy):
@@ -282,7 +282,7 @@ def test_a_damaged_row_that_no_resume_makes_again_is_said_to_stay(copy, table):
     flip(copy, places(copy, table)[0][0] + 3, 1)
     text = "\n".join(lines(copy, 1))
     assert f"{table}: 0 with a wrong checksum\n" in text
-    assert "would not mend the rest" in text
+    assert "repairs nothing else" in text
 
 
 @pytest.mark.parametrize(
@@ -375,7 +375,7 @@ def test_a_campaign_file_is_known_by_its_content(agglom, copy):
 
 def test_every_table_is_read_or_known_to_have_no_checksum(copy):
     with h5py.File(copy, "r") as file:
-        tables = layouts(file.attrs)
+        tables = table_schemas(file.attrs)
     assert {table.name for table in tables if table.final} == {*TABLES, "legs", "failures"}
 
 

@@ -120,7 +120,7 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
 
 
 def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
-    file = open_campaign(finished / "tiny.h5")
+    file = open_campaign(finished / "tiny.h5").snapshot()
     none = file.result_rows()[:0]
     monkeypatch.setattr(file, "result_rows", lambda: none)
     with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):

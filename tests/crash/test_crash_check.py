@@ -129,7 +129,7 @@ def test_a_result_that_a_stopped_campaign_must_have_is_missed(stopped):
     code, text = verdict(path)
     assert code == 1
     assert f"results: {judged} absent, though " in text
-    assert f"a resume would judge again strings {judged}" in text
+    assert f"a resume would recompute the results of strings {judged}" in text
 
 
 def test_a_failed_campaign_is_sound(tmp_path, monkeypatch):
@@ -147,7 +147,7 @@ def test_a_failed_campaign_is_sound(tmp_path, monkeypatch):
     text = assert_sound(tmp_path / "small.h5")
     failures = len(open_campaign(tmp_path / "small.h5").failures())
     assert failures >= 5
-    assert f" and {failures} failures are whole\n" in text
+    assert f" and {failures} failures are valid\n" in text
     assert text.endswith(f"\n  failed: {failures} samples failed with errors")
 
 

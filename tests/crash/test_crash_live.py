@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from held_runs import allow, allow_all, held
 from processes import output_of
 
-from agglom_mpi.analysis.summary import summarise
+from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 
@@ -17,7 +17,7 @@ from agglom_mpi.cli import main
 def look(path):
     """Number of final rows of each table, after reading all that reports and people read."""
     campaign = open_campaign(path)
-    summarise(campaign)
+    summary_table(campaign)
     counts = [len(campaign.generations), len(campaign.strings), len(campaign.samples)]
     judged = campaign.strings
     judged = judged[judged["samples_used"] > 0]

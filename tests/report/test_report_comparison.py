@@ -6,11 +6,13 @@ import pytest
 from campaign_runs import SMALL, write_campaign
 from rich.console import Console
 
-from agglom_mpi.analysis.file_comparison import as_text, best_objectives, compare, in_words
+from agglom_mpi.analysis.file_comparison import best_objectives, compare, comparison_table, to_json
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.storage.schema import RESULTS
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -30,8 +32,9 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
         writer.put_strings(0, 0, np.arange(count), np.zeros(count, int), none, parameters)
         for string, objective in enumerate(objectives):
             growth = {"mean_radius_ratio": 1.9, "mean_grains": 7.0, "growth_number": 6.9}
-            writer.put_result(
-                string,
+            row = make_row(
+                RESULTS.dtype,
+                string=string,
                 objective=objective,
                 standard_error=0.01,
                 samples_used=10,
@@ -39,12 +42,13 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
                 hit_maximum=False,
                 **growth,
             )
+            writer.put_result(row)
     return open_campaign(path)
 
 
 def said(files):
     out = io.StringIO()
-    Console(file=out, width=200).print(in_words(compare(files)))
+    Console(file=out, width=200).print(comparison_table(compare(files)))
     return out.getvalue()
 
 
@@ -75,12 +79,12 @@ def test_a_file_without_a_result_is_a_row_without_a_value(tmp_path):
     files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "none", [], seed=2)]
     assert len(best_objectives(compare(files))) == 1
     assert str(files[1].path) in said(files)
-    assert json.loads(as_text(compare(files)))["files"][1]["best"] == []
+    assert json.loads(to_json(compare(files)))["files"][1]["best"] == []
 
 
 def test_json_has_every_summary_and_difference(tmp_path):
     files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "two", [0.1], seed=2)]
-    everything = json.loads(as_text(compare(files)))
+    everything = json.loads(to_json(compare(files)))
     assert [file["best"][0]["objective"] for file in everything["files"]] == pytest.approx(
         [0.1] * 2
     )

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from agglom_mpi.analysis.estimates import Estimate
-from agglom_mpi.analysis.summary import in_words, verdict
+from agglom_mpi.analysis.summary import describe_bias, selection_bias
 
 
 def estimate(string, objective, error=0.01, own=0.2, samples=100):
@@ -15,11 +15,11 @@ def estimate(string, objective, error=0.01, own=0.2, samples=100):
 
 def said(estimates, shown, estimated=None):
     count = len(estimates) if estimated is None else estimated
-    return list(in_words(verdict(estimates), shown, count))
+    return list(describe_bias(selection_bias(estimates), shown, count))
 
 
 def test_the_optimism_of_the_search_is_the_mean_of_all_and_has_an_error():
-    found = verdict([estimate(4, 0.25, own=0.2), estimate(1, 0.28, own=0.27)])
+    found = selection_bias([estimate(4, 0.25, own=0.2), estimate(1, 0.28, own=0.27)])
     assert found.optimism == pytest.approx(0.03)
     assert found.standard_error == pytest.approx(0.01 / math.sqrt(2.0))
     words = said([estimate(4, 0.25, own=0.2), estimate(1, 0.28, own=0.27)], [4, 1])
@@ -29,12 +29,12 @@ def test_the_optimism_of_the_search_is_the_mean_of_all_and_has_an_error():
 
 def test_those_that_cannot_be_told_from_the_first_are_named_by_their_columns():
     close = [estimate(7, 0.10), estimate(2, 0.11), estimate(5, 0.5), estimate(9, 0.11, 0.4)]
-    found = verdict(close)
+    found = selection_bias(close)
     assert (found.first, found.same, found.pairs) == (7, [2, 9], 6)
     assert said(close, [7, 2, 5, 9])[-1] == (
-        "#2 and #4 cannot be told from #1 at 95 % (Welch's t, 6 pairs, Holm)"
+        "#2 and #4 do not differ significantly from #1 at 95 % (Welch's t, 6 pairs, Holm)"
     )
-    assert said(close, [7, 2])[-1].startswith("#2 and string 9 cannot be told from #1")
+    assert said(close, [7, 2])[-1].startswith("#2 and string 9 do not differ significantly from #1")
 
 
 def test_a_best_one_that_stands_alone_is_said_to():
@@ -55,4 +55,4 @@ def test_strings_without_estimate_are_still_said_to_be_biased():
 
 
 def test_an_estimate_without_an_error_says_nothing():
-    assert verdict([estimate(3, math.inf), estimate(4, 0.1, math.nan)]) is None
+    assert selection_bias([estimate(3, math.inf), estimate(4, 0.1, math.nan)]) is None

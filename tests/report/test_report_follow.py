@@ -74,7 +74,7 @@ def carried_out(tmp_path_factory):
         def tick(self, progress):
             writer.flush()
             pairs.append((progress, reader.read(time.time())))
-            if len(reader.news.generations) == 1:
+            if len(reader.data.generation_rows()) == 1:
                 shutil.copy(path, folder / "killed.h5")
 
     file = prepare(path, work, accept_code_change=False)
@@ -215,7 +215,7 @@ def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_follo
     finish(folder, "brief.yaml")
     after = reader.read(time.time())
     assert after.note == ""
-    assert reader.news.status.state == "finished"
+    assert reader.data.status().state == "finished"
     assert [summary.generation for summary in reader.new_generations()][-1] == 3
 
 
@@ -224,7 +224,7 @@ def test_rows_read_one_after_the_other_are_those_of_the_file(carried_out):
     assert len({read.samples for _, read in pairs}) > 5
     reader.read(time.time())
     rows = open_campaign(folder / "brief.h5").all_sample_rows()
-    found = np.sort(reader.news.samples, order=["string", "sample"])
+    found = np.sort(reader.data.all_sample_rows(), order=["string", "sample"])
     for name in found.dtype.names:
         assert found[name].tolist() == rows[name].tolist()
 
@@ -260,7 +260,8 @@ def test_reading_takes_a_small_share_of_the_time(finished, monkeypatch):
         def read(self, now):
             progress = super().read(now)
             clock[0] += 3.0
-            self.news.status = self.news.status._replace(state="running")
+            status = self.data.status()._replace(state="running")
+            self.data.status = lambda: status
             return progress
 
     def nap(seconds):

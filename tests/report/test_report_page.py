@@ -9,17 +9,18 @@ import pytest
 from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
 
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.report import page as page_module
-from agglom_mpi.report.material import gather
 from agglom_mpi.report.page import write_report
 from agglom_mpi.report.requirements import ExportError
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import RESULTS, sample_dtype
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 FIGURES = {
@@ -79,8 +80,9 @@ def begin(path, failed=0):
             writer.put_samples(rows)
         for string in range(3):
             bad = string == 0 and failed > 1
-            writer.put_result(
-                string,
+            row = make_row(
+                RESULTS.dtype,
+                string=string,
                 objective=np.inf if bad else 0.1 + 0.1 * string,
                 standard_error=0.01,
                 mean_radius_ratio=1.9,
@@ -90,6 +92,7 @@ def begin(path, failed=0):
                 failed=failed if string == 0 else 0,
                 hit_maximum=False,
             )
+            writer.put_result(row)
 
 
 @pytest.fixture
@@ -280,12 +283,12 @@ def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     page = report(tmp_path / "kept.h5", tmp_path / "out")
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
-    material = gather(open_campaign(tmp_path / "kept.h5"))
-    stored = final_radii(material, material.best[0])
+    data = open_campaign(tmp_path / "kept.h5").snapshot()
+    stored = final_radii(data, rank_strings(data).order[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = final_radii(gather(open_campaign(plain)), material.best[0])
+    simulated = final_radii(open_campaign(plain).snapshot(), rank_strings(data).order[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central

@@ -10,9 +10,14 @@ from click.testing import CliRunner
 from reestimation_runs import assert_fresh_are_those_of_the_best, fresh_rows
 from scipy import stats
 
-from agglom_mpi.analysis.comparison import PairedSamples, SampleValues, numbered, paired_p_value
-from agglom_mpi.analysis.estimates import Estimate, estimates_in
-from agglom_mpi.analysis.summary import verdict
+from agglom_mpi.analysis.comparison import (
+    PairedSamples,
+    SampleValues,
+    paired_p_value,
+    sample_values,
+)
+from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.summary import selection_bias
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
@@ -40,7 +45,9 @@ def alike(correlation, means, samples, seed):
 @pytest.mark.parametrize("law", [GrowthTarget(2.0), MaximumGrowth(100)])
 def test_a_difference_is_that_of_the_objectives_and_its_chance_that_of_the_paired_test(law):
     one, other = map(rows_of, alike(0.9, [2.4, 2.35], 50, 1))
-    difference = PairedSamples({7: numbered(law, one), 2: numbered(law, other)}).difference(7, 2)
+    difference = PairedSamples(
+        {7: sample_values(law, one), 2: sample_values(law, other)}
+    ).difference(7, 2)
     assert difference.value == pytest.approx(law.of_rows(one)[0] - law.of_rows(other)[0])
     wanted = stats.ttest_rel(one["mean_radius_ratio"], other["mean_radius_ratio"]).pvalue
     assert paired_p_value(difference) == pytest.approx(wanted, rel=1e-9)
@@ -53,17 +60,17 @@ def test_strings_on_either_side_of_the_target_are_rarely_told_apart_if_both_miss
     repeats, told, law = 2000, 0, GrowthTarget(2.0)
     for seed in range(repeats):
         one, other = map(rows_of, alike(0.9, [2.4, 1.6], 20, seed))
-        difference = PairedSamples({0: numbered(law, one), 1: numbered(law, other)}).difference(
-            0, 1
-        )
+        difference = PairedSamples(
+            {0: sample_values(law, one), 1: sample_values(law, other)}
+        ).difference(0, 1)
         told += paired_p_value(difference) < 0.05
     assert abs(told / repeats - 0.05) < 4.0 * math.sqrt(0.05 * 0.95 / repeats)
 
 
 def test_only_samples_that_both_have_are_compared():
     law = MaximumGrowth(8)
-    one = numbered(law, rows_of([1.0, 1.2, 1.4], [5, 6, 8]))
-    other = numbered(law, rows_of([1.5, 1.1, 1.3], [6, 7, 8]))
+    one = sample_values(law, rows_of([1.0, 1.2, 1.4], [5, 6, 8]))
+    other = sample_values(law, rows_of([1.5, 1.1, 1.3], [6, 7, 8]))
     paired = PairedSamples({0: one, 1: other, 2: SampleValues(one.numbers[:1], one.values[:1])})
     assert paired.difference(0, 1).samples == 2
     assert paired.difference(0, 1).value == pytest.approx((0.3 - 0.1) / 2 / 2)
@@ -75,7 +82,7 @@ def test_the_error_of_the_average_counts_what_strings_have_in_common():
     law, rng = MaximumGrowth(8), np.random.default_rng(3)
     common = rng.normal(0.0, 0.1, 100)
     ratios = 1.5 + common + rng.normal(0.0, 0.05, (4, 100))
-    samples = {i: numbered(law, rows_of(row)) for i, row in enumerate(ratios)}
+    samples = {i: sample_values(law, rows_of(row)) for i, row in enumerate(ratios)}
     average = PairedSamples(samples).average()
     assert average.error == pytest.approx(ratios.mean(axis=0).std(ddof=1) / 2.0 / 10.0)
     errors = [law.of_rows(rows_of(row))[1] for row in ratios]
@@ -84,7 +91,7 @@ def test_the_error_of_the_average_counts_what_strings_have_in_common():
         Estimate(i, *law.of_rows(rows_of(row)), 0.0, 1.0, 100, 0, 2.0, 0.2, 0.02)
         for i, row in enumerate(ratios)
     ]
-    assert verdict(found, PairedSamples(samples)).standard_error == average.error
+    assert selection_bias(found, PairedSamples(samples)).standard_error == average.error
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +119,8 @@ def test_a_report_says_that_pairs_were_compared_and_tells_what_they_tell(common)
     said = CliRunner().invoke(main, ["report", str(common)]).output
     assert "(paired t on common configurations, 6 pairs, Holm)" in said
     file = open_campaign(common)
-    estimates = estimates_in(file, file.all_sample_rows())
-    paired = PairedSamples.of_file(file, file.all_sample_rows(), estimates)
+    estimates = estimates_of(file)
+    paired = PairedSamples.behind(estimates, file)
     rows = fresh_rows(common)
     ratios = [rows[rows["string"] == e.string]["mean_radius_ratio"] / 2.0 - 1.0 for e in estimates]
     signed = [np.sign(values.mean()) * values for values in ratios]
@@ -127,5 +134,4 @@ def test_a_report_says_that_pairs_were_compared_and_tells_what_they_tell(common)
 
 def test_strings_with_configurations_of_their_own_are_not_paired(finished):
     file = open_campaign(finished)
-    rows = file.all_sample_rows()
-    assert PairedSamples.of_file(file, rows, estimates_in(file, rows)) is None
+    assert PairedSamples.behind(estimates_of(file), file) is None

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from agglom_mpi.analysis.sensitivity import Sensitivity, as_dict, in_words
+from agglom_mpi.analysis.sensitivity import Sensitivity, as_dict, sensitivity_table
 
 FOUND = Sensitivity(np.array([0.1, 0.6]), np.array([0.2, 0.7]), 40, 0.9, 0.08)
 
@@ -15,7 +15,7 @@ def printed(content):
 
 
 def test_what_matters_most_comes_first():
-    lines = printed(in_words(("density", "hardness"), FOUND)).splitlines()
+    lines = printed(sensitivity_table(("density", "hardness"), FOUND)).splitlines()
     rows = [line.split() for line in lines if line.endswith("% ") or "%  " in line]
     assert [row[0] for row in rows[:2]] == ["hardness", "density"]
     assert rows[0][1:] == ["60.0%", "70.0%"]
@@ -30,7 +30,7 @@ def test_numbers_are_named_by_their_variables():
     }
 
 
-@pytest.mark.parametrize("made", [as_dict, in_words])
+@pytest.mark.parametrize("made", [as_dict, sensitivity_table])
 def test_nothing_is_made_up_where_nothing_is_known(made):
     assert made(("density",), None) in (
         None,

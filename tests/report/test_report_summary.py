@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from campaign_runs import SMALL, write_campaign
 
-from agglom_mpi.analysis.summary import as_text, collect_summary, summarise
+from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display.display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.search.inversion import GenerationSummary
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import RESULTS, sample_dtype
+from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 TITLE = "A [bold] title [/no] of :bug: grains"
@@ -42,7 +43,7 @@ def put(writer, string, objective, **changes):
         "failed": 0,
         "hit_maximum": False,
     }
-    writer.put_result(string, **(fields | changes))
+    writer.put_result(make_row(RESULTS.dtype, string=string, **(fields | changes)))
 
 
 @pytest.fixture
@@ -76,7 +77,7 @@ def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
     assert (summary.state, summary.reason) == ("stopped", "not started yet")
     assert (summary.strings, summary.samples_simulated, summary.best) == (0, 0, [])
     assert summary.samples_per_second == 0.0
-    text = printed(summarise(open_campaign(path)), monkeypatch, capsys)
+    text = printed(summary_table(open_campaign(path)), monkeypatch, capsys)
     assert "stopped: not started yet" in text
 
 
@@ -110,13 +111,13 @@ def test_json_has_no_nan(begun):
     def refuse(constant):
         raise AssertionError(constant)
 
-    report = json.loads(as_text(collect_summary(open_campaign(begun))), parse_constant=refuse)
+    report = json.loads(to_json(collect_summary(open_campaign(begun))), parse_constant=refuse)
     assert report["best"][1]["standard_error"] is None
     assert report["best"][0]["standard_error"] == 0.01
 
 
 def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, capsys):
-    text = printed(summarise(open_campaign(begun)), monkeypatch, capsys)
+    text = printed(summary_table(open_campaign(begun)), monkeypatch, capsys)
     assert text.splitlines()[0].strip() == TITLE
     assert text.splitlines()[-1].strip() == str(begun)
     assert "1 samples failed" in text
@@ -124,7 +125,7 @@ def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, ca
 
 
 def test_a_table_is_not_squeezed_into_a_narrow_pipe(begun, monkeypatch, capsys):
-    text = printed(summarise(open_campaign(begun)), monkeypatch, capsys)
+    text = printed(summary_table(open_campaign(begun)), monkeypatch, capsys)
     row = next(line for line in text.splitlines() if line.startswith("objective "))
     assert row.split() == ["objective", "0.1250", "0.2500"]
 

@@ -94,7 +94,7 @@ def test_every_row_is_what_the_campaign_computes_for_everybody(kept):
     assert finals == pairs_of(rows)
     assert len(set(rows["particles"])) > 10, "rows of very different lengths"
     assert framed == pictures_wanted(kept / "kept.h5")
-    assert f"{len(rows)} final states and {6 * COUNT} frames are whole" in assert_sound(
+    assert f"{len(rows)} final states and {6 * COUNT} frames are valid" in assert_sound(
         kept / "kept.h5"
     )
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from agglom_mpi.storage.create import create_campaign_file
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import RESULTS, sample_dtype
+from agglom_mpi.storage.table import make_row
 
 STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION = 40, 100, 5, 6
 LOWER = np.array([0.1, 0.4, 1e3, 1e7, 10.0, 0.01, 273.0, 10.0, 5e6, np.nan])
@@ -51,8 +52,9 @@ def put_strings(writer, first: int, count: int) -> np.ndarray:
 
 
 def put_result(writer, string: int, objective: float, used: int = 10, failed: int = 1) -> None:
-    writer.put_result(
-        string,
+    row = make_row(
+        RESULTS.dtype,
+        string=string,
         objective=objective,
         standard_error=0.01,
         mean_radius_ratio=1.9,
@@ -62,6 +64,7 @@ def put_result(writer, string: int, objective: float, used: int = 10, failed: in
         failed=failed,
         hit_maximum=string % 2 == 1,
     )
+    writer.put_result(row)
 
 
 def put_generation(writer, generation: int) -> None:

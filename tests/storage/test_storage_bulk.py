@@ -10,19 +10,18 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.describe import FINAL_BYTES, FRAME_BYTES
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import new_frames
-from agglom_mpi.storage import create
+from agglom_mpi.storage import create, verify
 from agglom_mpi.storage import sample_writer as buffer
-from agglom_mpi.storage import verify as particles_check
-from agglom_mpi.storage.compact import Copied, write_compact
+from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.particle_tables import (
-    final_particles_layout,
+    final_particles_schema,
     final_row,
     frame_rows,
-    frames_layout,
+    frames_schema,
 )
 from agglom_mpi.storage.table import Rows, Table
-from agglom_mpi.storage.verify import read_contents
+from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
 
 GRAINS, COUNT = 20, 4
@@ -145,7 +144,7 @@ def test_places_of_particles_that_are_no_more_are_empty(filled):
 
 @pytest.mark.parametrize(
     ("layout", "bytes_of_a_grain"),
-    [(final_particles_layout, FINAL_BYTES), (frames_layout, FRAME_BYTES)],
+    [(final_particles_schema, FINAL_BYTES), (frames_schema, FRAME_BYTES)],
 )
 def test_the_size_that_is_announced_is_that_of_a_row(layout, bytes_of_a_grain):
     sizes = [layout(grains).dtype.itemsize for grains in (0, 100, 1000)]
@@ -189,7 +188,7 @@ def test_no_sample_is_final_before_its_particles(path, monkeypatch, table, parti
             writer.flush()
         assert len(file.all_sample_rows()) == 0
         assert (file.final_particles(0, 2) is not None) == particles
-        assert read_contents(path).faults == []
+        assert verify_rows(path).faults == []
         mend()
         writer.flush()
         assert len(file.all_sample_rows()) == 3
@@ -216,7 +215,7 @@ def test_of_two_rows_for_one_sample_the_particles_are_those_of_the_one_that_stay
         writer.put_samples(rows, finals)
         writer.put_samples(*late)
     assert same(open_campaign(path).final_particles(0, 1), final(0, 1))
-    assert read_contents(path).faults == []
+    assert verify_rows(path).faults == []
 
 
 def test_rows_beyond_the_room_are_refused(path):
@@ -229,7 +228,7 @@ def test_rows_beyond_the_room_are_refused(path):
 
 
 def test_large_rows_wait_for_fewer_others(path, monkeypatch):
-    size = final_particles_layout(GRAINS).dtype.itemsize
+    size = final_particles_schema(GRAINS).dtype.itemsize
     monkeypatch.setattr(buffer, "FLUSH_BYTES", 5 * size + 1)
     file = open_campaign(path)
     with CampaignWriter(path) as writer:
@@ -247,10 +246,10 @@ def test_a_torn_row_of_final_particles_is_absent_and_a_fault(filled):
     file = open_campaign(filled)
     assert file.final_particles(2, 3) is None
     assert same(file.final_particles(2, 4), final(2, 4))
-    contents = read_contents(filled)
-    assert contents.faults == ["final_particles: sample 3 of string 2 with a wrong checksum"]
-    assert contents.losses == []
-    assert contents.counts == {"final_particles": 23, "frames": 2 * COUNT}
+    report = verify_rows(filled)
+    assert report.faults == ["final_particles: sample 3 of string 2 with a wrong checksum"]
+    assert report.losses == []
+    assert report.counts == {"final_particles": 23, "frames": 2 * COUNT}
 
 
 def test_a_torn_picture_is_absent_and_taken_again(filled):
@@ -258,14 +257,14 @@ def test_a_torn_picture_is_absent_and_taken_again(filled):
     file = open_campaign(filled)
     kept = pictures(2, 0).times[[0, 1, 3]]
     assert file.frames(2, 0).times.tobytes() == kept.tobytes()
-    contents = read_contents(filled)
-    assert contents.losses == [f"frames: {COUNT + 2} with a wrong checksum"]
-    assert contents.faults == []
+    report = verify_rows(filled)
+    assert report.losses == [f"frames: {COUNT + 2} with a wrong checksum"]
+    assert report.faults == []
     with CampaignWriter(filled) as writer:
         assert set(writer.frame_keys()) == set(range(2 * COUNT)) - {COUNT + 2}
         writer.put_frames(COUNT, frame_rows(2, 0, pictures(2, 0)))
     assert same(file.frames(2, 0), pictures(2, 0))
-    assert read_contents(filled).losses == []
+    assert verify_rows(filled).losses == []
 
 
 def test_particles_of_another_sample_or_number_are_a_fault(filled):
@@ -275,8 +274,8 @@ def test_particles_of_another_sample_or_number_are_a_fault(filled):
         finals = writer.samples._finals
         finals.write(2 * MAX_SAMPLES + 3, other)
         finals.write(6, few)
-    [fault] = read_contents(filled).faults
-    said = "final_particles: not what belongs there in "
+    [fault] = verify_rows(filled).faults
+    said = "final_particles: wrong content in "
     assert fault == said + "sample 6 of string 0, sample 3 of string 2"
 
 
@@ -292,7 +291,7 @@ def test_a_picture_in_another_place_and_a_missing_one_are_found(filled):
         file["frames_done"][last] = 0
     text, code = check_file(str(filled))
     assert code == 1
-    assert "frames: not what belongs there in 0" in text
+    assert "frames: wrong content in 0" in text
     assert f"frames: {last} absent, though others of their samples are there" in text
 
 
@@ -303,11 +302,9 @@ def test_a_picture_that_is_being_replaced_is_no_damage(filled, monkeypatch):
         half["time"] = 7.0
         rows.write(0, half)
         new = frame_rows(0, 3, pictures(0, 3))
-        monkeypatch.setattr(
-            particles_check.time, "sleep", lambda seconds: writer.put_frames(0, new)
-        )
-        contents = read_contents(filled)
-    assert (contents.losses, contents.faults) == ([], [])
+        monkeypatch.setattr(verify.time, "sleep", lambda seconds: writer.put_frames(0, new))
+        report = verify_rows(filled)
+    assert (report.losses, report.faults) == ([], [])
 
 
 def test_pictures_are_dropped_and_replaced(filled):
@@ -330,7 +327,7 @@ def test_a_picture_that_is_half_written_is_absent(filled, monkeypatch):
             writer.put_frames(0, frame_rows(0, 3, pictures(0, 3)))
         mend()
     assert file.framed() == [(2, 0)]
-    assert read_contents(filled).losses == []
+    assert verify_rows(filled).losses == []
 
 
 def rows_of(path):
@@ -366,12 +363,12 @@ def test_tables_are_added_later_and_every_row_is_kept(tmp_path, monkeypatch, blo
     assert file.framed() == [(4, 1), (4, 2), (4, 3)]
     assert all(same(file.frames(*pair), pictures(*pair)) for pair in file.framed())
     assert file.attributes["frames"] == 5 * COUNT
-    assert read_contents(path).faults == []
+    assert verify_rows(path).faults == []
 
 
 def test_a_compact_copy_keeps_them_and_is_as_short_as_what_it_holds(filled, tmp_path):
     copy = tmp_path / "copy.h5"
-    assert write_compact(filled, copy) == Copied(strings=6, samples=24, damaged=0)
+    assert write_compact(filled, copy) == CopyCounts(strings=6, samples=24, damaged=0)
     file = open_campaign(copy)
     for string in (0, 2, 5):
         for sample in range(string, string + 8):
@@ -383,16 +380,18 @@ def test_a_compact_copy_keeps_them_and_is_as_short_as_what_it_holds(filled, tmp_
         lengths = {name: len(dataset) for name, dataset in opened.items()}
     assert lengths["final_particles"] == lengths["final_particles_done"] == 6 * MAX_SAMPLES
     assert lengths["frames"] == lengths["frames_done"] == file.attributes["frames"] == 2 * COUNT
-    contents = read_contents(copy)
-    assert (contents.losses, contents.faults) == ([], [])
-    assert write_compact(copy, tmp_path / "again.h5") == Copied(strings=6, samples=24, damaged=0)
+    report = verify_rows(copy)
+    assert (report.losses, report.faults) == ([], [])
+    assert write_compact(copy, tmp_path / "again.h5") == CopyCounts(
+        strings=6, samples=24, damaged=0
+    )
 
 
 def test_a_copy_without_any_of_them_can_be_read(path, tmp_path):
     write_compact(path, tmp_path / "copy.h5")
     file = open_campaign(tmp_path / "copy.h5")
     assert (file.framed(), file.final_particles(0, 0)) == ([], None)
-    assert read_contents(file.path).faults == []
+    assert verify_rows(file.path).faults == []
 
 
 def test_a_copy_has_no_particles_of_samples_that_it_lacks(path, tmp_path):

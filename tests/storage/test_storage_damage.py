@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from storage_helpers import make, put_strings, sample_rows
 
-from agglom_mpi.storage.access import DamagedCampaign, NotACampaign, damage_named
-from agglom_mpi.storage.verify import read_contents
+from agglom_mpi.storage.access import DamagedCampaign, NotACampaign, report_damage
+from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -39,7 +39,7 @@ def read_in_a_child(path):
         faulthandler.disable()
         code = WRONG
         try:
-            read_contents(path)
+            verify_rows(path)
             code = SOUND
         except NotACampaign as error:
             text = str(error)
@@ -73,7 +73,7 @@ def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path, flips
 
 
 def test_a_failed_system_call_is_not_taken_for_damage(tmp_path):
-    with pytest.raises(OSError, match="Input/output error"), damage_named(tmp_path):
+    with pytest.raises(OSError, match="Input/output error"), report_damage(tmp_path):
         raise OSError(errno.EIO, "Input/output error")
-    with pytest.raises(DamagedCampaign, match="inflate failed"), damage_named(tmp_path):
+    with pytest.raises(DamagedCampaign, match="inflate failed"), report_damage(tmp_path):
         raise OSError("inflate failed")

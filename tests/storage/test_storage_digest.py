@@ -8,8 +8,8 @@ import pytest
 from storage_helpers import sample_rows
 
 from agglom_mpi.runtime.generation_digest import DigestAccumulator
-from agglom_mpi.storage.digest import generation_digest, used_samples
 from agglom_mpi.storage.schema import RESULTS, SAMPLES
+from agglom_mpi.storage.table import generation_digest, used_samples
 
 
 @pytest.fixture

@@ -118,7 +118,7 @@ def change(path, string, numbers, **columns):
             if columns:
                 table.write(place, row)
             else:
-                table.forget(place, 1)
+                table.mark_absent(place, 1)
 
 
 def test_estimates_are_of_fresh_samples_alone_in_order_of_rank(path):

@@ -21,7 +21,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.report.export import export, write_tables
 from agglom_mpi.storage import compact
 from agglom_mpi.storage import files as whole
-from agglom_mpi.storage.compact import Copied, write_compact
+from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.files import CheckedFile
 from agglom_mpi.storage.reader import NotACampaign
@@ -73,7 +73,7 @@ def contents(path):
 @pytest.mark.parametrize("chunk_bytes", [compact.CHUNK_BYTES, 2000])
 def test_a_copy_has_the_same_rows_attributes_and_types(filled, copy, monkeypatch, chunk_bytes):
     monkeypatch.setattr(compact, "CHUNK_BYTES", chunk_bytes)
-    assert write_compact(filled, copy) == Copied(strings=7, samples=36, damaged=0)
+    assert write_compact(filled, copy) == CopyCounts(strings=7, samples=36, damaged=0)
     assert contents(copy) == contents(filled)
     assert len(contents(copy)["samples"]) == 36
 
@@ -97,8 +97,8 @@ def test_a_copy_is_as_long_as_there_are_strings_and_smaller(filled, copy):
 
 
 def test_a_copy_of_an_empty_campaign_and_of_a_copy(path, tmp_path):
-    assert write_compact(path, tmp_path / "a.h5") == Copied(0, 0, 0)
-    assert write_compact(tmp_path / "a.h5", tmp_path / "b.h5") == Copied(0, 0, 0)
+    assert write_compact(path, tmp_path / "a.h5") == CopyCounts(0, 0, 0)
+    assert write_compact(tmp_path / "a.h5", tmp_path / "b.h5") == CopyCounts(0, 0, 0)
     assert contents(tmp_path / "b.h5") == contents(path)
     assert len(open_campaign(tmp_path / "b.h5").strings) == 0
 

@@ -8,14 +8,14 @@ from storage_helpers import LOWER, MAX_SAMPLES, POPULATION, STRINGS, TEXT, UPPER
 
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
-from agglom_mpi.storage.schema import layouts, sample_dtype
+from agglom_mpi.storage.schema import sample_dtype, table_schemas
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
 
 def test_every_dataset_and_field_is_explained(path):
     with h5py.File(path, "r") as file:
-        known = {layout.name: layout for layout in layouts({"population": POPULATION})}
+        known = {layout.name: layout for layout in table_schemas({"population": POPULATION})}
         done = {layout.done for layout in known.values() if layout.final}
         assert set(file) == set(known) | done
         for name, dataset in file.items():

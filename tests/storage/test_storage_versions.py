@@ -11,8 +11,8 @@ from campaign_runs import assert_sound, finish
 
 import agglom_mpi
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.storage.columns import Column, TableSchema, fitted
-from agglom_mpi.storage.schema import FORMAT_VERSION, LEGS
+from agglom_mpi.storage.schema import FORMAT_VERSION, LEGS, Column, TableSchema
+from agglom_mpi.storage.table import fitted
 
 FILES = Path(__file__).parent / "files"
 

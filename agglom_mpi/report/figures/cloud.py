@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
     SampleFrames,
@@ -20,6 +20,7 @@ from agglom_mpi.report.sample_particles import (
     informative_frames,
 )
 from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -252,11 +253,11 @@ def draw_frames(
     )
 
 
-def _cloud_data(material: Material, options: FigureOptions) -> SampleFrames:
-    string = material.judged(options.string)
+def _cloud_data(data: CampaignData, options: FigureOptions) -> SampleFrames:
+    string = judged_string(data, options.string)
     if string is None:
         raise FramesUnavailableError("no string is judged yet")
-    return frames_of(material, string, options.seconds)
+    return frames_of(data, string, options.seconds)
 
 
 def _draw_sample(figure: "matplotlib.figure.Figure", sample: SampleFrames) -> Any:

@@ -5,9 +5,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.estimates import half_width
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
-from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
+from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
@@ -61,9 +63,9 @@ class ConvergenceHistory(NamedTuple):
     fresh: FreshEstimate | None = None
 
 
-def convergence_history(material: Material) -> ConvergenceHistory:
+def convergence_history(data: CampaignData) -> ConvergenceHistory:
     """Return the search after each generation in the file."""
-    rows, result_of = material.generations, material.result_of
+    rows, result_of = data.generation_rows(), rank_strings(data).results
     best = [result_of.get(int(string)) for string in rows["best_string"]]
     counts = np.array([0 if r is None else r["samples_used"] - r["failed"] for r in best], int)
     errors = [_top_error(row, result_of) for row in rows]
@@ -75,15 +77,15 @@ def convergence_history(material: Material) -> ConvergenceHistory:
         top_mean=_nan_if_infinite(rows["mean_of_top"]),
         top_half_width=NORMAL_QUANTILE * np.array(errors, float),
         top_count=int(rows["top"][-1]) if len(rows) else 0,
-        objective_label=material.objective_label,
-        fresh=fresh_estimate_of_best(material),
+        objective_label=objective_label(data),
+        fresh=fresh_estimate_of_best(data),
     )
 
 
-def fresh_estimate_of_best(material: Material) -> FreshEstimate | None:
+def fresh_estimate_of_best(data: CampaignData) -> FreshEstimate | None:
     """Return the estimate of the best string on fresh samples; None if it has none."""
-    for estimate in material.estimates:
-        if estimate.known and estimate.string == material.best[0]:
+    for estimate in rank_strings(data).estimates:
+        if estimate.known and estimate.string == rank_strings(data).order[0]:
             return FreshEstimate(estimate.objective, estimate.lower, estimate.upper)
     return None
 
@@ -180,13 +182,13 @@ def draw_cost(ax: Any, history: ConvergenceHistory) -> Any:
     return ax
 
 
-def _convergence_data(material: Material, _: FigureOptions) -> ConvergenceHistory | None:
-    history = convergence_history(material)
+def _convergence_data(data: CampaignData, _: FigureOptions) -> ConvergenceHistory | None:
+    history = convergence_history(data)
     return history if np.isfinite(history.best).any() else None
 
 
-def _cost_data(material: Material, _: FigureOptions) -> ConvergenceHistory | None:
-    history = convergence_history(material)
+def _cost_data(data: CampaignData, _: FigureOptions) -> ConvergenceHistory | None:
+    history = convergence_history(data)
     return history if (np.nan_to_num(history.best_half_width) > 0.0).any() else None
 
 

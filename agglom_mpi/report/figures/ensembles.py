@@ -6,10 +6,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.estimates import half_width, objective_of
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
-from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.stopping import (
@@ -19,6 +20,7 @@ from agglom_mpi.search.stopping import (
     StoppingRule,
     SuccessiveDifference,
 )
+from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
@@ -84,12 +86,12 @@ class EnsembleHistories(NamedTuple):
     least: float = 0.0
 
 
-def running_estimate(material: Material, string: int) -> RunningEstimate:
+def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
     """Return the objective of a string after each of its completed samples."""
-    rows = material.samples_of(string)
-    used = int(material.result_of[string]["samples_used"])
+    rows = data.sample_rows(string)
+    used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == COMPLETED]
-    accumulator, values, errors = material.objective.tally(), [], []
+    accumulator, values, errors = objective_of(data).tally(), [], []
     for summary in summaries(completed):
         accumulator.add(summary)
         values.append(accumulator.value)
@@ -98,18 +100,25 @@ def running_estimate(material: Material, string: int) -> RunningEstimate:
     return RunningEstimate(string, np.array(values), half, int((completed["sample"] < used).sum()))
 
 
-def stopping_points(material: Material, string: int) -> list[StoppingPoint]:
+def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule, and each of `RULES`, ends the samples of a string."""
-    samples = summaries(material.samples_of(string))
-    own, own_minimum = material.rule, int(material.identity.get("ensemble.min_samples", 2))
-    particles = int(material.identity["scene.particles"])
+    samples = summaries(data.sample_rows(string))
+    own, own_minimum = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
+    particles = int(data.identity["scene.particles"])
     compared = [(name, rule, 2) for name, rule in RULES if rule != own]
     if not isinstance(own, FixedNumber):
         compared.insert(0, (f"this campaign's: {rule_label(own)}", own, own_minimum))
     return [
-        StoppingPoint(name, samples_until(samples, rule, material.objective, particles, minimum))
+        StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles, minimum))
         for name, rule, minimum in compared
     ]
+
+
+def own_rule(data: CampaignData) -> StoppingRule:
+    """Return the stopping rule of a campaign's ensembles."""
+    from agglom_mpi.config.ensemble import ENSEMBLE
+
+    return ENSEMBLE.validate_python(data.section("ensemble")).build()
 
 
 def samples_until(
@@ -268,26 +277,28 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
     return ax
 
 
-def _ensembles_data(material: Material, _: FigureOptions) -> EnsembleHistories | None:
-    completed = [i for i in material.best if (material.samples_of(i)["state"] == COMPLETED).any()]
+def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
+    completed = [
+        i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == COMPLETED).any()
+    ]
     shown = completed[:STRINGS]
     if not shown:
         return None
     return EnsembleHistories(
-        [running_estimate(material, string) for string in shown],
-        stopping_points(material, shown[0]),
-        material.objective_label,
-        material.objective.least,
+        [running_estimate(data, string) for string in shown],
+        stopping_points(data, shown[0]),
+        objective_label(data),
+        objective_of(data).least,
     )
 
 
-def _counts_data(material: Material, _: FigureOptions) -> SampleCounts | None:
-    used = material.results["samples_used"]
+def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
+    used = data.result_rows()["samples_used"]
     if not len(used):
         return None
-    searched = int((material.samples["sample"] < material.fresh).sum())
+    searched = int((data.all_sample_rows()["sample"] < data.fresh_from).sum())
     return SampleCounts(
-        used, material.results["hit_maximum"] == 1, max(0, searched - int(used.sum()))
+        used, data.result_rows()["hit_maximum"] == 1, max(0, searched - int(used.sum()))
     )
 
 

@@ -2,13 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.report.drawing import SIZE, Drawing, axes_or_new, figure_or_new, note, style_axes
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
+from agglom_mpi.storage.reader import CampaignData
+
+SYMBOLS: Final = {"growth_target": "Λ", "maximum_growth": "Π"}
+"""The papers' names of their objectives [A 26] [B 7.1]."""
+
+
+def objective_label(data: CampaignData) -> str:
+    """Return the name of a campaign's objective on an axis, with its unit."""
+    symbol = SYMBOLS.get(str(data.identity.get("objective.law")))
+    return f"objective {symbol} (1)" if symbol else "objective (1)"
 
 
 class FigureOptions(NamedTuple):
@@ -54,7 +63,7 @@ class Figure:
 
     name: str
     section: str
-    data: Callable[[Material, FigureOptions], Any]
+    data: Callable[[CampaignData, FigureOptions], Any]
     draw: Callable[[Any, Any], Any]
     caption: str | Callable[[Any], str]
     size: tuple[float, float] | Callable[[Any], tuple[float, float]] = SIZE
@@ -62,7 +71,7 @@ class Figure:
     panels: bool = False
     on_request: bool = False
 
-    def drawing(self, material: Material, options: FigureOptions) -> Drawing | None:
+    def drawing(self, data: CampaignData, options: FigureOptions) -> Drawing | None:
         """Return the figure of a campaign, ready to be written; None if there is nothing to show.
 
         Raises
@@ -70,7 +79,7 @@ class Figure:
         FramesUnavailableError
             If it shows particle frames, and there are none.
         """
-        data = self.data(material, options)
+        data = self.data(data, options)
         if data is None:
             return None
         caption = self.caption if isinstance(self.caption, str) else self.caption(data)
@@ -80,12 +89,12 @@ class Figure:
 
         return Drawing(self.name, caption, draw, self._size(data))
 
-    def plot(self, material: Material, target: Any, options: FigureOptions) -> Any:
+    def plot(self, data: CampaignData, target: Any, options: FigureOptions) -> Any:
         """Draw the figure of a campaign into existing axes or a new pyplot figure.
 
         Parameters
         ----------
-        material
+        data
         target
             Axes to draw into, or a figure if `panels`; None: a new one.
         options
@@ -95,7 +104,7 @@ class Figure:
         matplotlib.axes.Axes or numpy.ndarray of them
             An array, shape (number of panels,), if `panels`.
         """
-        data = self.data(material, options)
+        data = self.data(data, options)
         size = SIZE if data is None and callable(self.size) else self._size(data)
         if self.panels:
             figure = figure_or_new(target, size)

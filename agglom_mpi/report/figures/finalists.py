@@ -5,10 +5,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.estimates import Estimate, half_width
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
-from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material, half_width
+from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
+from agglom_mpi.storage.reader import CampaignData
 
 
 class Finalists(NamedTuple):
@@ -64,14 +65,14 @@ def draw_finalists(ax: Any, finalists: Finalists) -> Any:
     return ax
 
 
-def _finalists_data(material: Material, _: FigureOptions) -> Finalists | None:
-    known = [estimate for estimate in material.estimates if estimate.known]
+def _finalists_data(data: CampaignData, _: FigureOptions) -> Finalists | None:
+    known = [estimate for estimate in rank_strings(data).estimates if estimate.known]
     if not known:
         return None
-    rows = [material.result_of[estimate.string] for estimate in known]
+    rows = [rank_strings(data).results[estimate.string] for estimate in known]
     counts = np.array([row["samples_used"] - row["failed"] for row in rows], int)
     errors = np.array([estimate.searched_standard_error for estimate in known], float)
-    return Finalists(known, half_width(errors, counts), material.objective_label)
+    return Finalists(known, half_width(errors, counts), objective_label(data))
 
 
 FINALISTS: Final = Figure(

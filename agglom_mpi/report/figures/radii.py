@@ -4,10 +4,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.report.drawing import COLOURS, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material
 from agglom_mpi.report.sample_particles import RadiusDistribution, final_radii
+from agglom_mpi.storage.reader import CampaignData
 
 BINS: Final = 36
 
@@ -34,9 +35,9 @@ def draw_radii(ax: Any, radii: RadiusDistribution) -> Any:
     return ax
 
 
-def _radii_data(material: Material, options: FigureOptions) -> RadiusDistribution | None:
-    string = material.judged(options.string)
-    return None if string is None else final_radii(material, string, options.seconds)
+def _radii_data(data: CampaignData, options: FigureOptions) -> RadiusDistribution | None:
+    string = judged_string(data, options.string)
+    return None if string is None else final_radii(data, string, options.seconds)
 
 
 def _radii_caption(radii: RadiusDistribution) -> str:

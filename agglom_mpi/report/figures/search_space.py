@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.report.drawing import (
     COLOURS,
     axis_label,
@@ -15,7 +17,7 @@ from agglom_mpi.report.drawing import (
     style_axes,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
@@ -69,13 +71,13 @@ class VariablePath(NamedTuple):
     generation: Floats
 
 
-def variable_paths(material: Material) -> list[VariablePath]:
+def variable_paths(data: CampaignData) -> list[VariablePath]:
     """Return the path of each variable that is searched."""
-    rows, paths = material.generations, []
-    evaluated = np.isin(material.strings["string"], material.results["string"])
-    strings = material.strings[evaluated]
-    for variable, lower, upper, logarithmic in material.searched:
-        tops = [material.values(row["population"][: row["top"]], variable.name) for row in rows]
+    rows, paths = data.generation_rows(), []
+    evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
+    strings = data.string_rows()[evaluated]
+    for variable, lower, upper, logarithmic in searched_variables(data):
+        tops = [data.values(row["population"][: row["top"]], variable.name) for row in rows]
         tops = [values[np.isfinite(values)] for values in tops]
         paths.append(
             VariablePath(
@@ -84,7 +86,7 @@ def variable_paths(material: Material) -> list[VariablePath]:
                 lower,
                 upper,
                 logarithmic,
-                material.values(rows["best_string"], variable.name),
+                data.values(rows["best_string"], variable.name),
                 np.array([v.min() if len(v) else np.nan for v in tops]),
                 np.array([v.max() if len(v) else np.nan for v in tops]),
                 strings[variable.name],
@@ -261,9 +263,9 @@ def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
     return ax
 
 
-def _paths_data(material: Material, _: FigureOptions) -> list[VariablePath] | None:
-    paths = variable_paths(material)
-    return paths if paths and len(material.generations) else None
+def _paths_data(data: CampaignData, _: FigureOptions) -> list[VariablePath] | None:
+    paths = variable_paths(data)
+    return paths if paths and len(data.generation_rows()) else None
 
 
 def _paths_size(paths: Sequence[VariablePath]) -> tuple[float, float]:
@@ -271,18 +273,18 @@ def _paths_size(paths: Sequence[VariablePath]) -> tuple[float, float]:
     return PANEL_SIZE[0] * columns, PANEL_SIZE[1] * -(-len(paths) // columns) + 0.7
 
 
-def _best_data(material: Material, _: FigureOptions) -> BestStrings | None:
-    shown = material.best[: BEST + OTHERS]
-    if not shown or not material.searched:
+def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
+    shown = rank_strings(data).order[: BEST + OTHERS]
+    if not shown or not searched_variables(data):
         return None
-    columns = [material.values(shown, entry[0].name) for entry in material.searched]
-    fresh = {estimate.string: estimate.objective for estimate in material.estimates}
+    columns = [data.values(shown, entry[0].name) for entry in searched_variables(data)]
+    fresh = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
     labels = [
         f"#{place} string {string}: "
-        f"{fresh.get(string, float(material.result_of[string]['objective'])):.4g}"
+        f"{fresh.get(string, float(rank_strings(data).results[string]['objective'])):.4g}"
         for place, string in enumerate(shown[:BEST], 1)
     ]
-    return BestStrings(material.searched, np.column_stack(columns), labels)
+    return BestStrings(searched_variables(data), np.column_stack(columns), labels)
 
 
 def _best_caption(best: BestStrings) -> str:
@@ -294,10 +296,10 @@ def _best_caption(best: BestStrings) -> str:
     )
 
 
-def _sensitivity_data(material: Material, _: FigureOptions) -> NamedSensitivity | None:
+def _sensitivity_data(data: CampaignData, _: FigureOptions) -> NamedSensitivity | None:
     from agglom_mpi.analysis.sensitivity import sensitivity_of
 
-    names, indices = sensitivity_of(material.file)
+    names, indices = sensitivity_of(data)
     return None if indices is None else NamedSensitivity(names, indices)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.material import Material
+from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
@@ -174,17 +174,17 @@ def draw_utilisation(ax: Any, found: Utilisation) -> Any:
     return ax
 
 
-def utilisation_of(material: Material) -> Utilisation | None:
+def utilisation_of(data: CampaignData) -> Utilisation | None:
     """Return the utilisation of a campaign's ranks; None if no leg has a sample."""
-    samples = material.samples
-    legs = legs_of(material.legs, samples["finished"])
+    samples = data.all_sample_rows()
+    legs = legs_of(data.legs(), samples["finished"])
     if not legs or not len(samples):
         return None
     return utilisation(legs, samples["finished"], samples["seconds"], samples["rank"])
 
 
-def _utilisation_data(material: Material, _: FigureOptions) -> Utilisation | None:
-    return utilisation_of(material)
+def _utilisation_data(data: CampaignData, _: FigureOptions) -> Utilisation | None:
+    return utilisation_of(data)
 
 
 UTILISATION: Final = Figure(

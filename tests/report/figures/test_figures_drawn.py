@@ -13,7 +13,6 @@ from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.figures import FIGURES, convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.material import gather
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 
@@ -95,32 +94,32 @@ def test_the_mean_of_the_best_is_drawn_if_it_is_of_several(tops, labels):
 
 
 @pytest.fixture
-def material_of_nothing(tmp_path):
+def empty_data(tmp_path):
     """Return the rows of a campaign that has not begun."""
     write_campaign(tmp_path / "small.yaml", **SMALL)
     experiment = InversionExperiment(load_campaign(tmp_path / "small.yaml"))
     prepare(tmp_path / "small.h5", experiment, accept_code_change=False)
-    return gather(open_campaign(tmp_path / "small.h5"))
+    return open_campaign(tmp_path / "small.h5").snapshot()
 
 
 @pytest.mark.parametrize("name", [name for name in FIGURES if name != "cloud"])
-def test_an_empty_figure_says_why_and_is_not_on_the_page(material_of_nothing, name):
+def test_an_empty_figure_says_why_and_is_not_on_the_page(empty_data, name):
     figure = FIGURES[name]
-    assert figure.drawing(material_of_nothing, FigureOptions()) is None
+    assert figure.drawing(empty_data, FigureOptions()) is None
     target = Figure() if figure.panels else Figure().subplots()
-    axes = np.ravel(figure.plot(material_of_nothing, target, FigureOptions()))
+    axes = np.ravel(figure.plot(empty_data, target, FigureOptions()))
     assert [text.get_text() for text in axes[0].texts] == [figure.empty]
 
 
-def test_a_cloud_of_nothing_cannot_be_drawn(material_of_nothing):
+def test_a_cloud_of_nothing_cannot_be_drawn(empty_data):
     with pytest.raises(ValueError, match="no string is judged yet"):
-        FIGURES["cloud"].plot(material_of_nothing, Figure(), FigureOptions())
+        FIGURES["cloud"].plot(empty_data, Figure(), FigureOptions())
 
 
 def test_no_label_of_a_figure_is_clipped(finished):
-    material, outside = gather(open_campaign(finished)), []
+    data, outside = open_campaign(finished).snapshot(), []
     drawn = [f for f in FIGURES.values() if not f.on_request]
-    for drawing in (figure.drawing(material, FigureOptions()) for figure in drawn):
+    for drawing in (figure.drawing(data, FigureOptions()) for figure in drawn):
         figure = Figure(figsize=drawing.size, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         drawing.draw(figure)

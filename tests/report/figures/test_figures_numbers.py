@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.formatting import value_with_prefix
@@ -16,19 +17,18 @@ from agglom_mpi.report.figures.utilisation import (
     utilisation,
     utilisation_of,
 )
-from agglom_mpi.report.material import gather
 from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION, matching_paper
 from agglom_mpi.statistics import t_95
 
 
 @pytest.fixture(scope="module")
-def material(finished):
-    return gather(open_campaign(finished))
+def data(finished):
+    return open_campaign(finished).snapshot()
 
 
-def test_the_history_is_that_of_the_generations(material):
-    found = convergence.convergence_history(material)
-    rows, results = material.generations, material.result_of
+def test_the_history_is_that_of_the_generations(data):
+    found = convergence.convergence_history(data)
+    rows, results = data.generation_rows(), rank_strings(data).results
     assert found.generation.tolist() == [1, 2, 3]
     assert found.best.tolist() == rows["best_objective"].tolist()
     for g, row in enumerate(rows):
@@ -41,21 +41,21 @@ def test_the_history_is_that_of_the_generations(material):
         assert found.best_half_width[g] == pytest.approx(half, rel=1e-12)
 
 
-def test_a_running_objective_passes_through_what_the_search_decided(material):
-    for string in material.best:
-        result = material.result_of[string]
-        estimate = ensembles.running_estimate(material, string)
+def test_a_running_objective_passes_through_what_the_search_decided(data):
+    for string in rank_strings(data).order:
+        result = rank_strings(data).results[string]
+        estimate = ensembles.running_estimate(data, string)
         assert estimate.used == result["samples_used"] - result["failed"]
         assert estimate.objective[estimate.used - 1] == pytest.approx(
             result["objective"], rel=1e-12
         )
 
 
-def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(material):
+def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
     checked = 0
-    for string in material.best:
-        result = material.result_of[string]
-        own = ensembles.stopping_points(material, string)[0]
+    for string in rank_strings(data).order:
+        result = rank_strings(data).results[string]
+        own = ensembles.stopping_points(data, string)[0]
         assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
         if not result["hit_maximum"]:
             assert own.samples == result["samples_used"] - result["failed"]
@@ -63,21 +63,21 @@ def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(material
     assert checked >= 3
 
 
-def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(material):
-    for path in search_space.variable_paths(material):
-        ids = material.generations["best_string"]
-        assert path.best.tolist() == [material.string_of[int(i)][path.name] for i in ids]
+def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(data):
+    for path in search_space.variable_paths(data):
+        ids = data.generation_rows()["best_string"]
+        assert path.best.tolist() == [data.values([i], path.name)[0] for i in ids]
         assert (path.least <= path.best).all()
         assert (path.best <= path.most).all()
         assert path.lower <= path.evaluated.min() <= path.evaluated.max() <= path.upper
 
 
-def test_samples_simulated_again_are_the_recorded_ones(material):
-    string = material.best[0]
-    found = sample_particles.final_radii(material, string)
+def test_samples_simulated_again_are_the_recorded_ones(data):
+    string = rank_strings(data).order[0]
+    found = sample_particles.final_radii(data, string)
     assert "identical to the recorded ones" in found.source
-    rows = sample_particles.completed_samples(material, string)
-    assert (rows["sample"] >= material.fresh).all()
+    rows = sample_particles.completed_samples(data, string)
+    assert (rows["sample"] >= data.fresh_from).all()
     assert found.samples == len(rows) == 12
     assert len(found.values) == rows["particles"].sum()
     away = found.values - found.values.mean()
@@ -85,9 +85,9 @@ def test_samples_simulated_again_are_the_recorded_ones(material):
         assert moment == pytest.approx(np.mean(away**order), rel=1e-10)
 
 
-def test_frames_are_taken_of_a_sample_from_its_start_to_its_end(material):
-    sample = sample_particles.frames_of(material, material.best[0])
-    rows = material.samples_of(sample.string)
+def test_frames_are_taken_of_a_sample_from_its_start_to_its_end(data):
+    sample = sample_particles.frames_of(data, rank_strings(data).order[0])
+    rows = data.sample_rows(sample.string)
     [row] = rows[rows["sample"] == sample.sample]
     assert sample.frames.times[0] == 0.0
     assert sample.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
@@ -136,9 +136,9 @@ def test_a_leg_that_was_killed_lasts_until_its_last_sample():
     assert legs == [Leg(10.0, 31.0, 2), Leg(50.0, 60.0, 4)]
 
 
-def test_the_utilisation_is_that_of_the_recorded_legs(material):
-    found = utilisation_of(material)
-    [leg] = material.legs
+def test_the_utilisation_is_that_of_the_recorded_legs(data):
+    found = utilisation_of(data)
+    [leg] = data.legs()
     recorded = leg["busy_seconds"] / (leg["stopped"] - leg["started"]) / leg["ranks"]
     assert found.overall == pytest.approx(recorded, rel=0.01)
     assert 0.0 < found.overall <= 1.0
