@@ -9,6 +9,7 @@ import numpy as np
 from agglom_mpi.analysis import tables
 from agglom_mpi.analysis.estimates import estimates_of
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
+from agglom_mpi.errors import require_library
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 
@@ -327,9 +328,7 @@ class CampaignFile(CampaignData):
 
     def _plot(self, name: str, target: Any, string: int | None = None) -> Any:
         """Draw a figure of the report into axes or a figure, and return the axes."""
-        from agglom_mpi.report.requirements import require_library
-
-        require_library("matplotlib", "figures")
+        require_library("matplotlib", "report", "figures")
         from agglom_mpi.report.figures import FIGURES
         from agglom_mpi.report.figures.figure import FigureOptions
 

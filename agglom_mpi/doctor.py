@@ -1,4 +1,4 @@
-"""Checks of `agglom doctor`: machine, libraries, MPI, storage, batch system."""
+"""Checks of `agglom doctor`: libraries, MPI, processors, storage, batch system."""
 
 import errno
 import fcntl
@@ -25,18 +25,18 @@ from agglom_mpi.version import __version__
 
 
 class Finding(NamedTuple):
-    """What was found, and what to do about it.
+    """Result of one check.
 
     Attributes
     ----------
     topic : str
-        What was looked at, a word or two.
+        What was checked, a word or two.
     found : str
-        One line.
+        What was found, one line.
     advice : str
-        What would be better, and how to get it; empty if all is well.
+        What to change, and how; empty if nothing.
     broken : bool
-        Whether campaigns do not run at all like this, or not on several ranks.
+        Whether campaigns cannot run, or not on several ranks, unless this is changed.
     """
 
     topic: str
@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 
 
 def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Tell of Slurm which ways it can start ranks, and of a job what it was given."""
+    """Yield what MPI interfaces Slurm offers, and the resources of the current job."""
     job = environment.get("SLURM_JOB_ID")
     if job is not None:
         tasks, nodes = environment.get("SLURM_NTASKS", "1"), environment.get("SLURM_NNODES", "1")
@@ -70,28 +70,29 @@ def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[
         return
     words = (done.stdout + done.stderr).split()
     kinds = [kind for kind in ("pmix", "pmi2", "cray_shasta") if kind in words]
-    speaks = f"srun --mpi={' or '.join(kinds)}" if kinds else "srun speaks to no MPI"
-    yield Finding("Slurm", speaks, "" if kinds else "start ranks with mpirun in a batch script")
+    found = f"srun --mpi={' or '.join(kinds)}" if kinds else "srun offers no MPI interface"
+    yield Finding("Slurm", found, "" if kinds else "start ranks with mpirun in a batch script")
 
 
 EXTRAS: Final = {
     "report": ("pandas", "matplotlib"),
     "search": ("cmaes", "threadpoolctl"),
 }
-"""Libraries of the extras, and what is missed without them."""
+"""Libraries of each extra."""
 NEEDED_FOR: Final = {
     "report": "tables and figures",
     "search": "the searches surrogate and cmaes",
 }
+"""What each extra is needed for."""
 
 
 def check_libraries() -> Iterator[Finding]:
-    """Tell versions, and which extras are not there."""
+    """Yield the versions of libraries, and the extras that are not installed."""
     core = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "mpi4py"))
     yield Finding("agglom_mpi", f"{__version__}, Python {platform.python_version()}, {core}")
     yield _hdf5()
     for extra, names in EXTRAS.items():
-        missing = [name for name in names if not _installed(name)]
+        missing = [name for name in names if not is_installed(name)]
         if missing:
             advice = f"for {NEEDED_FOR[extra]}: pip install 'agglom_mpi[{extra}]'"
             yield Finding(f"extra {extra}", f"without {', '.join(missing)}", advice)
@@ -108,7 +109,8 @@ def _hdf5() -> Finding:
     return Finding("h5py", f"{h5py.__version__}, HDF5 {h5py.version.hdf5_version}, {writers}")
 
 
-def _installed(name: str) -> bool:
+def is_installed(name: str) -> bool:
+    """Return whether a distribution is installed."""
     try:
         version(name)
     except PackageNotFoundError:
@@ -116,11 +118,16 @@ def _installed(name: str) -> bool:
     return True
 
 
-THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREAD_VARIABLES: Final = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
 
 
 def check_processors(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Compare processors with ranks and threads."""
+    """Yield the number of processors, compared with ranks and threads."""
     there, usable = os.cpu_count() or 1, len(os.sched_getaffinity(0))
     found = f"{there} of {processor()}" + (f", {usable} usable here" if usable < there else "")
     ranks = launched_size(environment)
@@ -133,18 +140,20 @@ def check_processors(environment: Mapping[str, str] = os.environ) -> Iterator[Fi
             "if not, OMPI_MCA_hwloc_base_binding_policy=none"
         )
     yield Finding("processors", found, advice)
-    many = [f"{n}={environment[n]}" for n in THREADS if environment.get(n, "") not in ("", "1")]
+    many = [
+        f"{n}={environment[n]}" for n in THREAD_VARIABLES if environment.get(n, "") not in ("", "1")
+    ]
     if many:
         advice = "the parallelism is in the ranks: set them to 1, they only cost"
         yield Finding("threads", ", ".join(many), advice)
 
 
-TRIED_FOR: Final = 60.0
-"""Seconds for two ranks to find each other; a busy cluster may take some."""
-GET_MPI: Final = (
+MPI_TIMEOUT: Final = 60.0
+"""Time limit for two ranks to connect, s; a busy cluster may take a while."""
+INSTALL_MPI: Final = (
     "pip install 'agglom_mpi[mpi]' (brings its own mpirun), or load the cluster's MPI module"
 )
-ASK: Final = """
+MPI_PROBE: Final = """
 import mpi4py
 mpi4py.rc.thread_level = "funneled"
 from mpi4py import MPI
@@ -154,50 +163,54 @@ if world.rank == 0:
     version = " ".join(MPI.Get_library_version().split()[:3]).rstrip(",")
     print(f"{world.size};{levels[MPI.Query_thread()]};{version}", flush=True)
 """
-"""What each rank runs: size of the world, thread level, library."""
-LAUNCHERS: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
-"""How variables begin that tell a process that it is a rank."""
+"""Code that each rank runs: prints size of the world, thread level and library."""
+RANK_PREFIXES: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
+"""Prefixes of environment variables that tell a process that it is a rank."""
 
 
 def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Start MPI in other processes and see what happens; in a rank, tell what it was promised."""
+    """Yield whether MPI loads and two ranks connect; in a rank, only the launched size."""
     promised = launched_size(environment)
     if promised is not None:
         yield Finding("launched as", f"{promised} ranks", "run it without mpirun to see more")
         return
-    alone = _run([sys.executable, "-c", ASK], environment)
-    if not _is_answer(alone):
-        yield Finding("MPI library", f"cannot be loaded: {_last(alone)}", GET_MPI, broken=True)
+    alone = _output_of([sys.executable, "-c", MPI_PROBE], environment)
+    if not _is_probe_output(alone):
+        yield Finding(
+            "MPI library", f"cannot be loaded: {_main_line(alone)}", INSTALL_MPI, broken=True
+        )
         return
     _, level, version = alone.split(";")
     yield Finding("MPI library", f"{version}, thread level {level}")
     launcher = _launcher(environment)
     if launcher is None:
-        yield Finding("mpirun", "not found", GET_MPI, broken=True)
+        yield Finding("mpirun", "not found", INSTALL_MPI, broken=True)
         return
     yield _two_ranks(launcher, version, environment)
 
 
 def _launcher(environment: Mapping[str, str]) -> str | None:
-    """Find mpirun; that of a virtual environment, which may not be activated, comes last."""
+    """Return the path of mpirun; that of this virtual environment comes last."""
     folders = environment.get("PATH", os.defpath), sysconfig.get_path("scripts")
     return shutil.which("mpirun", path=os.pathsep.join(folders))
 
 
 def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:
-    said = _run([launcher, "-n", "2", sys.executable, "-c", ASK], environment)
-    if not _is_answer(said):
-        return Finding("mpirun", f"{launcher} fails: {_last(said)}", _way_out(said), broken=True)
-    size, _, started = said.splitlines()[-1].split(";")
+    output = _output_of([launcher, "-n", "2", sys.executable, "-c", MPI_PROBE], environment)
+    if not _is_probe_output(output):
+        return Finding(
+            "mpirun", f"{launcher} fails: {_main_line(output)}", _advice_on(output), broken=True
+        )
+    size, _, started = output.splitlines()[-1].split(";")
     if size != "2":
-        advice = f"put the mpirun of {version} first on PATH; {GET_MPI}"
+        advice = f"put the mpirun of {version} first on PATH; {INSTALL_MPI}"
         found = f"{launcher} starts 2 processes that do not find each other"
         return Finding("mpirun", found, advice, broken=True)
     return Finding("mpirun", f"{launcher}: 2 ranks find each other ({started})")
 
 
-def _run(words: list[str], environment: Mapping[str, str]) -> str:
-    clean = {k: v for k, v in environment.items() if not k.startswith(LAUNCHERS)}
+def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
+    clean = {k: v for k, v in environment.items() if not k.startswith(RANK_PREFIXES)}
     kept = {k: v for k, v in environment.items() if k.startswith(("OMPI_MCA_", "OMPI_ALLOW"))}
     kept |= {k: v for k, v in environment.items() if k.startswith("PRTE_MCA_")}
     try:
@@ -207,82 +220,95 @@ def _run(words: list[str], environment: Mapping[str, str]) -> str:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=TRIED_FOR,
+            timeout=MPI_TIMEOUT,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return f"no answer in {TRIED_FOR:.0f} s"
+        return f"no answer in {MPI_TIMEOUT:.0f} s"
     except OSError as error:
         return str(error)
     return (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip()
 
 
-def _is_answer(said: str) -> bool:
-    return bool(said) and said.splitlines()[-1].count(";") == 2
+def _is_probe_output(output: str) -> bool:
+    return bool(output) and output.splitlines()[-1].count(";") == 2
 
 
-def _last(said: str) -> str:
-    """Return the line that tells most: the last of a traceback, or the first of a complaint."""
-    lines = [line.strip() for line in said.splitlines() if line.strip(" -*=")]
+def _main_line(output: str) -> str:
+    """Return the most informative line: the last of a traceback, else the first."""
+    lines = [line.strip() for line in output.splitlines() if line.strip(" -*=")]
     if not lines:
         return "no answer"
     return lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
 
-def _way_out(said: str) -> str:
-    if "as root" in said:
+def _advice_on(output: str) -> str:
+    if "as root" in output:
         return "as root: export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
-    if "slots" in said:
+    if "slots" in output:
         return "more ranks than it counts cores: export OMPI_MCA_rmaps_base_oversubscribe=1"
-    return GET_MPI
+    return INSTALL_MPI
 
 
-SHARED: Final = {"lustre", "gpfs", "beegfs", "nfs", "nfs4", "cifs", "smb3", "panfs", "ceph", "9p"}
-"""File systems that several machines see."""
-REMOTE: Final = {"nfs", "nfs4", "cifs", "smb3", "9p"}
-"""Those that do not keep what two machines write at the same time apart."""
-SLOW_SYNC: Final = 0.5
-"""Seconds of an fsync from which a campaign of short generations feels it."""
-LITTLE: Final = 2**30
-"""Bytes of free space that are soon used up."""
+SHARED_FILE_SYSTEMS: Final = {
+    "lustre",
+    "gpfs",
+    "beegfs",
+    "nfs",
+    "nfs4",
+    "cifs",
+    "smb3",
+    "panfs",
+    "ceph",
+    "9p",
+}
+"""File systems shared by several machines."""
+INCOHERENT_FILE_SYSTEMS: Final = {"nfs", "nfs4", "cifs", "smb3", "9p"}
+"""Shared file systems on which concurrent writes of two machines can mix."""
+SLOW_FSYNC: Final = 0.5
+"""Time of an fsync, s, from which it slows down campaigns of short generations."""
+LITTLE_SPACE: Final = 2**30
+"""Free space, bytes, below which to warn."""
 
 
 def check_storage(folder: Path) -> Iterator[Finding]:
-    """Try the folder of the campaign files, and that of the compiled kernels."""
-    yield _output(folder)
+    """Yield the state of the folders of campaign files and of compiled kernels."""
+    yield _campaign_folder(folder)
     kernels = cache_folder()
     kind = file_system(kernels)
     advice = ""
-    if kind in SHARED:
+    if kind in SHARED_FILE_SYSTEMS:
         advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=/tmp/numba_$(id -u)"
     compiled = sum(1 for _ in kernels.rglob("*.nbi"))
     state = f"{compiled} compiled" if compiled else "none compiled yet, 20 to 50 s for a new scene"
     yield Finding("kernel cache", f"{kernels} ({kind}), {state}", advice)
 
 
-def _output(folder: Path) -> Finding:
+def _campaign_folder(folder: Path) -> Finding:
     kind = file_system(folder)
     try:
-        seconds, locks = _try(folder)
+        seconds, locks = measure_fsync(folder)
     except OSError as error:
         found = f"{folder} ({kind}): {error.strerror}"
-        return Finding("campaign files", found, "start runs in a folder of yours", broken=True)
+        return Finding(
+            "campaign files", found, "start runs in a folder that you can write to", broken=True
+        )
     free = shutil.disk_usage(folder).free
     found = f"{folder} ({kind}), {free / 2**30:.1f} GiB free, fsync {seconds * 1e3:.1f} ms"
     advice = []
-    if kind in REMOTE:
+    if kind in INCOHERENT_FILE_SYSTEMS:
         advice.append("let rank 0 write all: --database gathered")
     if not locks:
-        advice.append("it has no locks: nothing keeps two runs from writing the same file")
-    if seconds > SLOW_SYNC:
+        advice.append("it has no locks, so nothing keeps two runs from writing the same file")
+    if seconds > SLOW_FSYNC:
         advice.append("slow: each generation waits for it")
-    if free < LITTLE:
-        advice.append("little space: `agglom check CAMPAIGN` says how much a file takes")
+    if free < LITTLE_SPACE:
+        advice.append("little space: `agglom check CAMPAIGN` estimates the size of a file")
     return Finding("campaign files", found, "; ".join(advice))
 
 
-def _try(folder: Path) -> tuple[float, bool]:
-    """Write and lock a file that is gone afterwards; seconds of the fsync, and if locks work."""
+def measure_fsync(folder: Path) -> tuple[float, bool]:
+    """Write and lock a temporary file; return the time of its fsync, s, and whether locks work."""
     with tempfile.NamedTemporaryFile(dir=folder, prefix=".agglom_doctor_") as file:
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -299,7 +325,7 @@ def _try(folder: Path) -> tuple[float, bool]:
 
 
 def file_system(folder: Path, mounts: Path = Path("/proc/mounts")) -> str:
-    """Kind of file system that a folder is on, as the kernel calls it; `unknown` elsewhere."""
+    """Return the type of file system of a folder, as Linux names it, or `unknown`."""
     best, kind = "", "unknown"
     place = os.path.realpath(folder)
     try:
@@ -316,7 +342,7 @@ def file_system(folder: Path, mounts: Path = Path("/proc/mounts")) -> str:
 
 
 def run_checks(folder: Path) -> Iterator[Finding]:
-    """Look at everything: libraries, MPI, processors, where files go, the batch system."""
+    """Yield the findings of all checks; `folder` is that of the campaign files."""
     yield from check_libraries()
     yield from check_mpi()
     yield from check_processors()
@@ -325,7 +351,7 @@ def run_checks(folder: Path) -> Iterator[Finding]:
 
 
 def as_table(findings: list[Finding]) -> RenderableType:
-    """Tabulate what was found, and below what to do."""
+    """Return a table of findings with the advice below."""
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -333,4 +359,4 @@ def as_table(findings: list[Finding]) -> RenderableType:
         mark = "✗" if finding.broken else "!" if finding.advice else " "
         table.add_row(f"{mark} {finding.topic}", finding.found)
     advice = [f"{finding.topic}: {finding.advice}" for finding in findings if finding.advice]
-    return Group(table, "", *(advice or ["nothing to mend"]))
+    return Group(table, "", *(advice or ["nothing to change"]))

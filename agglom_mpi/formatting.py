@@ -1,4 +1,4 @@
-"""Text for people: numbers with errors and units, durations, plurals, any terminal."""
+"""Text of numbers with errors and units, of durations and plurals; text for any encoding."""
 
 import codecs
 import math
@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 
 def pluralise(number: int, noun: str) -> str:
-    """Write a number with its noun: `1 sample`, `2 samples`."""
+    """Return a number with its noun: `1 sample`, `2 samples`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -28,11 +28,11 @@ REPLACEMENTS: Final = {
     "━": "#",
     "─": "-",
 }
-"""How the program's own characters are written where there is nothing but ASCII."""
+"""ASCII replacements of the characters that this program prints."""
 
 
-def _spell(error: UnicodeError) -> tuple[str, int]:
-    """Spell out what cannot be encoded; what is not ours is escaped as Python does."""
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    """Replace what cannot be encoded, or escape it as Python does if there is no replacement."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     characters = error.object[error.start : error.end]
@@ -43,29 +43,29 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     return "".join(escaped), error.end
 
 
-codecs.register_error("spelled", _spell)
+codecs.register_error("ascii_replacement", _replace)
 
 
 def encodable(text: str, encoding: str) -> str:
-    """Return the text as it can be written in an encoding."""
-    return text.encode(encoding, "spelled").decode(encoding)
+    """Return a text with what the encoding lacks replaced."""
+    return text.encode(encoding, "ascii_replacement").decode(encoding)
 
 
 def replace_unencodable() -> None:
-    """Let standard output and standard error take any text, whatever their encoding is."""
+    """Make standard output and error accept any text, whatever their encoding."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # else somebody has put something of his own there
-            stream.reconfigure(errors="spelled")
+        if hasattr(stream, "reconfigure"):  # not where a caller has replaced it
+            stream.reconfigure(errors="ascii_replacement")
 
 
 ROUNDING: Final = 1e-14
-"""Share of a mean that equal samples may differ by."""
+"""Relative error of a mean that is only rounding of equal samples."""
 
 
 def value_with_error(value: float, error: float) -> str:
-    """Value ± standard error, both to two digits of the error: `0.0123 ± 0.0045`.
+    """Return value ± standard error, both to two digits of the error: `0.0123 ± 0.0045`.
 
-    An error that is nothing but rounding is none.
+    An error that is only rounding is left out.
     """
     if not math.isfinite(value):
         return "no result"
@@ -77,31 +77,22 @@ def value_with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
+_LONG_UNITS: Final = (("min", 60.0, 7200.0), ("h", 3600.0, 172_800.0))
+"""Units of long times, their size in s, and the time up to which they are used, s."""
+
+
 def format_duration(seconds: float) -> str:
-    """Time in s, min or h."""
+    """Return a duration to three digits, in ns to days: `150 µs`, `74.4 s`, `2.5 h`."""
     if seconds < 120.0:
-        return f"{seconds:.1f} s"
-    if seconds < 7200.0:
-        return f"{seconds / 60.0:.1f} min"
-    return f"{seconds / 3600.0:.1f} h"
-
-
-def forecast_time(seconds: float) -> str:
-    """Time to three digits in the unit that suits it, µs to days."""
-    for unit, size, most in (
-        ("µs", 1e-6, 1e-3),
-        ("ms", 1e-3, 1.0),
-        ("s", 1.0, 120.0),
-        ("min", 60.0, 7200.0),
-        ("h", 3600.0, 172_800.0),
-    ):
-        if seconds < most:
+        return value_with_prefix(seconds, "s")
+    for unit, size, limit in _LONG_UNITS:
+        if seconds < limit:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 86400.0:,.1f} days"
 
 
 def value_with_prefix(value: float, unit: str) -> str:
-    """Three digits of a quantity in the decimal multiple of its unit that suits it: `12.3 µs`."""
+    """Return a quantity to three digits with the decimal prefix that suits it: `12.3 µs`."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g} {unit}"
     thousands = math.floor(math.log10(abs(float(f"{value:.3g}"))) / 3.0 + 1e-9)
@@ -129,12 +120,12 @@ class _Estimate(Protocol):
 
 
 def format_mean(mean: _Estimate) -> str:
-    """Mean ± standard error, `none` where nothing completed."""
+    """Return mean ± standard error, `none` where no sample completed."""
     return value_with_error(mean.value, mean.error) if mean.samples else "none"
 
 
 def format_seconds(seconds: float) -> str:
-    """Time to two digits in the unit that suits it: `0.45 ms`."""
+    """Return a time to two digits, in ns to s: `0.45 ms`; `none` if it is not finite."""
     if not math.isfinite(seconds):
         return "none"
     for scale, unit in ((1e-9, "ns"), (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")):
@@ -144,7 +135,7 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_digits(value: float, count: int = 2) -> str:
-    """Return a number to so many digits, without an exponent: `0.45`, `12`, `1200`."""
+    """Return a number to `count` significant digits, without an exponent: `0.45`, `12`, `1200`."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     places = count - 1 - math.floor(math.log10(abs(value)))
@@ -152,5 +143,5 @@ def format_digits(value: float, count: int = 2) -> str:
 
 
 def format_percent(share: float) -> str:
-    """Share as a percentage to two digits: `4.8 %`."""
+    """Return a share as a percentage to two digits: `4.8 %`."""
     return f"{format_digits(100.0 * share)} %"

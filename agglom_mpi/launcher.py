@@ -1,4 +1,4 @@
-"""Whether an MPI launcher has started this process, by the environment."""
+"""What the environment tells of an MPI launcher: number of ranks, rank, rank within the node."""
 
 import os
 from collections.abc import Mapping
@@ -25,9 +25,9 @@ def _first(names: tuple[str, ...], environment: Mapping[str, str]) -> int | None
 
 
 def _tasks_of_srun(environment: Mapping[str, str]) -> int | None:
-    """Tasks of the Slurm step we are in; None outside and in steps of one task.
+    """Return the number of tasks of the Slurm step; None outside and in steps of one task.
 
-    An interactive step of `salloc` has one task, though its SLURM_NTASKS is the allocation's.
+    An interactive step of `salloc` has one task, but its SLURM_NTASKS is that of the allocation.
     """
     if "SLURM_STEP_ID" not in environment:
         return None
@@ -36,20 +36,20 @@ def _tasks_of_srun(environment: Mapping[str, str]) -> int | None:
 
 
 def launched_size(environment: Mapping[str, str] = os.environ) -> int | None:
-    """Return the number of ranks the launcher promised; None for a plain run."""
+    """Return the number of ranks that were launched; None without a launcher."""
     size = _first(_SIZES, environment)
     return _tasks_of_srun(environment) if size is None else size
 
 
 def is_first_rank(environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether this process is the one that talks to the user, as far as the launcher says."""
+    """Return whether this process is rank 0, the one that prints, by the environment."""
     rank = _first(_RANKS, environment)
     if rank is None and _tasks_of_srun(environment) is not None:
         rank = int(environment.get("SLURM_PROCID", "0"))
     return rank in (None, 0)
 
 
-def warms_first(rank: int, environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether this rank compiles for its node while the others wait."""
+def compiles_for_node(rank: int, environment: Mapping[str, str] = os.environ) -> bool:
+    """Return whether this rank compiles the kernels for its node while the others wait."""
     local = _first(_LOCAL_RANKS, environment)
     return (rank if local is None else local) == 0

@@ -24,11 +24,13 @@ EXAMPLE_CAPACITY: Final = 1000.0
 STEPS: Final = 200
 """Steps in which a step size has to show that it overshoots."""
 TIMED: Final = 2000
+"""Grains of a timed loop."""
 REPEATS: Final = 5
+"""Timed loops, of which the median counts."""
 
 
 class Grain(NamedTuple):
-    """A grain that cools: law, surface in m², capacity in J/K, and the temperature it tends to."""
+    """A grain that cools: law, surface in m², heat capacity in J/K, rest temperature in K."""
 
     law: Any
     surface: float
@@ -37,7 +39,7 @@ class Grain(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Temperature in K after Euler steps, whether any overshot the rest or went below 0 K."""
+    """Temperature in K after Euler steps; whether any overshot the rest or went below 0 K."""
 
     temperature: float
     overshoots: bool
@@ -45,7 +47,7 @@ class Run(NamedTuple):
 
 
 def grain_of(scene: Scene) -> Grain:
-    """Return a grain of the scene; where nothing cools, with [B]'s radiation as an example."""
+    """Return a grain of the scene; [B]'s radiation is the example if the scene has no cooling."""
     capacity = scene.laws.heat_capacity
     specific = capacity if math.isfinite(capacity) else EXAMPLE_CAPACITY
     law = scene.cooling.law if scene.cooling is not None else example_law()
@@ -54,7 +56,7 @@ def grain_of(scene: Scene) -> Grain:
 
 
 def example_law() -> RadiativeCooling:
-    """Radiation as [B] has it: emissivity 0.5, surroundings of 300 K, no convection."""
+    """Return radiation as in [B]: emissivity 0.5, surroundings of 300 K, no convection."""
     return RadiativeCooling(0.5, 300.0, 0.0, 300.0, equilibrium_temperature(0.5, 300.0, 0.0, 300.0))
 
 
@@ -108,19 +110,19 @@ def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats): 
 
 
 def euler(grain: Grain, temperature: float, step: float, steps: int) -> Run:
-    """Temperature after Euler steps in s, and what they did on the way."""
+    """Take `steps` Euler steps of `step` in s from a temperature in K."""
     law, surface, capacity, rest = grain
     return Run(*step_on(law, rest, surface, capacity, temperature, step, steps))
 
 
 def exact(grain: Grain, temperature: float, duration: float, intervals: int = 1) -> float:
-    """Exact temperature in K after a time in s, reached in so many equal intervals."""
+    """Return the exact temperature in K after a duration in s, taken in equal intervals."""
     step = duration / intervals
     return float(cool_on(grain.law, grain.surface, grain.capacity, temperature, step, intervals))
 
 
 def linear_limit(grain: Grain, temperature: float) -> float:
-    """Inverse in s of the slope of the rate at `temperature`: mC/(4Bεa_sθ³) for radiation.
+    """Return the inverse in s of the slope of the rate: mC/(4Bεa_sθ³) for radiation.
 
     The linear law of that slope overshoots with any longer Euler step.
     """
@@ -133,9 +135,9 @@ def linear_limit(grain: Grain, temperature: float) -> float:
 
 
 def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> float:
-    """Shortest step in s with which Euler steps from `temperature` have a flaw of `Run`; or nan.
+    """Return the shortest step in s with which Euler steps have a flaw of `Run`; nan if none has.
 
-    Looked for within a factor of a thousand of `guess`, then bisected to rounding.
+    It is searched within a factor of a thousand of `guess`, then bisected to rounding.
     """
 
     def flawed(step: float) -> bool:
@@ -154,17 +156,17 @@ def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> flo
 
 
 def seconds_per_step(grain: Grain, temperature: float, step: float) -> float:
-    """Median time in s of one Euler step of one grain."""
+    """Return the median time in s of one Euler step of one grain."""
     return _median_time(loop_of_steps, grain, temperature, step, 10)
 
 
 def seconds_of_exact(grain: Grain, temperature: float, duration: float) -> float:
-    """Median time in s of cooling one grain exactly for `duration` in s."""
+    """Return the median time in s of cooling one grain exactly for `duration` in s."""
     return _median_time(loop_of_exact, grain, temperature, duration, 1)
 
 
 def _median_time(loop: Any, grain: Grain, temperature: float, span: float, repeats: int) -> float:
-    """Median time in s that a loop takes for one grain and one time span."""
+    """Return the median time in s that a loop takes for one grain and one time span."""
     radius = np.full(TIMED, math.sqrt(grain.surface / (4.0 * math.pi)))
     mass = np.full(TIMED, grain.capacity)
     times = []

@@ -1,18 +1,31 @@
 """How many samples does a string need, and does a stopping rule know when it has them?"""
 
-from typing import TYPE_CHECKING, Final
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy import ensemble_words as words
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.ensemble_goal import at_goal, of_rules, round_goal
-from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.accuracy.document import (
+    Curve,
+    Section,
+    Sentences,
+    Table,
+    TableColumn,
+    draw_curves,
+)
 from agglom_mpi.accuracy.stopping_study import (
+    FIRST_MOMENT,
     OWN,
+    WITH_ERROR,
     Truth,
+    at_goal,
     campaigns_own,
+    covers_too_little,
     families,
+    of_rules,
+    round_goal,
+    samples_needed,
     study,
     truth_of,
 )
@@ -28,6 +41,8 @@ if TYPE_CHECKING:
 
     from agglom_mpi.config.campaign import Campaign
 
+TITLE: Final = "Ensemble: how many samples, and when to stop"
+
 ORDERS: Final = 2000
 QUICK_ORDERS: Final = 400
 
@@ -39,16 +54,20 @@ MOST_DRAWS: Final = 2_000_000
 """Samples drawn in all, 100 MB of running statistics; longer ensembles have fewer orders."""
 
 FEWEST_ROWS: Final = 10
+"""Completed samples that a pool needs."""
 
 ROUNDING: Final = 1e-12
 """Relative spread of a pool below which all its samples are equal."""
 
 RANDOM_ORDER: Final = 201
-"""Purpose of the random stream; see `search.streams`."""
+"""Purpose of the random stream; see `random_streams`."""
+
+DIFFERENCES: Final = (1e-3, 1e-5)
+"""Tolerances of successive differences that the conclusions speak of."""
 
 
-def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Section:
-    """Study the stopping rules on a pool of samples of one parameter string.
+def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Section:
+    """Return the section on the stopping rules, on a pool of samples of one parameter string.
 
     Parameters
     ----------
@@ -61,18 +80,20 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
         Draw fewer orders.
     """
     pool = rows[rows["state"] == COMPLETED]
+    sentences = Sentences("ensemble", rows=len(rows), pool=len(pool), fewest=FEWEST_ROWS)
     if len(pool) < FEWEST_ROWS:
-        few = f"Of {len(rows)} samples {len(pool)} completed; a pool takes at least {FEWEST_ROWS}."
-        return _nothing("no pool to draw from", failures=(few,))
+        too_few = sentences.paragraph("too_few")
+        return _nothing(sentences, "no pool to draw from", failures=(too_few,))
     plan, particles = campaign.plan, campaign.scene.particles
     objective, other = campaign.objective.build(particles), False
     if not isinstance(objective, RadiusObjective):
         plan, objective, other = None, MaximumGrowth(particles), True
     truth = truth_of(pool, objective)
     most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
+    reference = sentences.paragraph("reference", truth=truth)
     if truth.spread <= ROUNDING * truth.mean:
-        equal = f"All {len(pool)} samples have the same mean radius: one is enough for any rule."
-        return _nothing(words.reference(len(pool), truth), conclusions=(equal,))
+        equal = sentences.paragraph("all_equal")
+        return _nothing(sentences, reference, conclusions=(equal,))
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
     draws = search_stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
@@ -81,25 +102,106 @@ def ensemble(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Sec
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
     return Section(
-        title=words.TITLE,
-        problem=words.PROBLEM,
-        reference=words.reference(len(pool), truth),
-        setups=words.setups(orders, most, len(rows) - len(pool), plan and plan.ensemble, other),
-        figures=_figures(frame, truth, most),
-        tables=_tables(frame, goal),
-        failures=words.failures(frame),
-        conclusions=words.conclusions(frame, truth, goal),
+        title=TITLE,
+        problem=sentences.paragraph("problem"),
+        reference=reference,
+        setups=sentences.paragraph(
+            "setups",
+            orders=orders,
+            most=most,
+            failed=len(rows) - len(pool),
+            own=plan and plan.ensemble,
+            other_objective=other,
+        ),
+        figures=_figures(frame, truth, most, sentences),
+        tables=_tables(frame, goal, sentences),
+        failures=sentences.items("failures", share=_share, flaws=list(_flaws(frame))),
+        conclusions=sentences.items("conclusions", share=_share, **_findings(frame, truth, goal)),
     )
 
 
 def _nothing(
-    reference: str, failures: tuple[str, ...] = (), conclusions: tuple[str, ...] = ()
+    sentences: Sentences,
+    reference: str,
+    failures: tuple[str, ...] = (),
+    conclusions: tuple[str, ...] = (),
 ) -> Section:
-    setups = "nothing was run"
-    return Section(words.TITLE, words.PROBLEM, reference, setups, (), (), failures, conclusions)
+    """Return a section without figures and tables."""
+    problem, setups = sentences.paragraph("problem"), "nothing was run"
+    return Section(TITLE, problem, reference, setups, (), (), failures, conclusions)
 
 
-def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Drawing, ...]:
+def _share(row: Any, name: str) -> str:
+    """Return a proportion and its standard error in percent, from the columns of a row."""
+    if math.isnan(row[name]):
+        return "–"
+    return f"{100.0 * row[name]:.1f} ± {100.0 * row[f'{name}, standard error']:.1f} %"
+
+
+def _findings(frame: "pd.DataFrame", truth: Truth, goal: float) -> dict[str, Any]:
+    """Return what the conclusions refer to."""
+    rules = of_rules(frame)
+    first = frame[frame["rule"] == FIRST_MOMENT]
+    typical = at_goal(rules[rules["rule"] == FIRST_MOMENT], goal).iloc[0]
+    excess = (typical["rms error"] / typical["rms error, fixed number"]) ** 2
+    with_error = rules[rules["rule"] == WITH_ERROR]
+    return {
+        "goal": goal,
+        "samples_at_goal": (truth.spread / truth.mean / goal) ** 2,
+        "costs": list(_costs(rules, goal)),
+        "differences": [
+            row
+            for tolerance in DIFFERENCES
+            for _, row in first[first["tolerance"] == tolerance].iterrows()
+        ],
+        "typical": typical,
+        "worth": typical["samples, mean"] / excess,
+        "with_error": None if with_error.empty else at_goal(with_error, goal).iloc[0],
+        "early": _stopped_early(with_error),
+        "own_rows": [row for _, row in frame[frame["rule"] == OWN].iterrows()],
+    }
+
+
+def _costs(rules: "pd.DataFrame", goal: float) -> Iterator[dict[str, Any]]:
+    """Yield the mean samples that each rule takes to reach the goal, and its least error."""
+    for rule, rows in rules.groupby("rule", sort=False):
+        samples = samples_needed(rows, goal)
+        yield {
+            "rule": rule,
+            "reached": not math.isnan(samples),
+            "samples": samples,
+            "best": rows["rms error"].min(),
+        }
+
+
+def _stopped_early(rows: "pd.DataFrame") -> dict[str, float] | None:
+    """Return how many samples the tolerances take whose intervals cover too little, if any."""
+    short = rows[covers_too_little(rows)]
+    if short.empty:
+        return None
+    samples = short["samples, mean"]
+    worst = short.sort_values("coverage").iloc[0]
+    return {"fewest": samples.min(), "most": samples.max(), "coverage": worst["coverage"]}
+
+
+def _flaws(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
+    """Yield for each rule where it stops by luck, covers too little, or does not stop."""
+    for rule, rows in frame.groupby("rule", sort=False):
+        known = rows[rows["stopped by luck"].notna()]
+        bound = 0.05 + 4.0 * known["stopped by luck, standard error"]
+        short = rows[covers_too_little(rows)]
+        yield {
+            "name": f"{str(rule)[0].upper()}{str(rule)[1:]}",
+            "lucky": known[known["stopped by luck"] > bound],
+            "short": short,
+            "worst": None if short.empty else short.sort_values("coverage").iloc[0],
+            "endless": rows[rows["ended at max_samples"] > 0.5],
+        }
+
+
+def _figures(
+    frame: "pd.DataFrame", truth: Truth, most: int, sentences: Sentences
+) -> tuple[Drawing, ...]:
     rules = of_rules(frame)
 
     def error(figure: "matplotlib.figure.Figure") -> None:
@@ -136,9 +238,9 @@ def _figures(frame: "pd.DataFrame", truth: Truth, most: int) -> tuple[Drawing, .
         axes.axhline(0.95, color="0.5", linewidth=0.8)
 
     return (
-        Drawing("ensemble_error", words.ERROR_CAPTION, error),
-        Drawing("ensemble_belief", words.BELIEF_CAPTION, belief),
-        Drawing("ensemble_coverage", words.COVERAGE_CAPTION, coverage),
+        Drawing("ensemble_error", sentences.paragraph("error_caption"), error),
+        Drawing("ensemble_belief", sentences.paragraph("belief_caption"), belief),
+        Drawing("ensemble_coverage", sentences.paragraph("coverage_caption"), coverage),
     )
 
 
@@ -156,31 +258,31 @@ def _curves(frame: "pd.DataFrame", cost: str, error: str, band: tuple[str, str])
     ]
 
 
-def _tables(frame: "pd.DataFrame", goal: float) -> tuple[Table, ...]:
+COLUMNS: Final = (
+    TableColumn("rule", lambda row: row["rule"]),
+    TableColumn("TOL", lambda row: f"{row['tolerance']:.3g}"),
+    TableColumn("believed", lambda row: f"{row['error believed']:.1e}"),
+    TableColumn(
+        "samples, mean (10 %, 90 %)",
+        lambda row: (
+            f"{row['samples, mean']:.0f} ({row['samples, 10 %']:.0f}, {row['samples, 90 %']:.0f})"
+        ),
+    ),
+    TableColumn("rms error", lambda row: format_percent(row["rms error"])),
+    TableColumn("median error", lambda row: format_percent(row["median error"])),
+    TableColumn("by luck", lambda row: _share(row, "stopped by luck")),
+    TableColumn("95 % covers", lambda row: _share(row, "coverage")),
+    TableColumn("at max_samples", lambda row: format_percent(row["ended at max_samples"])),
+)
+
+
+def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[Table, ...]:
     import pandas as pd
 
-    shown = (
-        Shown("rule", lambda row: row["rule"]),
-        Shown("TOL", lambda row: f"{row['tolerance']:.3g}"),
-        Shown("believed", lambda row: f"{row['error believed']:.1e}"),
-        Shown(
-            "samples, mean (10 %, 90 %)",
-            lambda row: (
-                f"{row['samples, mean']:.0f} "
-                f"({row['samples, 10 %']:.0f}, {row['samples, 90 %']:.0f})"
-            ),
-        ),
-        Shown("rms error", lambda row: format_percent(row["rms error"])),
-        Shown("median error", lambda row: format_percent(row["median error"])),
-        Shown("by luck", lambda row: words.share(row, "stopped by luck")),
-        Shown("95 % covers", lambda row: words.share(row, "coverage")),
-        Shown("at max_samples", lambda row: format_percent(row["ended at max_samples"])),
-    )
-    own = frame[frame["rule"] == OWN]
-    chosen = pd.concat([at_goal(of_rules(frame), goal), own])
-    caption = words.table_caption(goal)
+    chosen = pd.concat([at_goal(of_rules(frame), goal), frame[frame["rule"] == OWN]])
+    caption = sentences.paragraph("table_caption", goal=goal)
     everything = "Every rule at every tolerance; errors are relative, samples are counts."
     return (
-        Table("ensemble_at_goal", caption, chosen, shown),
+        Table("ensemble_at_goal", caption, chosen, COLUMNS),
         Table("ensemble_rules", everything, frame),
     )

@@ -1,53 +1,50 @@
-"""Stiff and extreme scenes: what the published method does with them, and what ours does."""
+"""Stiff and extreme scenes, with this package's method and with the published one."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.published import as_published
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
+from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
+from agglom_mpi.accuracy.published_method import as_published
+from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
-from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.config.campaign import Campaign, load_campaign
 from agglom_mpi.formatting import format_mean, format_percent, format_seconds
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
-Rows = NDArray[np.void]
-
+METHODS: Final = ("ours", "published")
 CLOSED: Final = 1e-9
 """Energy error up to which a sample's ledger counts as closed."""
 
 
 def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign]:
-    """Scenes of a directory by file stem; a CampaignError if one is wrong."""
+    """Return the scenes of a directory by file stem; raise a CampaignError if one is wrong."""
     return {path.stem: load_campaign(path, allow_code) for path in sorted(directory.glob("*.yaml"))}
 
 
 def published_name(scene: str) -> str:
-    """Name of the trial that runs a scene as published."""
+    """Return the name of the set-up that runs a scene as published."""
     return f"{scene}, as published"
 
 
-def trials(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Trial]:
-    """Every scene with our method, and with the published one."""
+def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
+    """Return two set-ups for every scene: this package's method, and the published one."""
     chosen = {}
     for name, campaign in scenes.items():
         parameters = campaign.parameters()
         published = with_scene(campaign, **dict(as_published(campaign.scene)))
-        if campaign.scene.engine.law != "event":  # the extreme is in the steps
+        if campaign.scene.engine.law != "event":  # the steps are what is extreme
             published = with_scene(published, engine=campaign.scene.engine)
-        chosen[name] = Trial(campaign, parameters, samples, event_engine(campaign))
-        chosen[published_name(name)] = Trial(published, parameters, samples)
+        chosen[name] = Setup(campaign, parameters, samples, event_engine(campaign))
+        chosen[published_name(name)] = Setup(published, parameters, samples)
     return chosen
 
 
-def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
-    """Section on extreme scenes; `samples` as for `trials`."""
+def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
+    """Return the section on extreme scenes; `samples` are those of `setups`, by name."""
     import pandas as pd
 
     rows = []
@@ -58,33 +55,21 @@ def extremes(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Sec
         row |= {f"published: {key}": value for key, value in published.items()}
         rows.append(row)
     frame = pd.DataFrame(rows)
+    sentences = Sentences("extremes", closed=CLOSED, scenes=len(frame), **_findings(frame))
     return Section(
         title="Stiff and extreme scenes",
-        problem=(
-            "Where a method can break, does it, and does it say so? Each scene pushes one thing to "
-            "an extreme; its file says which and what is to be expected."
-        ),
-        reference=(
-            "What any sample must keep: every sample completes, the ledger closes (energy error "
-            f"up to {CLOSED:g} of what flowed), no temperature is sent below zero, no impact is "
-            "left unsolved, no grains overlap. But pieces are packed in heaps, which overlap what "
-            "is around them until they have parted: where aggregates break, only overlaps beyond "
-            "those of the event engine count, which lets no pair that overlaps approach."
-        ),
-        setups=(
-            "Ours: the event engine, the root finder, exact cooling. As published: the same scene "
-            "with the published impact iteration (cap 100), cooling by forward Euler, and time "
-            "steps: 200 equal ones [A], or adaptive ones with [B]'s limits in proportion to the "
-            "end time; the scene's own where it has some."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(),
-        tables=(Table("extremes", "One row is one scene.", frame, SHOWN),),
-        failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame)),
+        tables=(Table("extremes", "One row is one scene.", frame, COLUMNS),),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
 def _summary(rows: Rows) -> dict[str, Any]:
+    """Return what the samples of one set-up amount to."""
     good = completed(rows)
     growth = mean_of(good["mean_radius_ratio"])
     failed = rows[rows["reason"] > 0]
@@ -106,22 +91,22 @@ def _summary(rows: Rows) -> dict[str, Any]:
     }
 
 
-def _troubles(row: Any, whose: str) -> list[str]:
-    """Say what went wrong with a scene in one method."""
+def _troubles(row: Any, method: str) -> list[str]:
+    """Return in words what went wrong with a scene in one of `METHODS`."""
     troubles = []
-    if row[f"{whose}: failed"]:
+    if row[f"{method}: failed"]:
         troubles.append(
-            f"{row[f'{whose}: failed']} of {row[f'{whose}: samples']} samples failed "
-            f"({row[f'{whose}: reason']})"
+            f"{row[f'{method}: failed']} of {row[f'{method}: samples']} samples failed "
+            f"({row[f'{method}: reason']})"
         )
-    if row[f"{whose}: unsolved impacts"] > 0:
-        troubles.append(f"{format_percent(row[f'{whose}: unsolved impacts'])} of impacts unsolved")
-    if row[f"{whose}: temperatures below zero"] > 0:
+    if row[f"{method}: unsolved impacts"] > 0:
+        troubles.append(f"{format_percent(row[f'{method}: unsolved impacts'])} of impacts unsolved")
+    if row[f"{method}: temperatures below zero"] > 0:
         troubles.append("temperatures below zero")
-    if row[f"{whose}: energy error"] > CLOSED:
-        troubles.append(f"energy error {row[f'{whose}: energy error']:.1g}")
+    if row[f"{method}: energy error"] > CLOSED:
+        troubles.append(f"energy error {row[f'{method}: energy error']:.1g}")
     heaped = row["ours: overlaps per sample"] if row["ours: breakages per sample"] > 0 else 0.0
-    overlaps = row[f"{whose}: overlaps per sample"]
+    overlaps = row[f"{method}: overlaps per sample"]
     if overlaps - heaped >= 0.5:
         troubles.append(
             f"{overlaps:.0f} overlaps" if overlaps >= 10 else f"{overlaps:.2g} overlaps"
@@ -129,46 +114,42 @@ def _troubles(row: Any, whose: str) -> list[str]:
     return troubles
 
 
-def _growth(row: Any, whose: str) -> str:
-    good = row[f"{whose}: samples"] - row[f"{whose}: failed"]
+def _growth(row: Any, method: str) -> str:
+    good = row[f"{method}: samples"] - row[f"{method}: failed"]
     return format_mean(
-        MeanEstimate(row[f"{whose}: mean b/b0"], row[f"{whose}: standard error"], good)
+        MeanEstimate(row[f"{method}: mean b/b0"], row[f"{method}: standard error"], good)
     )
 
 
-SHOWN: Final = (
-    Shown("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
-    Shown("ours: b/b⁰", lambda row: _growth(row, "ours")),
-    Shown("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
-    Shown("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
-    Shown("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
-    Shown("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
-    Shown("published: b/b⁰", lambda row: _growth(row, "published")),
-    Shown("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
+COLUMNS: Final = (
+    TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
+    TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
+    TableColumn("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
+    TableColumn("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
+    TableColumn("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
+    TableColumn("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
+    TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
+    TableColumn("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
 )
 
 
-def _failures(frame: Any) -> Iterator[str]:
-    for _, row in frame.iterrows():
-        for whose in ("ours", "published"):
-            troubles = _troubles(row, whose)
-            if troubles:
-                yield f"`{row['scene']}`, {whose}: {'; '.join(troubles)}."
-
-
-def _conclusions(frame: Any) -> Iterator[str]:
-    for whose, name in (("ours", "Our method"), ("published", "The published method")):
-        sound = sum(not _troubles(row, whose) for _, row in frame.iterrows())
-        yield f"{name} is sound in {sound} of {len(frame)} extreme scenes."
-    yield (
-        f"As published, impacts are left unsolved in {_count(frame, 'impacts unsolved')} scenes, "
-        f"temperatures go below zero in {_count(frame, 'below zero')}, and spheres overlap that "
-        f"should not in {_count(frame, 'overlaps')}."
-    )
-    worst = frame["ours: energy error"].max()
-    yield f"The largest energy error of ours in any of them is {worst:.1g} of what flowed."
-
-
-def _count(frame: Any, trouble: str) -> int:
-    """Scenes in which the published method has a trouble."""
-    return sum(trouble in "; ".join(_troubles(row, "published")) for _, row in frame.iterrows())
+def _findings(frame: Any) -> dict[str, Any]:
+    """Return what the failures and the conclusions refer to."""
+    troubles = [
+        {"scene": row["scene"], "method": method, "troubles": "; ".join(_troubles(row, method))}
+        for _, row in frame.iterrows()
+        for method in METHODS
+    ]
+    troubled = [one for one in troubles if one["troubles"]]
+    published = [one["troubles"] for one in troubled if one["method"] == "published"]
+    return {
+        "troubled": troubled,
+        "sound": {
+            method: len(frame) - sum(one["method"] == method for one in troubled)
+            for method in METHODS
+        },
+        "unsolved": sum("impacts unsolved" in text for text in published),
+        "below_zero": sum("below zero" in text for text in published),
+        "overlaps": sum("overlaps" in text for text in published),
+        "energy_error": frame["ours: energy error"].max(),
+    }

@@ -1,16 +1,41 @@
 """Time integration before chaos sets in: engines against exact trajectories of a few spheres."""
 
 import math
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy import few_words as words
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.few_scenes import bonding, bouncing
-from agglom_mpi.accuracy.few_study import FULL, QUICK, orders, study
-from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.accuracy.document import (
+    Curve,
+    Section,
+    Sentences,
+    Table,
+    TableColumn,
+    draw_curves,
+)
+from agglom_mpi.accuracy.few_body_reference import (
+    DIAMETER,
+    END_TIME,
+    FRICTION,
+    HEAD_ON_RESTITUTION,
+    LONGEST_DELAY,
+    SPEED,
+    FewBodyCase,
+    bonding,
+    bouncing,
+)
+from agglom_mpi.accuracy.few_body_study import (
+    CEILING,
+    EDGE,
+    FULL,
+    QUICK,
+    StudySettings,
+    orders,
+    study,
+)
 from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.statistics import MeanEstimate
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -18,32 +43,150 @@ if TYPE_CHECKING:
 
 SEED: Final = 2004
 
+TYPICAL: Final = "three in sequence"
+UNSEEN: Final = "two pairs"
+"""Cases of the figure of costs: one that suits every engine, and one that the adaptive engine does
+not see coming."""
+HEAD_ON: Final = "head-on"
 
-def few_body(quick: bool = False) -> Section:
-    """Study the engines in scenes of two to five spheres.
+GOAL: Final = 1e-4
+"""Position error in box edges, at which costs are compared."""
+
+LEAST_ORDER: Final = 0.5
+"""Order of convergence above which a stepper counts as converging."""
+
+ERROR: Final = "position error (box edges)"
+
+
+def few_body_section(quick: bool = False) -> Section:
+    """Return the section on the engines in scenes of two to five spheres.
 
     Parameters
     ----------
     quick
         Take fewer steps and runs, and leave out the pressure law, which has to be compiled.
     """
-    knobs = QUICK if quick else FULL
-    scenes = bouncing() if quick else [*bouncing(), *bonding()]
-    frame = study(scenes, knobs, np.random.default_rng(SEED))
+    settings = QUICK if quick else FULL
+    cases = bouncing() if quick else [*bouncing(), *bonding()]
+    frame = study(cases, settings, np.random.default_rng(SEED))
     fits = orders(frame)
+    sentences = _sentences(cases, settings, frame, fits)
     return Section(
         title="Time integration of a few spheres, before chaos sets in",
-        problem=words.PROBLEM,
-        reference=words.reference(),
-        setups=words.setups(scenes, knobs),
-        figures=_figures(frame),
-        tables=_tables(frame, fits),
-        failures=words.failures(frame, fits),
-        conclusions=words.conclusions(frame, fits),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
+        figures=_figures(frame, sentences),
+        tables=_tables(frame, fits, sentences),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
-def _figures(frame: "pd.DataFrame") -> tuple[Drawing, ...]:
+def _sentences(
+    cases: list[FewBodyCase], settings: StudySettings, frame: "pd.DataFrame", fits: "pd.DataFrame"
+) -> Sentences:
+    other_bonds = frame[frame["other bonds"] > 0]
+    return Sentences(
+        "few_body",
+        cases=cases,
+        settings=settings,
+        edge=EDGE,
+        ceiling=CEILING,
+        diameter=DIAMETER,
+        end_time=END_TIME,
+        friction=FRICTION,
+        longest_delay=LONGEST_DELAY,
+        digits=float(np.finfo(np.longdouble).eps),
+        goal=GOAL,
+        event=frame[frame["engine"] == "event"],
+        orders=[_range_of_orders(fits, engine) for engine in ("fixed", "adaptive")],
+        head_on=_measured_over_predicted(frame),
+        costs=list(_costs(frame)),
+        unconverged=list(_unconverged(frame, fits)),
+        other_bonds=[row for _, row in other_bonds.iterrows()],
+    )
+
+
+def _range_of_orders(fits: "pd.DataFrame", engine: str) -> dict[str, Any]:
+    """Return lowest and highest order of an engine over the scenes in which it converges.
+
+    `deviation` is the largest distance from 1 in standard errors.
+    """
+    rows = fits[(fits["engine"] == engine) & (fits["position, order"] > LEAST_ORDER)]
+    order, error = rows["position, order"], rows["position, order, standard error"]
+    return {
+        "engine": engine,
+        "scenes": len(rows),
+        "lowest": order.min(),
+        "highest": order.max(),
+        "deviation": np.max(np.abs(order - 1.0) / error),
+    }
+
+
+def _measured_over_predicted(frame: "pd.DataFrame") -> MeanEstimate:
+    """Return the error of fixed steps head-on over e·w·Δt/4, mean over the steps."""
+    rows = frame[(frame["scene"] == HEAD_ON) & (frame["engine"] == "fixed")]
+    predicted = HEAD_ON_RESTITUTION * SPEED / 4.0 / EDGE * rows["step (s)"]
+    ratio = rows["position error"] / predicted
+    error = rows["position error, standard error"] / predicted
+    spread = math.sqrt(float(np.sum(error**2))) / len(ratio)
+    return MeanEstimate(float(np.mean(ratio)), spread, len(ratio))
+
+
+def _costs(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
+    """Yield for each engine the median of the seconds a run takes at the goal, over the scenes."""
+    for engine, rows in frame.groupby("engine", sort=False):
+        seconds = [seconds_at(points, GOAL) for _, points in rows.groupby("scene")]
+        reached = [second for second in seconds if second < math.inf]
+        yield {
+            "engine": engine,
+            "seconds": float(np.median(reached)) if reached else math.inf,
+            "missed": len(seconds) - len(reached),
+            "scenes": len(seconds),
+        }
+
+
+def seconds_at(rows: "pd.DataFrame", goal: float) -> float:
+    """Return the seconds of a run at which an engine reaches an error; inf if it never does.
+
+    Between its steps the logarithm of the seconds is interpolated in that of the error.
+    """
+    ordered = rows.sort_values("step (s)", ascending=False)
+    error = ordered["position error"].to_numpy()
+    seconds = ordered["seconds per run (s)"].to_numpy()
+    reached = np.flatnonzero(error <= goal)
+    if not len(reached):
+        return math.inf
+    k = int(reached[0])
+    if k == 0:
+        return float(seconds[0])
+    share = math.log(error[k - 1] / goal) / math.log(error[k - 1] / error[k])
+    return float(seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share)
+
+
+def _unconverged(frame: "pd.DataFrame", fits: "pd.DataFrame") -> Iterator[dict[str, Any]]:
+    """Yield the steppers that do not converge in a scene, with the error of their finest step."""
+    for _, fit in fits[fits["position, order"] <= LEAST_ORDER].iterrows():
+        rows = frame[(frame["scene"] == fit["scene"]) & (frame["engine"] == fit["engine"])]
+        finest = rows.sort_values("step (s)").iloc[0]
+        yield {
+            "engine": fit["engine"],
+            "scene": fit["scene"],
+            "order": _order(fit, "position"),
+            "step": finest["step (s)"],
+            "error": finest["position error"],
+        }
+
+
+def _order(row: Any, what: str) -> str:
+    """Return the order of convergence with its standard error, from a row of the fits."""
+    if math.isnan(row[f"{what}, order"]):
+        return "–"
+    return f"{row[f'{what}, order']:.3f} ± {row[f'{what}, order, standard error']:.3f}"
+
+
+def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Drawing, ...]:
     def against_step(engine: str, label: str) -> Drawing:
         def draw(figure: "matplotlib.figure.Figure") -> None:
             rows = frame[frame["engine"] == engine]
@@ -51,22 +194,22 @@ def _figures(frame: "pd.DataFrame") -> tuple[Drawing, ...]:
                 _curve(str(scene), points, "step (s)")
                 for scene, points in rows.groupby("scene", sort=False)
             ]
-            draw_curves(figure, curves, label, words.ERROR)
+            draw_curves(figure, curves, label, ERROR)
 
-        return Drawing(f"few_{engine}", words.step_caption(engine), draw)
+        return Drawing(f"few_{engine}", sentences.paragraph("step_caption", engine=engine), draw)
 
     def cost(figure: "matplotlib.figure.Figure") -> None:
-        shown = frame[frame["scene"].isin((words.TYPICAL, words.UNSEEN))]
+        shown = frame[frame["scene"].isin((TYPICAL, UNSEEN))]
         curves = [
             _curve(f"{engine}: {scene}", points, "seconds per run (s)")
             for (scene, engine), points in shown.groupby(["scene", "engine"], sort=False)
         ]
-        draw_curves(figure, curves, "seconds per run (s)", words.ERROR)
+        draw_curves(figure, curves, "seconds per run (s)", ERROR)
 
     return (
         against_step("fixed", "time step (s)"),
         against_step("adaptive", "shortest step (s)"),
-        Drawing("few_cost", words.COST_CAPTION, cost),
+        Drawing("few_cost", sentences.paragraph("cost_caption"), cost),
     )
 
 
@@ -77,49 +220,40 @@ def _curve(label: str, rows: "pd.DataFrame", cost: str) -> Curve:
     return Curve(label, rows[cost], error, low, error + half)
 
 
-def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame") -> tuple[Table, ...]:
-    def order(what: str) -> Shown:
-        return Shown(f"order, {what}", lambda row: words.order(row, what))
+def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences) -> tuple[Table, ...]:
+    def order(what: str) -> TableColumn:
+        return TableColumn(f"order, {what}", lambda row: _order(row, what))
 
-    def ratio(what: str, unit: str) -> Shown:
+    def ratio(what: str, unit: str) -> TableColumn:
         name = f"{what}, error over step (1/s)"
-        return Shown(
+        return TableColumn(
             f"{what} error over step ({unit})",
             lambda row: "–" if math.isnan(row[name]) else f"{row[name]:.3g}",
         )
 
-    def exponent(name: str) -> Shown:
-        return Shown(name, lambda row: f"{row[name]:.1e}")
+    def exponent(name: str) -> TableColumn:
+        return TableColumn(name, lambda row: f"{row[name]:.1e}")
 
+    scene = TableColumn("scene", lambda row: row["scene"])
+    of_orders = (
+        scene,
+        TableColumn("engine", lambda row: row["engine"]),
+        order("position"),
+        ratio("position", "edges/s"),
+        order("velocity"),
+        ratio("velocity", "1/s"),
+    )
+    of_event = (
+        scene,
+        TableColumn("runs", lambda row: str(row["runs"])),
+        exponent("position error"),
+        exponent("position error, largest"),
+        exponent("velocity error, largest"),
+        exponent("seconds per run (s)"),
+    )
     event = frame[frame["engine"] == "event"]
     return (
-        Table(
-            "few_orders",
-            "Order of convergence of each stepper in each scene, with its standard error, and the "
-            "error as a multiple of the step; – where the error is rounding alone.",
-            fits,
-            (
-                Shown("scene", lambda row: row["scene"]),
-                Shown("engine", lambda row: row["engine"]),
-                order("position"),
-                ratio("position", "edges/s"),
-                order("velocity"),
-                ratio("velocity", "1/s"),
-            ),
-        ),
-        Table(
-            "few_event",
-            "The event engine in each scene: errors of final positions in box edges, of velocities "
-            "in m/s.",
-            event,
-            (
-                Shown("scene", lambda row: row["scene"]),
-                Shown("runs", lambda row: str(row["runs"])),
-                exponent("position error"),
-                exponent("position error, largest"),
-                exponent("velocity error, largest"),
-                exponent("seconds per run (s)"),
-            ),
-        ),
+        Table("few_orders", sentences.paragraph("orders_caption"), fits, of_orders),
+        Table("few_event", sentences.paragraph("event_caption"), event, of_event),
         Table("few_runs", "Every scene, engine and step: errors and seconds per run.", frame),
     )

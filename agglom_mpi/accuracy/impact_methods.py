@@ -1,19 +1,25 @@
-"""Impacts solved by the package's methods: many of them in one compiled loop, timed and counted."""
+"""Impacts solved by the root finder and by the published iteration: errors, iterations and time.
 
+Many impacts run in one compiled loop; a frame has a row for each impact and method.
+"""
+
+import itertools
 import math
 import statistics
 import time
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.impact_reference import Material
+from agglom_mpi.accuracy.impact_reference import Exact, Material, exact_impact
 from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import (
     ImpactLaws,
@@ -22,6 +28,9 @@ from agglom_mpi.physics.restitution import (
     log_pressure_scale,
     solve_restitution,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DENSITY: Final = 5000.0
 RADIUS: Final = 1e-3
@@ -44,10 +53,30 @@ PAIR: Final = ContactPair(
 """Equal spheres, head on; X is set by the hardness, which alone differs between the impacts."""
 
 REPEATS: Final = 3
+"""Timed loops, of which the median counts."""
+
+ROOT: Final = "root finder"
+"""Name of the package's method."""
+TOLERANCES: Final = (1e-3, 1e-6, 1e-9)
+CAPS: Final = (10, 100, 1000)
+INITIAL: Final = (0.0, 0.01, 0.1, 1.0)
+"""Initial contact areas a₀ over the cross section."""
+QUICK_INITIAL: Final = (0.0, 0.01)
+SOFTENINGS: Final = {"none": (0.0, 0.0), "mild": (1.2, 1.0 / 3.0), "strong": (20.0, 1.0)}
+"""U/(Rθ) before the impact, and rise of θ by a plastic impact over θ. Mild is as strong as the
+papers' search boxes allow; strong has several roots."""
+QUICK_SOFTENINGS: Final = ("none", "strong")
+LEAST_TIMED: Final = 2000
+"""Impacts of a timed loop, at least."""
+DEMANDED: Final = 1e-6
+"""Error of e that the conclusions ask for."""
+ELSEWHERE: Final = 100.0
+"""Tolerances from the smallest root beyond which the iteration has converged to another."""
+OUTCOMES: Final = ("bonds", "solved", "another root", "at the cap", "inaccurate")
 
 
 class Solutions(NamedTuple):
-    """Solved impacts, arrays of shape (n,): deficit 1 − e, whether it bonds, whether capped."""
+    """Solved impacts, shape (n,): deficit 1 − e, whether they bond, whether they end at the cap."""
 
     deficit: NDArray[np.float64]
     bonds: NDArray[np.bool_]
@@ -55,7 +84,7 @@ class Solutions(NamedTuple):
 
 
 def impact_laws(material: Material, solver: Any) -> ImpactLaws:
-    """Laws of a material for `PAIR`; the hardness is filled in by the kernels."""
+    """Return the laws of a material for `PAIR`; the kernels fill in the hardness."""
     energy = material.softening * GAS_CONSTANT * TEMPERATURE
     # Each sphere gets half of ½m*w², and m* is half its mass.
     heated = SPEED**2 / (8.0 * TEMPERATURE)
@@ -76,7 +105,7 @@ def impact_laws(material: Material, solver: Any) -> ImpactLaws:
 
 
 def hardness_of(material: Material, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """H₀ in Pa at which `PAIR` has these X, shape (n,)."""
+    """Return H₀ in Pa at which `PAIR` has these X, shape (n,)."""
     length = (1e-6 if material.mean_speed else 1.0) * RADIUS
     force = PAIR.reduced_mass * SPEED**2 / (2.0 * length)
     hardening = math.exp(material.softening / (1.0 + material.rise))
@@ -150,7 +179,7 @@ def published_iterations(laws: ImpactLaws, hardness: NDArray[np.float64]) -> NDA
 
 
 def seconds_per_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> float:
-    """Median time of an impact in s, over loops of at least `least` impacts at these H₀ in Pa."""
+    """Return the median time of an impact in s, of loops over at least `least` impacts."""
     repeats = -(-least // len(hardness))
     found = solve_all(laws, hardness)
     times = []
@@ -159,3 +188,115 @@ def seconds_per_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: i
         solve_repeatedly(laws, PAIR, hardness, repeats, *found)
         times.append(time.perf_counter() - begin)
     return statistics.median(times) / (repeats * len(hardness))
+
+
+class Method(NamedTuple):
+    """A way to solve an impact; cap and tolerance are nan for the root finder."""
+
+    name: str
+    solver: BracketedRoot | FixedPointIteration
+    cap: float = math.nan
+    tolerance: float = math.nan
+
+
+def methods() -> Iterator[Method]:
+    """Yield the root finder, and the published iteration with every cap and tolerance."""
+    yield Method(ROOT, BracketedRoot())
+    for cap, tolerance in itertools.product(CAPS, TOLERANCES):
+        yield Method(name_of(cap, tolerance), FixedPointIteration(tolerance, cap), cap, tolerance)
+
+
+def name_of(cap: int, tolerance: float) -> str:
+    """Return the name of the published iteration with these limits."""
+    return f"published, cap {cap}, to {tolerance:g}"
+
+
+def materials(quick: bool) -> Iterator[tuple[str, Material]]:
+    """Yield the materials to measure, each after the name of its softening."""
+    names = QUICK_SOFTENINGS if quick else tuple(SOFTENINGS)
+    initial = QUICK_INITIAL if quick else INITIAL
+    for mean_speed, a, name in itertools.product((True, False), initial, names):
+        yield name, Material(mean_speed, a, *SOFTENINGS[name])
+
+
+def measure(quick: bool) -> "pd.DataFrame":
+    """Return the solution of every impact by every method, one row each."""
+    import pandas as pd
+
+    slow, fast = (6, 12) if quick else (21, 48)  # where there are several roots, X is near 1
+    x = np.concatenate([np.logspace(-6.0, -1.0, slow)[:-1], np.linspace(0.1, 1.98, fast)])
+    parts = []
+    for name, material in materials(quick):
+        exact = [exact_impact(material, value) for value in x.tolist()]
+        parts += [_solve(method, name, material, x, exact) for method in methods()]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _solve(method: Method, softening: str, material: Material, x: Any, exact: list[Exact]) -> Any:
+    """Return the impacts of one material solved by one method, one row each."""
+    import pandas as pd
+
+    laws, hardness = impact_laws(material, method.solver), hardness_of(material, x)
+    found = solve_all(laws, hardness)
+    published = isinstance(method.solver, FixedPointIteration)
+    bouncing = np.array([not one.bonds for one in exact])
+    counts = published_iterations(laws, hardness) if published else np.full(len(x), math.nan)
+    seconds = seconds_per_impact(laws, hardness[bouncing], LEAST_TIMED)
+    return pd.DataFrame(
+        {
+            "method": method.name,
+            "cap": method.cap,
+            "tolerance": method.tolerance,
+            "paper": "[A]" if material.mean_speed else "[B]",
+            "a0": material.initial,
+            "softening": softening,
+            "X": x,
+            "roots": [one.roots for one in exact],
+            "closed form": [one.closed for one in exact],
+            "bonds": [one.bonds for one in exact],
+            "found to bond": found.bonds,
+            "e": [1.0 - one.deficit for one in exact],
+            "error of e": np.abs(found.deficit - [one.deficit for one in exact]),
+            "capped": found.capped,
+            "iterations": counts,
+            "seconds per impact (s)": seconds,
+        }
+    )
+
+
+def outcomes(impacts: "pd.DataFrame") -> Any:
+    """Return the outcome of each impact as an index of `OUTCOMES`, shape (n,)."""
+    solved = impacts["error of e"] <= DEMANDED
+    # An error of the size of the tolerance is what was asked for.
+    another = ~impacts["capped"] & (impacts["error of e"] > ELSEWHERE * impacts["tolerance"])
+    found = [impacts["found to bond"], solved, another, impacts["capped"]]
+    return np.select(found, range(4), 4)
+
+
+def summary(impacts: "pd.DataFrame") -> "pd.DataFrame":
+    """Return one row for each method, over the impacts that do not bond."""
+    import pandas as pd
+
+    rows = []
+    for name, own in impacts.groupby("method", sort=False):
+        bounces = own[~own["bonds"]]
+        error, became = bounces["error of e"], outcomes(bounces)
+        seconds = bounces.groupby(["paper", "a0", "softening"])["seconds per impact (s)"].first()
+        rows.append(
+            {
+                "method": name,
+                "cap": own["cap"].iloc[0],
+                "tolerance": own["tolerance"].iloc[0],
+                "bounces": len(bounces),
+                "wrongly bonded or not": int((own["bonds"] != own["found to bond"]).sum()),
+                "solved": int((became == 1).sum()),
+                "another root": int((became == 2).sum()),
+                "capped": int(bounces["capped"].sum()),
+                "median error of e": float(error.median()),
+                "worst error of e": float(error.max()),
+                "median iterations": float(bounces["iterations"].median()),
+                "seconds per impact (s)": float(seconds.median()),
+                "longest of a material (s)": float(seconds.max()),
+            }
+        )
+    return pd.DataFrame(rows)

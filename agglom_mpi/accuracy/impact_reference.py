@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 LOWEST: Final = -60.0
-"""Ln d down to which the brute force looks for roots."""
+"""Logarithm of the deficit d = 1 − e down to which the brute force looks for roots."""
 
 POINTS: Final = 12_001
+"""Points of a scan."""
 NEAR: Final = 1e-3
-"""A maximum of ln r − ln d this near below zero is looked at closely: two roots may touch there."""
+"""A maximum of ln r − ln d this near below zero is scanned finely: two roots may touch there."""
 
 
 class Material(NamedTuple):
@@ -41,7 +42,7 @@ class Material(NamedTuple):
 
 
 class Exact(NamedTuple):
-    """Whether a pair bonds, its deficit 1 − e, the number of roots, and whether in closed form."""
+    """Exact outcome: whether it bonds, deficit 1 − e, number of roots, whether in closed form."""
 
     bonds: bool
     deficit: float
@@ -50,7 +51,7 @@ class Exact(NamedTuple):
 
 
 def exact_impact(material: Material, x: float) -> Exact:
-    """Smallest root in e by the best means there is; bonding is decided first."""
+    """Return the outcome of an impact: the smallest root in e; bonding is decided first."""
     if x >= 1.0:
         return Exact(True, 1.0, 0, True)
     if material.softening * material.rise == 0.0:
@@ -59,7 +60,7 @@ def exact_impact(material: Material, x: float) -> Exact:
 
 
 def closed_form(material: Material, x: float) -> float:
-    """Deficit of an impact without softening; for a₀ = 0 that of [B 4.14]."""
+    """Return the deficit of an impact without softening; for a₀ = 0 that of [B 4.14]."""
     a = material.initial
     if material.mean_speed:
         return 8.0 * x / (a + 4.0 * x + math.sqrt(a * a - 8.0 * a * x + 16.0 * x))
@@ -67,7 +68,7 @@ def closed_form(material: Material, x: float) -> float:
 
 
 def excess(material: Material, x: float, logarithm: Any) -> Any:
-    """Ln r − ln d at ln d, an array of any precision; frictionless, [A 6, 11–17] [B 3–4]."""
+    """Return ln r − ln d at ln d, an array of any precision, frictionless [A 6, 11–17] [B 3–4]."""
     d = np.exp(logarithm)
     area = material.initial + (1.0 - material.initial) * d
     force = (2.0 - d) ** 2 if material.mean_speed else np.ones_like(d)
@@ -77,13 +78,13 @@ def excess(material: Material, x: float, logarithm: Any) -> Any:
 
 
 def _brute_force(material: Material, x: float) -> Exact:
-    """Dense scan from e = 0 up, then bisection, in extended precision where there is one."""
+    """Return the outcome by a dense scan from e = 0 up and bisection, in extended precision."""
     grid = np.linspace(np.longdouble(0.0), np.longdouble(LOWEST), POINTS)
     values = excess(material, x, grid)
     crossings = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
     roots = int(np.count_nonzero((values[:-1] < 0.0) != (values[1:] < 0.0)))
     above, below = grid[crossings[0]], grid[crossings[0] + 1]
-    for k in _near_misses(values, int(crossings[0])):
+    for k in _grazing_roots(values, int(crossings[0])):
         fine = np.linspace(grid[k - 1], grid[k + 1], POINTS)
         touching = np.flatnonzero(excess(material, x, fine) >= 0.0)
         if len(touching):
@@ -99,8 +100,8 @@ def _brute_force(material: Material, x: float) -> Exact:
             below = middle
 
 
-def _near_misses(values: NDArray[np.longdouble], before: int) -> NDArray[np.intp]:
-    """Find the maxima before the crossing at index `before` that nearly are roots."""
+def _grazing_roots(values: NDArray[np.longdouble], before: int) -> NDArray[np.intp]:
+    """Return the indices of maxima before the crossing at index `before` that nearly are roots."""
     start = values[: before + 1]
     peaks = (start[1:-1] > start[:-2]) & (start[1:-1] >= start[2:]) & (start[1:-1] > -NEAR)
     return np.flatnonzero(peaks) + 1

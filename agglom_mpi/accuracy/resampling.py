@@ -1,7 +1,7 @@
 """One pool of samples drawn in many random orders, and where a stopping rule ends each of them.
 
-`search.ensembles.Ensemble` judges one sample at a time. Here every order is run to its last sample
-once, all orders side by side, and each rule and tolerance is asked afterwards.
+`search.ensemble.Ensemble` decides sample by sample. Here every order is run to its last sample
+once, all orders side by side, and each rule and tolerance is evaluated afterwards.
 """
 
 from typing import NamedTuple
@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.objectives import RadiusObjective
-from agglom_mpi.search.stopping import Moments, StandardError, StoppingRule, SuccessiveDifference
-from agglom_mpi.statistics import t_95
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 
 Floats = NDArray[np.float64]
 
 
-class Paths(NamedTuple):
+class EstimatePaths(NamedTuple):
     """Statistics of the first 1, 2, … samples of each order; arrays of shape (samples, orders).
 
     Attributes
@@ -37,8 +36,15 @@ class Paths(NamedTuple):
 
     @property
     def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """The four moments that a rule may watch."""
+        """Moments 1 to 4 as stopping rules compare them."""
         return (self.mean, *self.central)
+
+    @property
+    def states(self) -> EnsembleState[Floats]:
+        """Statistics after each sample, as stopping rules take them."""
+        count = np.arange(1, len(self.mean) + 1)[:, None]
+        objective = np.abs(self.deviation)
+        return EnsembleState(count, self.mean, objective, self.standard_error, self.central)
 
 
 class Stops(NamedTuple):
@@ -48,7 +54,9 @@ class Stops(NamedTuple):
     satisfied: NDArray[np.bool_]
 
 
-def run_paths(pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.int64]) -> Paths:
+def run_paths(
+    pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.int64]
+) -> EstimatePaths:
     """Return the running statistics of samples taken from a pool.
 
     Sums are taken about a member of the pool, so that equal samples give exact zeros.
@@ -64,26 +72,26 @@ def run_paths(pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.in
     ratio = pool["mean_radius_ratio"]
     mean, _ = _running(ratio, draws, count)
     deviation, error = _running(objective.deviation(ratio), draws, count)
-    return Paths(mean, deviation, error, _pooled(pool, draws))
+    return EstimatePaths(mean, deviation, error, _pooled(pool, draws))
 
 
-def stop(rule: StoppingRule, paths: Paths, min_samples: int, max_samples: int) -> Stops:
+def stop(rule: StoppingRule, paths: EstimatePaths, min_samples: int, max_samples: int) -> Stops:
     """Return where an `Ensemble` with this rule and these limits would end.
 
     Parameters
     ----------
     min_samples, max_samples
-        Fewest and most samples, at most as many as the paths have; the rule is asked from the
+        Fewest and most samples, at most as many as the paths have; the rule is evaluated from the
         second sample on at the earliest.
     """
-    enough = _satisfied(rule, paths)[:max_samples]
+    enough = rule.satisfied_paths(paths.states)[:max_samples]
     enough[: max(min_samples, 2) - 1] = False
     satisfied: NDArray[np.bool_] = np.logical_or.reduce(enough)
     return Stops(np.where(satisfied, enough.argmax(axis=0) + 1, len(enough)), satisfied)
 
 
 def at_stop(values: Floats, stops: Stops) -> Floats:
-    """Pick from paths of shape (samples, orders) what each order ended with."""
+    """Return the value that each order ended with, shape (orders,), of paths (samples, orders)."""
     return values[stops.used - 1, np.arange(values.shape[1])]
 
 
@@ -95,6 +103,7 @@ def pooled_moments(pool: np.ndarray) -> Floats:
 
 
 def _member(values: Floats) -> float:
+    """Return the median, or the value above it, which is a member of `values`."""
     return float(np.sort(values)[len(values) // 2])
 
 
@@ -130,26 +139,3 @@ def _pooled(pool: np.ndarray, draws: NDArray[np.int64]) -> tuple[Floats, Floats,
         a3 - 3.0 * a1 * a2 + 2.0 * a1**3,
         a4 - 4.0 * a1 * a3 + 6.0 * a1**2 * a2 - 3.0 * a1**4,
     )
-
-
-def _satisfied(rule: StoppingRule, paths: Paths) -> NDArray[np.bool_]:
-    """Whether the rule is satisfied after each sample, shape (samples, orders)."""
-    if isinstance(rule, SuccessiveDifference):
-        watched = paths.mean if rule.quantity == "mean_radius" else np.abs(paths.deviation)
-        return _settled(watched, rule.tolerance)
-    if isinstance(rule, Moments):
-        watching = paths.moments[: rule.order]
-        return np.logical_and.reduce([_settled(moment, rule.tolerance) for moment in watching])
-    if isinstance(rule, StandardError):
-        factor = np.array([np.inf, *(t_95(freedom) for freedom in range(1, len(paths.mean)))])
-        enough = factor[:, None] * paths.standard_error <= rule.tolerance
-        enough[: rule.min_samples - 1] = False
-        return enough
-    raise TypeError(f"no such stopping rule: {rule!r}")
-
-
-def _settled(values: Floats, tolerance: float) -> NDArray[np.bool_]:
-    change = np.abs(np.diff(values, axis=0))
-    settled = np.zeros(values.shape, dtype=bool)
-    settled[1:] = change <= tolerance * np.abs(values[1:])
-    return settled

@@ -1,36 +1,122 @@
-"""The command `agglom accuracy`: simulate on all ranks, then write the report."""
+"""The command `agglom accuracy`: plan a study, simulate it on all ranks, write the report."""
 
-import importlib.util
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from agglom_mpi.accuracy.display import StudyDisplay
-from agglom_mpi.accuracy.document import Header, Part, write_document
-from agglom_mpi.accuracy.plan import Options, Plan, make_plan
-from agglom_mpi.accuracy.sections import extreme_sections, scene_sections
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.accuracy import (
+    control_volume,
+    extremes,
+    published_method,
+    search_history,
+    time_integration,
+)
+from agglom_mpi.accuracy.cooling import cooling_section
+from agglom_mpi.accuracy.document import Chapter, Header, Section, write_document
+from agglom_mpi.accuracy.ensemble import ensemble_section
+from agglom_mpi.accuracy.few_body import few_body_section
+from agglom_mpi.accuracy.impact_solver import impact_solver_section
+from agglom_mpi.accuracy.study import Rows, Setup, Study, completed, scene_error
+from agglom_mpi.config.bounds import volume_fraction
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.display.display import Display
+from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration
-from agglom_mpi.runtime.file_setup import OutputError, check_writable
+from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.request import Order
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
+    from agglom_mpi.search.inversion import GenerationSummary
+
 SAMPLES: Final = "samples.h5"
 """Campaign file of the study, in the directory of the report."""
 
+LIBRARIES: Final = {"matplotlib": "figures", "pandas": "tables", "jinja2": "documents"}
+"""Optional libraries that a report needs, and what for."""
+
+
+class StudySize(NamedTuple):
+    """How much a study measures.
+
+    Attributes
+    ----------
+    samples : int
+        Of every time stepper, number of particles and end time.
+    pool : int
+        Of the event engine: the pool that ensembles are drawn from.
+    again : int
+        Fresh samples of every string that a search held for the best.
+    extreme : int
+        Of every extreme scene.
+    budget : float
+        Particle-steps after which a set-up ends early.
+    """
+
+    samples: int
+    pool: int
+    again: int
+    extreme: int
+    budget: float
+
+
+QUICK: Final = StudySize(samples=60, pool=300, again=60, extreme=4, budget=5e7)
+FULL: Final = StudySize(samples=1000, pool=4000, again=400, extreme=20, budget=4e9)
+
+
+class Options(NamedTuple):
+    """Options of `agglom accuracy`."""
+
+    sources: tuple[str, ...]
+    out: str
+    settings: Mapping[str, float | str]
+    samples: int | None = None
+    quick: bool = False
+    history: str | None = None
+    max_walltime: float | None = None
+    quiet: bool = False
+    accept_code_change: bool = False
+    database: str | None = None
+    allow_code: bool = False
+
+
+class StudyPlan(NamedTuple):
+    """Everything to measure: a scene, a campaign's history, extreme scenes; each may be absent."""
+
+    campaign: Campaign | None
+    parameters: NDArray[np.float64]
+    history: CampaignData | None
+    scenes: dict[str, Campaign]
+    study: Study
+    quick: bool
+
+
+class StudyDisplay(Display):
+    """Progress in set-ups; nothing is shown at the end of the one generation."""
+
+    def generation(
+        self, summary: "GenerationSummary", total: int, samples: int, rate: float
+    ) -> None:
+        """Show nothing."""
+
 
 def accuracy(options: Options, world: "Intracomm | None") -> int:
-    """Measure and report on all ranks; the exit code."""
+    """Measure and report on all ranks; return the exit code."""
     display = StudyDisplay(options.quiet)
-    plans: list[Plan] = []
+    plans: list[StudyPlan] = []
 
     def read() -> Order:
-        check_libraries()
+        for library, purpose in LIBRARIES.items():
+            require_library(library, "report", purpose)
         plans.append(make_plan(options))
         directory = Path(options.out)
         directory.mkdir(parents=True, exist_ok=True)
@@ -40,41 +126,115 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
 
     def finish(order: Order) -> None:
         display.message("writing the report")
-        path = report(plans[0], options, read_campaign(order.path))
+        path = write_report(plans[0], options, read_campaign(order.path))
         display.message(f"{path} with its figures and tables")
 
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
 
 
-def check_libraries() -> None:
-    """Raise an OutputError if what draws figures and writes tables is not installed."""
-    missing = [name for name in ("matplotlib", "pandas") if importlib.util.find_spec(name) is None]
-    if missing:
-        raise OutputError(
-            f"the report needs {' and '.join(missing)}: pip install 'agglom_mpi[report]'"
+def make_plan(options: Options) -> StudyPlan:
+    """Read the sources and list the set-ups.
+
+    Raises
+    ------
+    CampaignError
+        If a source, a value or the history cannot be used.
+    """
+    size = QUICK if options.quick else FULL
+    if options.samples is not None:
+        pool = max(size.pool, options.samples)
+        size = size._replace(samples=options.samples, pool=pool, again=options.samples)
+    campaign, scenes = _read_sources(options.sources, options.allow_code)
+    parameters = campaign.parameters(options.settings) if campaign else np.zeros(0)
+    history = read_inversion(options.history) if options.history else None
+    setups: dict[str, Setup] = {}
+    if campaign is not None:
+        setups |= _scene_setups(campaign, parameters, size, options.quick)
+    if history is not None:
+        setups |= search_history.setups(
+            history, size.again, campaign.user_function if campaign else None
         )
+    setups |= extremes.setups(scenes, size.extreme)
+    first = campaign or next(iter(scenes.values()))
+    study = Study(first, setups, size.budget)
+    return StudyPlan(campaign, parameters, history, scenes, study, options.quick)
 
 
-def report(plan: Plan, options: Options, file: CampaignData) -> Path:
-    """Write the report of a finished study; its path."""
+def _scene_setups(
+    campaign: Campaign, parameters: NDArray[np.float64], size: StudySize, quick: bool
+) -> dict[str, Setup]:
+    """Return the set-ups of the sections on one scene."""
+    refused = scene_error(Setup(campaign, parameters, 1))
+    if refused:
+        raise CampaignError(Problem(campaign.name, None, "scene", refused))
+    setups = time_integration.setups(campaign, parameters, size.samples, quick)
+    event = time_integration.EVENT
+    setups[event] = setups[event]._replace(samples=max(size.pool, size.samples))
+    setups |= control_volume.setups(campaign, parameters, size.samples, quick)
+    if not quick:
+        setups |= published_method.setups(campaign, parameters, size.samples)
+    return setups
+
+
+def _read_sources(
+    sources: tuple[str, ...], allow_code: bool
+) -> tuple[Campaign | None, dict[str, Campaign]]:
+    """Return the campaign of the one file among the sources, and the scenes of the directories."""
+    files = [source for source in sources if not Path(source).is_dir()]
+    if len(files) > 1:
+        message = f"is a second file; one scene or campaign at a time, besides {files[0]}"
+        raise CampaignError(Problem(files[1], None, "SOURCE", message))
+    scenes: dict[str, Campaign] = {}
+    for source in sources:
+        if source not in files:
+            found = extremes.read_scenes(Path(source), allow_code)
+            if not found:
+                message = "is a directory without any scene; allowed: one with *.yaml files"
+                raise CampaignError(Problem(source, None, "SOURCE", message))
+            scenes |= found
+    return load_campaign(files[0], allow_code) if files else None, scenes
+
+
+def write_report(plan: StudyPlan, options: Options, file: CampaignData) -> Path:
+    """Write the report of a finished study; return its path."""
     samples = plan.study.collect(file)
-    parts = []
+    chapters = []
     if plan.campaign is not None:
-        parts.append(Part("Error against run time", tuple(scene_sections(plan, samples))))
+        chapters.append(Chapter("Error against run time", tuple(_scene_sections(plan, samples))))
     if plan.scenes:
-        sections = tuple(extreme_sections(plan, samples))
-        parts.append(Part("Stiff and extreme cases", sections))
+        section = extremes.extremes_section(plan.scenes, samples)
+        chapters.append(Chapter("Stiff and extreme cases", (section,)))
     header = Header(
         f"Accuracy: {plan.study.campaign.title or plan.study.campaign.name}"
         if plan.campaign
         else "Accuracy: stiff and extreme scenes",
-        command(options),
-        tuple(facts(plan, file)),
+        _command(options),
+        tuple(_facts(plan, file)),
     )
-    return write_document(Path(options.out), header, parts)
+    return write_document(Path(options.out), header, chapters)
 
 
-def command(options: Options) -> str:
+def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Section]:
+    """Yield error against run time of one scene, in the order of the report.
+
+    The quick study leaves out what would compile further kernels.
+    """
+    campaign, parameters, quick = plan.campaign, plan.parameters, plan.quick
+    assert campaign is not None
+    yield time_integration.time_integration_section(campaign, parameters, samples, quick)
+    if not quick:
+        yield few_body_section()
+    yield impact_solver_section(quick)
+    yield cooling_section(campaign.scene.build(parameters), quick)
+    if not quick:
+        yield published_method.end_to_end(campaign, samples)
+    yield ensemble_section(campaign, completed(samples[time_integration.EVENT]), quick)
+    yield control_volume.control_volume_section(campaign, parameters, samples, quick)
+    if plan.history is not None:
+        yield search_history.search_history_section(plan.history, samples)
+
+
+def _command(options: Options) -> str:
     """Return the command line that asks for these options."""
     words = ["agglom", "accuracy", *options.sources, "--out", options.out]
     for name, value in options.settings.items():
@@ -88,28 +248,21 @@ def command(options: Options) -> str:
     return shlex.join([*words, "--quick"] if options.quick else words)
 
 
-def facts(plan: Plan, file: CampaignData) -> Iterator[str]:
-    """Say what was measured, and how long it took."""
+def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
+    """Yield what was measured, and how long it took."""
     if plan.campaign is not None:
-        scene = plan.campaign.scene
-        yield f"{scene.particles} particles, volume fraction {_fraction(plan):.3g}"
-        units = {variable.name: variable.unit for variable in VARIABLES}
-        values = zip(NAMES, plan.parameters.tolist(), strict=True)
+        values = dict(zip(NAMES, plan.parameters.tolist(), strict=True))
+        fraction = volume_fraction(values["size_ratio"])
+        yield f"{plan.campaign.scene.particles} particles, volume fraction {fraction:.3g}"
         yield ", ".join(
-            f"{name} {value:.6g}{'' if units[name] == '1' else ' ' + units[name]}"
-            for name, value in values
-            if name in plan.campaign.variables.used
+            f"{variable.name} {values[variable.name]:.6g}"
+            f"{'' if variable.unit == '1' else ' ' + variable.unit}"
+            for variable in VARIABLES
+            if variable.name in plan.campaign.variables.used
         )
     legs, rows = file.legs(), file.all_sample_rows()
+    time = format_duration(float(rows["seconds"].sum()))
     yield (
-        f"{'quick' if plan.quick else 'full'} study: {len(plan.study.trials)} set-ups, "
-        f"{len(rows)} samples, {format_duration(float(rows['seconds'].sum()))} of processor time "
-        f"on "
-        f"{int(legs['ranks'].max())} ranks"
+        f"{'quick' if plan.quick else 'full'} study: {len(plan.study.setups)} set-ups, "
+        f"{len(rows)} samples, {time} of processor time on {int(legs['ranks'].max())} ranks"
     )
-
-
-def _fraction(plan: Plan) -> float:
-    from agglom_mpi.config.bounds import volume_fraction
-
-    return volume_fraction(float(plan.parameters[NAMES.index("size_ratio")]))

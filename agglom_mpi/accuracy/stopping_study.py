@@ -1,28 +1,25 @@
-"""Stopping rules over their tolerances: error of the mean, samples spent, luck, coverage."""
+"""Stopping rules over their tolerances: error of the mean, samples spent, luck, coverage.
+
+The rules are those of `search.stopping.STUDIED_RULES`; a new one there is studied as well.
+"""
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.resampling import (
+    EstimatePaths,
     Floats,
-    Paths,
     at_stop,
     pooled_moments,
     run_paths,
     stop,
 )
 from agglom_mpi.search.objectives import RadiusObjective
-from agglom_mpi.search.stopping import (
-    Moments,
-    StandardError,
-    StoppingRule,
-    SuccessiveDifference,
-)
+from agglom_mpi.search.stopping import STUDIED_RULES, StoppingRule
 from agglom_mpi.statistics import t_95
 
 if TYPE_CHECKING:
@@ -31,25 +28,24 @@ if TYPE_CHECKING:
     from agglom_mpi.config.ensemble import AdaptiveEnsemble
 
 FIRST_MOMENT: Final = "successive difference, mean radius"
-"""Which the moments rule of order 1 is too."""
+"""Name of a studied rule, which the moments rule of order 1 is too."""
 
 WITH_ERROR: Final = "standard error"
+"""Name of the studied rule whose tolerance is a half-width."""
+
 OWN: Final = "this campaign's"
 
 PUBLISHED_TOLERANCES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
-
-FEWEST_PUBLISHED: Final = 2
-FEWEST_WITH_ERROR: Final = 5
-"""Fewest samples of the published rules and of the standard-error rule: the campaign's defaults."""
+"""Tolerances of rules whose tolerance is a share; an absolute one follows from the spread."""
 
 
 class Truth(NamedTuple):
-    """What the pool is known to be, exactly.
+    """Exact statistics of the pool that samples are drawn from.
 
     Attributes
     ----------
     mean, spread
-        Of b^f/b⁰ over the pool's samples; the spread is their standard deviation.
+        Mean and standard deviation of b^f/b⁰ over the pool's samples.
     deviation
         Mean of the objective's signed deviation; the objective is its magnitude.
     slope
@@ -65,15 +61,14 @@ class Truth(NamedTuple):
     moments: Floats
 
 
-class Family(NamedTuple):
-    """A rule at several tolerances, the limits of its ensembles, the highest moment it watches."""
+class RuleFamily(NamedTuple):
+    """A stopping rule at several tolerances, and the limits of its ensembles."""
 
     label: str
     make: Callable[[float], StoppingRule]
+    tolerances: tuple[float, ...]
+    min_samples: int
     max_samples: int
-    tolerances: tuple[float, ...] = PUBLISHED_TOLERANCES
-    min_samples: int = FEWEST_PUBLISHED
-    order: int = 1
 
 
 def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
@@ -89,32 +84,27 @@ def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
     )
 
 
-def families(truth: Truth, most: int) -> list[Family]:
+def families(truth: Truth, most: int) -> list[RuleFamily]:
     """Return the rules to study, in ensembles of at most `most` samples."""
-    published = [
-        Family(FIRST_MOMENT, partial(SuccessiveDifference, quantity="mean_radius"), most),
-        Family("successive difference, objective", SuccessiveDifference, most),
-        *(
-            Family(f"moments 1 to {order}", partial(Moments, order=order), most, order=order)
-            for order in (2, 3, 4)
-        ),
-    ]
-    widths = tuple(half_widths(truth, most))
-    return [*published, Family(WITH_ERROR, StandardError, most, widths, FEWEST_WITH_ERROR)]
+    found = []
+    for label, make in STUDIED_RULES:
+        rule = make(1.0)
+        widths = half_widths(truth, rule.min_samples, most)
+        tolerances = PUBLISHED_TOLERANCES if rule.relative_to else tuple(widths)
+        found.append(RuleFamily(label, make, tolerances, rule.min_samples, most))
+    return found
 
 
-def campaigns_own(model: "AdaptiveEnsemble", most: int) -> Family:
+def campaigns_own(model: "AdaptiveEnsemble", most: int) -> RuleFamily:
     """Return the rule that a campaign's `ensemble` asks for, with its one tolerance."""
-    rule = model.build()
-    order = rule.order if isinstance(rule, Moments) else 1
-    limit = min(model.max_samples, most)
-    return Family(OWN, lambda _: rule, limit, (model.tolerance,), model.min_samples, order)
+    rule, limit = model.build(), min(model.max_samples, most)
+    return RuleFamily(OWN, lambda _: rule, (model.tolerance,), model.min_samples, limit)
 
 
-def half_widths(truth: Truth, most: int) -> Iterator[float]:
-    """Yield round tolerances of the objective that 5 to `most` samples reach, the widest first."""
+def half_widths(truth: Truth, fewest: int, most: int) -> Iterator[float]:
+    """Yield round half-widths of the objective, widest first, for `fewest` to `most` samples."""
     spread = truth.slope * truth.spread
-    widest = t_95(FEWEST_WITH_ERROR - 1) * spread / math.sqrt(FEWEST_WITH_ERROR)
+    widest = t_95(fewest - 1) * spread / math.sqrt(fewest)
     narrowest = t_95(most - 1) * spread / math.sqrt(most)
     decade = math.floor(math.log10(widest)) + 1
     while 10.0**decade > 0.1 * narrowest:
@@ -128,10 +118,10 @@ def half_widths(truth: Truth, most: int) -> Iterator[float]:
 def study(
     pool: np.ndarray,
     objective: RadiusObjective,
-    rules: list[Family],
+    rules: list[RuleFamily],
     draws: NDArray[np.int64],
 ) -> "pd.DataFrame":
-    """Let every rule judge the same orders of a pool; one row per rule and tolerance.
+    """Apply every rule to the same orders of a pool; one row per rule and tolerance.
 
     Parameters
     ----------
@@ -143,34 +133,34 @@ def study(
     truth = truth_of(pool, objective)
     paths = run_paths(pool, objective, draws)
     return pd.DataFrame(
-        [judge(family, value, paths, truth) for family in rules for value in family.tolerances]
+        [evaluate(family, value, paths, truth) for family in rules for value in family.tolerances]
     )
 
 
-def believed(rule: StoppingRule, truth: Truth) -> float:
-    """Relative error of the mean of b^f/b⁰ that a rule's tolerance is, taken as an error bound."""
-    if isinstance(rule, StandardError):
-        return rule.tolerance / truth.slope / truth.mean
-    if isinstance(rule, SuccessiveDifference) and rule.quantity == "objective":
-        return rule.tolerance * abs(truth.deviation) / truth.slope / truth.mean
-    if isinstance(rule, SuccessiveDifference | Moments):
-        return rule.tolerance
-    raise TypeError(f"no such stopping rule: {rule!r}")
+def nominal_error(rule: StoppingRule, tolerance: float, truth: Truth) -> float:
+    """Return the relative error of mean b^f/b⁰ that a tolerance is, taken as an error bound."""
+    if rule.relative_to == "mean_radius":
+        return tolerance
+    if rule.relative_to == "objective":
+        tolerance = tolerance * abs(truth.deviation)
+    return tolerance / truth.slope / truth.mean
 
 
-def judge(family: Family, tolerance: float, paths: Paths, truth: Truth) -> dict[str, object]:
-    """Return what one rule makes of all orders; the shares come with binomial standard errors."""
+def evaluate(
+    family: RuleFamily, tolerance: float, paths: EstimatePaths, truth: Truth
+) -> dict[str, object]:
+    """Return the row of a rule at a tolerance; proportions come with binomial standard errors."""
     rule = family.make(tolerance)
     stops = stop(rule, paths, family.min_samples, family.max_samples)
-    bound = believed(rule, truth)
+    bound = nominal_error(rule, tolerance, truth)
     error = at_stop(paths.mean, stops) / truth.mean - 1.0
     rms, low, high = root_mean_square(error)
-    highest = at_stop(paths.moments[family.order - 1], stops) / truth.moments[family.order - 1]
+    highest = at_stop(paths.moments[rule.order - 1], stops) / truth.moments[rule.order - 1]
     factor = np.array([t_95(used - 1) for used in stops.used.tolist()])
     half_width = factor * at_stop(paths.standard_error, stops)
     covered = np.abs(at_stop(paths.deviation, stops) - truth.deviation) <= half_width
-    lucky, lucky_error = share((np.abs(error) > bound)[stops.satisfied])
-    coverage, coverage_error = share(covered)
+    lucky, lucky_error = proportion((np.abs(error) > bound)[stops.satisfied])
+    coverage, coverage_error = proportion(covered)
     return {
         "rule": family.label,
         "tolerance": tolerance,
@@ -201,13 +191,56 @@ def root_mean_square(errors: Floats) -> tuple[float, float, float]:
     return math.sqrt(mean), math.sqrt(max(mean - half, 0.0)), math.sqrt(mean + half)
 
 
-def share(hits: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the share of hits and its standard error, nan for none (Agresti and Coull 1998).
+def proportion(hits: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the proportion of hits and its standard error, nan of none (Agresti and Coull 1998).
 
-    The error is that of two hits and two misses more, so that it is not 0 for a share of 0 or 1.
+    The error is that of two hits and two misses more, so that it is not 0 where all hit or miss.
     """
     count = len(hits)
     if count == 0:
         return math.nan, math.nan
     smooth = (np.count_nonzero(hits) + 2.0) / (count + 4.0)
     return float(np.mean(hits)), math.sqrt(smooth * (1.0 - smooth) / (count + 4.0))
+
+
+def round_goal(truth: Truth) -> float:
+    """Return the error at which rules are compared: 1 %, or less if two samples reach that."""
+    goal = 1e-2
+    while (truth.spread / truth.mean / goal) ** 2 < 2.0:
+        goal *= 0.1
+    return goal
+
+
+def of_rules(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the rows without the campaign's own rule, and where most ensembles were stopped."""
+    return frame[(frame["rule"] != OWN) & (frame["ended at max_samples"] <= 0.5)]
+
+
+def at_goal(frame: "pd.DataFrame", goal: float) -> "pd.DataFrame":
+    """Return of each rule the loosest tolerance that reaches a relative error, or the tightest."""
+    picked = []
+    for _, rows in frame.groupby("rule", sort=False):
+        reached = np.flatnonzero(rows["rms error"] <= goal)
+        picked.append(rows.index[reached[0] if len(reached) else -1])
+    return frame.loc[picked]
+
+
+def samples_needed(rows: "pd.DataFrame", goal: float) -> float:
+    """Return the mean number of samples at which a rule reaches a relative error; nan if never.
+
+    Between its tolerances the logarithm of the samples is interpolated in that of the error.
+    """
+    error, spent = rows["rms error"].to_numpy(), rows["samples, mean"].to_numpy()
+    reached = np.flatnonzero(error <= goal)
+    if not len(reached):
+        return math.nan
+    k = int(reached[0])
+    if k == 0:
+        return float(spent[0])
+    portion = math.log(error[k - 1] / goal) / math.log(error[k - 1] / error[k])
+    return float(spent[k - 1] * (spent[k] / spent[k - 1]) ** portion)
+
+
+def covers_too_little(rows: "pd.DataFrame") -> "pd.Series[bool]":
+    """Return for each row whether its 95 % intervals contain the truth too rarely for chance."""
+    return rows["coverage"] < 0.95 - 4.0 * rows["coverage, standard error"]

@@ -1,27 +1,129 @@
-"""An accuracy study as an experiment: every trial is a string, all in one generation."""
+"""An accuracy study: set-ups, each a parameter string run in one way, in one generation."""
 
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.trials import Quota, Trial
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.identity import objective as objective_identity
+from agglom_mpi.config.scene import Engine, SceneSection
+from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage, TableSizes
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion, Observer
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule
+from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import STUDY
+from agglom_mpi.variables import NAMES
 
-FEWEST: Final = 4
-"""Samples of a trial, however long they take."""
+Rows = NDArray[np.void]
+"""Samples with the columns of `OUTCOME` and of `/samples`, shape (n,)."""
+
+FEWEST_SAMPLES: Final = 4
+"""Samples of a set-up, however long they take."""
+
+MOVES_PER_STEP: Final = 25
+"""What a time step or an event costs, in moves of one particle by one time step."""
 
 
-class Listed(EvaluatedStrings):
-    """A search that proposes given strings at once and learns nothing."""
+class Setup(NamedTuple):
+    """One parameter string, simulated a number of times in one way.
+
+    Attributes
+    ----------
+    campaign : Campaign
+        Its scene, seed and objective; what else it says is not used.
+    parameters : array, shape (10,), SI units
+    samples : int
+        Samples to simulate.
+    engine : Engine or None
+        Instead of the scene's own.
+    first_sample : int
+        Number of the first sample.
+    """
+
+    campaign: Campaign
+    parameters: NDArray[np.float64]
+    samples: int
+    engine: Engine | None = None
+    first_sample: int = 0
+
+    def identity(self) -> Iterator[tuple[str, object]]:
+        """Yield all that decides the samples of the set-up, flat."""
+        scene = {f"scene.{key}": value for key, value in self.campaign.scene.entries().items()}
+        yield from scene.items()
+        yield "seed", self.campaign.seed
+        yield "objective", objective_identity(self.campaign)
+        yield "engine", self.engine.entries() if self.engine else None
+        yield "samples", self.samples
+        yield "first_sample", self.first_sample
+        for name, value in zip(NAMES, self.parameters.tolist(), strict=True):
+            if name in self.campaign.variables.used:
+                yield f"parameters.{name}", value
+
+
+def scene_error(setup: Setup) -> str:
+    """Return why the scene of a set-up cannot be simulated; empty if it can."""
+    try:
+        setup.campaign.scene.build(setup.parameters, setup.engine)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def with_scene(campaign: Campaign, **changes: object) -> Campaign:
+    """Return the campaign with some entries of its scene replaced; `text` stays as it is."""
+    scene: SceneSection = campaign.scene.model_copy(update=changes)
+    return replace(campaign, scene=scene)
+
+
+class _Never(StoppingRule):
+    """The rule of a set-up: nothing but the number of samples ends it."""
+
+    label = "every sample"
+
+    def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
+        return False
+
+
+class BudgetedEnsemble(Ensemble):
+    """The samples of a set-up, or fewer if they are long.
+
+    It ends early when the samples have cost `budget`, counted in particle-steps so that the end
+    does not depend on the machine, but not before `min_samples` of them; and, as every ensemble,
+    when most of them fail.
+    """
+
+    def __init__(self, setup: Setup, min_samples: int, budget: float) -> None:
+        particles = setup.campaign.scene.particles
+        objective = setup.campaign.objective.build(particles)
+        super().__init__(_Never(), objective, particles, 1, setup.samples)
+        self._min_used = min_samples
+        self._budget_left = budget
+
+    def add(self, outcome: SampleSummary) -> None:
+        """Take the next sample."""
+        super().add(outcome)
+        self._budget_left -= outcome.particle_steps + MOVES_PER_STEP * outcome.steps
+        if self.samples_used >= self._min_used and self._budget_left <= 0.0:
+            self.finished = True
+
+
+class FixedProposals(EvaluatedStrings):
+    """A search method that proposes given strings at once and learns nothing.
+
+    Parameters
+    ----------
+    parameters
+        Shape (strings, 10), SI units.
+    """
 
     parents = 1
 
@@ -34,89 +136,108 @@ class Listed(EvaluatedStrings):
         return as_proposals(0, self._given, RANDOM)
 
     def known_proposals(self, generation: int) -> None:
-        """There is one generation only."""
+        """Return None: there is one generation only."""
 
 
 class Study(Experiment):
-    """Trials by name, each with a budget of particle-steps.
+    """Set-ups by name, each with a budget of particle-steps.
 
     Parameters
     ----------
     campaign
         What the study is of; gives its file the title, text and search box.
-    trials
+    setups
         What to simulate; the order decides the numbers of the strings.
     budget
-        Particle-steps after which a trial needs no more than its fewest samples.
+        Particle-steps after which a set-up needs no more than `FEWEST_SAMPLES`.
     """
 
     max_failures = 100
     top = 1
     purpose = STUDY
 
-    def __init__(self, campaign: Campaign, trials: Mapping[str, Trial], budget: float) -> None:
+    def __init__(self, campaign: Campaign, setups: Mapping[str, Setup], budget: float) -> None:
         self.campaign = campaign
-        self.trials = dict(trials)
-        self._listed = list(self.trials.values())
+        self.setups = dict(setups)
+        self._by_string = list(self.setups.values())
         self._budget = budget
 
     @property
     def room(self) -> TableSizes:
-        """Room for one generation of all trials."""
-        count = len(self._listed)
-        return TableSizes(count, max(trial.samples for trial in self._listed), 1, count)
+        """Sizes of the tables: one generation of all set-ups."""
+        count = len(self._by_string)
+        return TableSizes(count, max(setup.samples for setup in self._by_string), 1, count)
 
     @property
     def largest(self) -> str:
-        """How much there is to do."""
-        return f"accuracy study of {len(self._listed)} set-ups"
+        """The extent of the study in words."""
+        return f"accuracy study of {len(self._by_string)} set-ups"
 
     def identity(self) -> dict[str, object]:
-        """Return the campaign's own, and a digest of each trial."""
-        entries = self.campaign.identity() | {"budget": self._budget, "fewest": FEWEST}
-        for number, (name, trial) in enumerate(self.trials.items()):
-            text = f"number {number}, {trial.samples} samples, {_digest(dict(trial.identity()))}"
+        """Return the campaign's own, and a digest of each set-up."""
+        entries = self.campaign.identity() | {"budget": self._budget, "fewest": FEWEST_SAMPLES}
+        for number, (name, setup) in enumerate(self.setups.items()):
+            text = f"number {number}, {setup.samples} samples, {_digest(dict(setup.identity()))}"
             entries[f"trials.{name}"] = text
         return entries
 
     def sha256(self) -> str:
-        """Digest of `identity`."""
+        """Return the digest of `identity`."""
         return _digest(self.identity())
 
     def setup(self, string: int) -> SampleSetup:
-        """How the samples of a trial are simulated."""
-        trial = self._listed[string]
-        return SampleSetup(trial.campaign, trial.engine, trial.first_sample)
+        """Return how the samples of a string are simulated."""
+        setup = self._by_string[string]
+        return SampleSetup(setup.campaign, setup.engine, setup.first_sample)
 
     def kinds(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """All trials; those of one kind cost nothing after the first."""
-        for string, trial in enumerate(self._listed):
-            yield self.setup(string), trial.parameters
+        """Yield all set-ups; those of one kind cost nothing after the first."""
+        for string, setup in enumerate(self._by_string):
+            yield self.setup(string), setup.parameters
 
     def inversion(
         self, restore: Restore, observer: Observer, background: bool = False
     ) -> Inversion:
-        """Set up the trials as strings of one generation."""
-        quotas = (Quota(trial, min(FEWEST, trial.samples), self._budget) for trial in self._listed)
-        parameters = np.array([trial.parameters for trial in self._listed])
-        return Inversion(Listed(parameters), quotas.__next__, 1, None, restore, observer)
+        """Return an inversion of one generation whose strings are the set-ups."""
+        ensembles = (
+            BudgetedEnsemble(setup, min(FEWEST_SAMPLES, setup.samples), self._budget)
+            for setup in self._by_string
+        )
+        parameters = np.array([setup.parameters for setup in self._by_string])
+        search = FixedProposals(parameters)
+        return Inversion(search, ensembles.__next__, 1, None, restore, observer)
 
     def stage(self, inversion: Inversion) -> Stage:
-        """Count the set-ups, which are all measured at the same time."""
+        """Return how many set-ups are done; all are measured at the same time."""
         return Stage(len(inversion.results), self.room.strings, "set-ups")
 
     def finished_because(self, inversion: Inversion) -> str:
-        """Nothing ends a study but its end."""
+        """Return why the study is over."""
         return "all set-ups are measured"
 
-    def collect(self, file: CampaignData) -> dict[str, NDArray[np.void]]:
-        """Return the samples of each trial, completed and failed, in order."""
+    def collect(self, file: CampaignData) -> dict[str, Rows]:
+        """Return the samples of each set-up by its name, completed and failed, in order."""
         used = {int(row["string"]): int(row["samples_used"]) for row in file.result_rows()}
         return {
             name: file.sample_rows(string)[: used.get(string, 0)]
-            for string, name in enumerate(self.trials)
+            for string, name in enumerate(self.setups)
         }
 
 
 def _digest(entries: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
+
+
+def completed(rows: Rows) -> Rows:
+    """Return the rows of samples that did not fail."""
+    return rows[rows["state"] == COMPLETED]
+
+
+def paired_difference(rows: Rows, reference: Rows, name: str) -> MeanEstimate:
+    """Return the mean of a column less that of the reference, over samples completed in both.
+
+    Samples of one number have the same random start, so what they share cancels.
+    """
+    ours, theirs = completed(rows), completed(reference)
+    _, first, second = np.intersect1d(ours["sample"], theirs["sample"], return_indices=True)
+    return mean_of(ours[name][first] - theirs[name][second])

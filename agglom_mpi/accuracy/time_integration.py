@@ -1,19 +1,17 @@
 """Time steps against exact times: the bias of growth and objective, and what it costs."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed, paired_difference
-from agglom_mpi.accuracy.trials import Trial
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
-from agglom_mpi.formatting import format_digits, format_mean, format_percent, format_seconds
-from agglom_mpi.outcome import summaries as outcomes
+from agglom_mpi.formatting import format_mean, format_seconds
+from agglom_mpi.outcome import summaries
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -21,10 +19,8 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-Rows = NDArray[np.void]
-
 EVENT: Final = "event"
-"""The trial that everything is measured against, also by other sections."""
+"""Name of the set-up that everything is measured against, also by other sections."""
 
 STEPS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000)
 QUICK_STEPS: Final = (50, 200, 1000)
@@ -35,11 +31,10 @@ CAPS: Final = (1000.0, 10.0, 1.0)
 """Longest over shortest adaptive step; the first is published [B 6.14]."""
 TOLERANCES: Final = (0.05, 0.01, 0.002)
 """Relative errors of growth that the conclusions speak of."""
-CONFIDENCE: Final = "95 %"
 
 
 class Stepper(NamedTuple):
-    """A published way of stepping, with its shortest step in s."""
+    """A published stepper: name of its family, shortest step in s, and the engine."""
 
     family: str
     step: float
@@ -47,7 +42,7 @@ class Stepper(NamedTuple):
 
 
 def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
-    """Steppers to measure on a scene that ends at `end_time` in s, coarse ones first."""
+    """Yield the steppers to measure on a scene that ends at `end_time` in s, coarse ones first."""
     for steps in QUICK_STEPS if quick else STEPS:
         yield Stepper("fixed", end_time / steps, FixedEngine(steps=steps))
     for cap in CAPS[:1] if quick else CAPS:
@@ -58,86 +53,81 @@ def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
 
 
 def name_of(stepper: Stepper) -> str:
-    """Name of a stepper's trial."""
+    """Return the name of a stepper's set-up."""
     return f"{stepper.family}, {stepper.step:.3g} s"
 
 
 def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
-    """End time of a campaign's scene in s."""
+    """Return the end time of a campaign's scene in s; `parameters` has shape (10,), SI units."""
     return campaign.scene.build(parameters).end_time
 
 
-def trials(
+def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
-) -> dict[str, Trial]:
-    """Return the trials of the section: the event engine, and every stepper on its samples."""
-    chosen = {EVENT: Trial(campaign, parameters, samples, event_engine(campaign))}
+) -> dict[str, Setup]:
+    """Return the set-ups of the section: the event engine, and every stepper on its samples."""
+    chosen = {EVENT: Setup(campaign, parameters, samples, event_engine(campaign))}
     for stepper in steppers(end_time_of(campaign, parameters), quick):
-        chosen[name_of(stepper)] = Trial(campaign, parameters, samples, stepper.engine)
+        chosen[name_of(stepper)] = Setup(campaign, parameters, samples, stepper.engine)
     return chosen
 
 
 def event_engine(campaign: Campaign) -> EventEngine:
-    """Event engine of a campaign, its own if it has one."""
+    """Return the event engine of a campaign, its own if it has one."""
     engine = campaign.scene.engine
     return engine if isinstance(engine, EventEngine) else EventEngine()
 
 
-def time_integration(
+def time_integration_section(
     campaign: Campaign,
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> Section:
-    """Section on the error of time steps.
+    """Return the section on the error of time steps.
 
     Parameters
     ----------
     campaign, parameters
         The scene and the string, shape (10,), SI units.
     samples
-        Rows of each of `trials`.
+        Rows of each of `setups`.
     quick
-        Whether the quick trials ran.
+        Whether the quick setups ran.
     """
     frame = measure(campaign, parameters, samples, quick)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
     cost = float(np.mean(samples[EVENT]["seconds"]))
+    sentences = Sentences(
+        "time_integration",
+        growth=reference,
+        cost=cost,
+        end_time=end_time_of(campaign, parameters),
+        reached=[(tolerance, list(_reached(frame, tolerance))) for tolerance in TOLERANCES],
+        finest=[rows.iloc[-1] for _, rows in frame.groupby("method", sort=False)],
+        failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
+        overlaps=list(_overlaps(frame)),
+    )
     return Section(
         title="Time integration",
-        problem=(
-            "How far from the truth is the mean growth b/b⁰ when time goes in steps, as both "
-            "papers have it, and what does a sample cost?"
-        ),
-        reference=(
-            "The event engine, which computes the time of every impact from a quadratic and makes "
-            f"no error in time: mean b/b⁰ = {format_mean(reference)} over {reference.samples} "
-            f"samples, {format_seconds(cost)} each. Every method starts from the same random "
-            f"configurations, "
-            "so the bias is a mean of paired differences; bands are 95 % t intervals of it."
-        ),
-        setups=(
-            f"`fixed` [A]: equal steps; `adaptive` [B 6.14]: steps to the next contact of nearest "
-            f"neighbours, between a floor and a cap. End time "
-            f"{end_time_of(campaign, parameters):.4g} s. Seconds are those of one core with all "
-            "cores of the machine at work."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "time_integration",
-                "Bias of the mean growth against the time of a sample, with 95 % bands; the event "
-                "engine is the star on the zero line.",
+                sentences.paragraph("bias_caption"),
                 lambda figure: _draw_signed(figure, frame, cost),
             ),
             Drawing(
                 "time_integration_error",
-                "The same as an error: the largest that the 95 % interval of the bias allows.",
+                sentences.paragraph("error_caption"),
                 lambda figure: _draw_error(figure, frame),
             ),
         ),
-        tables=(Table("time_integration", "One row is one set-up.", frame, SHOWN),),
-        failures=tuple(_failures(frame)),
-        conclusions=tuple(_conclusions(frame, cost)),
+        tables=(Table("time_integration", "One row is one set-up.", frame, COLUMNS),),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -147,7 +137,7 @@ def measure(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> "pd.DataFrame":
-    """Work and precision of every stepper, one row each."""
+    """Return cost and bias of every stepper, one row each; arguments as for the section."""
     import pandas as pd
 
     reference = samples[EVENT]
@@ -157,7 +147,7 @@ def measure(
         own = samples[name_of(stepper)]
         good = completed(own)
         bias = paired_difference(own, reference, "mean_radius_ratio")
-        objective = _objective_bias(campaign, own, reference)
+        objective = objective_bias(campaign, own, reference)
         rows.append(
             {
                 "method": stepper.family,
@@ -178,38 +168,38 @@ def measure(
     return pd.DataFrame(rows)
 
 
-def _objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
-    """Bias of the objective, signed where it is a magnitude."""
+def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
+    """Return the bias of the objective, signed where the objective is a magnitude."""
     objective = campaign.objective.build(campaign.scene.particles)
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.linear(outcomes(rows))
+        deviations["value"] = objective.linear(summaries(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 
 
-SHOWN: Final = (
-    Shown("method", lambda row: row["method"]),
-    Shown("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
-    Shown("samples", lambda row: f"{row['samples']:.0f}"),
-    Shown("failed", lambda row: f"{row['failed']:.0f}"),
-    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
-    Shown(
+COLUMNS: Final = (
+    TableColumn("method", lambda row: row["method"]),
+    TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
+    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
+    TableColumn("failed", lambda row: f"{row['failed']:.0f}"),
+    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    TableColumn(
         "bias of b/b⁰",
         lambda row: format_mean(
             MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
         ),
     ),
-    Shown("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
-    Shown(
+    TableColumn("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
+    TableColumn(
         "bias of the objective",
         lambda row: format_mean(
             MeanEstimate(row["bias of objective"], row["standard error of that"], row["pairs"])
         ),
     ),
-    Shown("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
+    TableColumn("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
 )
 
 
@@ -240,51 +230,31 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> No
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
+    """Return the largest relative error that the 95 % interval of each bias allows."""
     return rows["relative bias"].abs() + rows["relative half width"]
 
 
-def _failures(frame: "pd.DataFrame") -> Iterator[str]:
-    for _, row in frame[frame["failed"] > 0].iterrows():
-        yield (
-            f"{row['method']} with steps from {row['shortest step (s)']:.2g} s: {row['failed']:.0f}"
-            f" of {row['samples']:.0f} samples failed."
-        )
-    for family, rows in frame.groupby("method", sort=False):
+def _overlaps(frame: "pd.DataFrame") -> Iterator[tuple[str, float]]:
+    """Yield the methods that leave overlapping pairs in a sample, and how many at most."""
+    for method, rows in frame.groupby("method", sort=False):
         worst = rows["overlaps per sample"].max()
         if worst >= 0.5:
-            yield f"{family} leaves up to {worst:.2g} overlapping pairs in a sample."
+            yield str(method), worst
 
 
-def _conclusions(frame: "pd.DataFrame", cost: float) -> Iterator[str]:
-    for tolerance in TOLERANCES:
-        found = [f"event {format_seconds(cost)}"]
-        for family, rows in frame.groupby("method", sort=False):
-            found.append(f"{family} {_reached(rows, tolerance)}")
-        yield f"At {100.0 * tolerance:g} % error of mean b/b⁰: {'; '.join(found)}."
-    for family, rows in frame.groupby("method", sort=False):
-        finest = rows.iloc[-1]
-        yield (
-            f"The finest steps of {family} are off by {100 * finest['relative bias']:+.2f} ± "
-            f"{100 * finest['relative half width']:.2f} % ({CONFIDENCE}) at "
-            f"{format_seconds(finest['seconds per sample (s)'])} a sample, "
-            f"{format_digits(finest['seconds per sample (s)'] / cost)} times the event engine's."
-        )
+def _reached(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]]:
+    """Yield of each method the cheapest set-up that is shown to be within a tolerance, or None.
 
-
-def _reached(rows: "pd.DataFrame", tolerance: float) -> str:
-    """Cheapest set-up that is shown to be within a tolerance, or why there is none.
-
-    One whose finer steps are shown to be outside is there by accident and does not count.
+    One whose finer steps are shown to be outside is there by accident and does not count. `outside`
+    is whether the finest steps are shown to be outside, `bound` the least error that is shown.
     """
-    outside = rows["relative bias"].abs() - rows["relative half width"] > tolerance
-    lasting = ~outside[::-1].cummax()[::-1].shift(-1, fill_value=False)
-    within = rows[(_bound(rows) <= tolerance) & lasting]
-    if len(within):
-        best = within.sort_values("seconds per sample (s)").iloc[0]
-        return (
-            f"{format_seconds(best['seconds per sample (s)'])} (steps of "
-            f"{best['shortest step (s)']:.2g} s)"
-        )
-    if outside.iloc[-1]:
-        return "does not reach it"
-    return f"is not shown to reach it (at best within {format_percent(float(_bound(rows).min()))})"
+    for method, rows in frame.groupby("method", sort=False):
+        outside = rows["relative bias"].abs() - rows["relative half width"] > tolerance
+        lasting = ~outside[::-1].cummax()[::-1].shift(-1, fill_value=False)
+        within = rows[(_bound(rows) <= tolerance) & lasting].sort_values("seconds per sample (s)")
+        yield {
+            "method": method,
+            "setup": within.iloc[0] if len(within) else None,
+            "outside": outside.iloc[-1],
+            "bound": float(_bound(rows).min()),
+        }

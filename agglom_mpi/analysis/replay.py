@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
-from agglom_mpi.config.libraries import MissingLibraryError, check_libraries
 from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.exit_codes import FAILURE, FINISHED
+from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED_SUMMARY, SampleSummary, summaries
 from agglom_mpi.search.ensemble import EnsembleResult
@@ -76,7 +75,7 @@ def replay(report: VerificationReport) -> Replayed:
         campaign = Campaign.from_text(text, str(report.data.path), code)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
-        check_libraries(campaign)
+        campaign.check_libraries()
         log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise

@@ -48,10 +48,15 @@ def recorded_sample(data: "CampaignData", string: int, sample: int) -> np.void:
     raise mistaken(data.path, "--sample", message)
 
 
-def is_same(stored: np.void, computed: np.void) -> bool:
-    """Return whether two rows of `/samples` have the same outcome, bit for bit."""
+def is_same(stored: np.void, computed: np.void, version: int) -> bool:
+    """Return whether two rows of `/samples` have the same outcome, bit for bit.
+
+    Only columns that files of the stored row's format `version` have are compared.
+    """
     return all(
-        stored[column.name].tobytes() == computed[column.name].tobytes() for column in COLUMNS
+        stored[column.name].tobytes() == computed[column.name].tobytes()
+        for column in COLUMNS
+        if column.since <= version
     )
 
 

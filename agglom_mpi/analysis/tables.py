@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.schema import (
     ORIGINS,
@@ -146,10 +147,7 @@ def _with_units(frame: "pd.DataFrame", fields: tuple[Column, ...]) -> "pd.DataFr
 
 
 def _pandas() -> ModuleType:
-    try:
-        import pandas
-    except ImportError as error:
-        raise ImportError(
-            "tables need pandas: pip install 'agglom_mpi[report]' (rows as numpy arrays do not)"
-        ) from error
+    require_library("pandas", "report", "tables")
+    import pandas
+
     return pandas

@@ -5,29 +5,28 @@ from typing import Final
 
 import click
 
-from agglom_mpi.cli.launch import launch
-from agglom_mpi.cli.options import examples
+from agglom_mpi.cli.common import examples, launch
 from agglom_mpi.version import __version__
 
 COMMANDS: Final = {
-    "accuracy": "Error against run time, with figures and tables",
-    "check": "Is a campaign valid, is a campaign file sound?",
-    "doctor": "What this machine has, and what to mend",
-    "export": "A campaign file as a compact copy, as tables, for ParaView",
-    "plan": "How long a campaign would take on so many ranks",
-    "report": "The best strings, a page with figures, or how a run goes",
-    "simulate": "One string forward, or a recorded sample again",
+    "accuracy": "Measure error against run time, with figures and tables",
+    "check": "Validate a campaign, or verify a campaign file",
+    "doctor": "Check this machine: MPI, libraries, storage, batch system",
+    "export": "Write a compact copy, CSV tables or files for ParaView",
+    "plan": "Estimate run time for different numbers of ranks",
+    "report": "Print the best strings, write figures, or follow a run",
+    "simulate": "Simulate one string, or replay a recorded sample",
 }
-"""What `agglom --help` says of each command: the function `NAME` of `agglom_mpi.cli.NAME`."""
+"""Name and one-line help of each command; `agglom_mpi.cli.NAME` has the function `NAME`."""
 
 
 class _Commands(click.Group):
-    """Knows the names and first lines of its commands, and imports the one that is run."""
+    """Group that lists its commands without importing them, and imports the one that is run."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find a command by the first argument."""
+        """Return name, command and remaining arguments; import the module of the command."""
         name, found, rest = super().resolve_command(ctx, args)
         if name is not None:
             found = getattr(import_module(f"{__name__}.{name}"), name)
@@ -47,7 +46,7 @@ class _Commands(click.Group):
 )
 @click.version_option(__version__)
 def main() -> None:
-    """Look at campaigns and campaign files, and simulate single strings."""
+    """Check, simulate and plan campaigns; report and export campaign files."""
 
 
 def agglom() -> None:
@@ -57,6 +56,6 @@ def agglom() -> None:
 
 def invert() -> None:
     """Run `agglom-invert`."""
-    from agglom_mpi.cli.inversion import invert_command
+    from agglom_mpi.cli.invert import invert_command
 
     launch(invert_command)

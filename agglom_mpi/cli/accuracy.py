@@ -1,12 +1,11 @@
-"""`agglom accuracy`: how much error for how much run time?"""
+"""`agglom accuracy`: measure error against run time."""
 
 import sys
 from typing import Any
 
 import click
 
-from agglom_mpi.cli.launch import connected
-from agglom_mpi.cli.options import (
+from agglom_mpi.cli.common import (
     ALLOW_CODE,
     DATABASE,
     MAX_WALLTIME,
@@ -14,6 +13,7 @@ from agglom_mpi.cli.options import (
     SETTINGS,
     accept_code_change,
     examples,
+    run_connected,
 )
 
 
@@ -26,13 +26,11 @@ from agglom_mpi.cli.options import (
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option("--out", "-o", required=True, metavar="DIR", help="Directory of the report.")
-@click.option("--quick", is_flag=True, help="Few set-ups and samples, under a minute.")
+@click.option("--quick", is_flag=True, help="Few set-ups and samples: under a minute.")
 @SETTINGS
+@click.option("--samples", type=click.IntRange(2, 10**6), help="Samples of each set-up.")
 @click.option(
-    "--samples", type=click.IntRange(2, 10**6), help="Samples of each set-up instead of the usual."
-)
-@click.option(
-    "--history", metavar="FILE.h5", help="Campaign file whose best strings to estimate again."
+    "--history", metavar="FILE.h5", help="Also re-estimate the best strings of this campaign file."
 )
 @MAX_WALLTIME
 @QUIET
@@ -42,16 +40,15 @@ from agglom_mpi.cli.options import (
 def accuracy(**options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
-    SOURCE is a scene or campaign, which is measured knob by knob (time steps, impact solver,
-    cooling, ensembles, box), or a directory of extreme scenes, which are run as they are and as
-    published. Variables that are ranges and not --set take the middle of their range. Started by
-    mpirun it uses all ranks; run again, it goes on.
+    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
+    solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
+    and as published. Variables that are ranges and not --set take the middle of their range.
+    Started by mpirun it uses all ranks; run again, it goes on.
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.plan import Options
-        from agglom_mpi.accuracy.run import accuracy
+        from agglom_mpi.accuracy.run import Options, accuracy
 
         return accuracy(Options(**options), world)
 
-    sys.exit(connected(run))
+    sys.exit(run_connected(run))

@@ -1,9 +1,8 @@
-"""`agglom check`: is a campaign valid, or a campaign file sound?"""
+"""`agglom check`: validate a campaign, or verify a campaign file."""
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import examples
+from agglom_mpi.cli.common import examples, exit_with
 from agglom_mpi.storage.signature import is_hdf5
 
 
@@ -11,13 +10,13 @@ from agglom_mpi.storage.signature import is_hdf5
     epilog=examples("agglom check jobs/quickstart.yaml", "agglom check accretion_2003.h5")
 )
 @click.argument("file")
-@exits
+@exit_with
 def check(file: str) -> int:
-    """Validate CAMPAIGN.yaml and print what would run, or verify what FILE.h5 holds.
+    """Validate CAMPAIGN.yaml and print what would run, or verify the contents of FILE.h5.
 
-    Of a campaign file, also while it is being written: whether every final row is whole, the
-    numbers agree, and the search decides again from the samples what it decided. Exit codes of
-    that: 0 sound, 1 damaged, 2 no campaign file or one of a newer version.
+    Verifies checksums, the agreement of all numbers, and that the stored samples lead to the stored
+    decisions of the search; also while the file is being written. Exit codes: 0 valid or sound, 1
+    damaged, 2 invalid, no campaign file, or a newer format version.
     """
     if is_hdf5(file):
         from agglom_mpi.analysis.replay import check_file

@@ -1,24 +1,23 @@
-"""`agglom doctor`: what this machine has to run campaigns with."""
+"""`agglom doctor`: check the machine that is to run campaigns."""
 
 from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import examples
-from agglom_mpi.exit_codes import FAILURE
+from agglom_mpi.cli.common import examples, exit_with
+from agglom_mpi.errors import FAILURE
 
 
 @click.command(epilog=examples("agglom doctor", "agglom doctor /tmp"))
 @click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), default="."
 )
-@exits
+@exit_with
 def doctor(folder: Path) -> int:
-    """Tell what this machine has to run campaigns with, and what to mend.
+    """Check what this machine has to run campaigns with, and advise what to change.
 
-    MPI and its launcher, HDF5, compiled kernels, processors, the file system of FOLDER, the batch
-    system. Exit code 1 if campaigns do not run like this on several ranks.
+    Checks libraries, MPI and its launcher, processors, the file system of FOLDER, the cache of
+    compiled kernels and the batch system. Exit code 1 if campaigns cannot run on several ranks.
     """
     from agglom_mpi.display.display import print_wide
     from agglom_mpi.doctor import as_table, run_checks

@@ -1,11 +1,10 @@
-"""`agglom export`: write a campaign file in another form."""
+"""`agglom export`: compact copy, CSV tables and ParaView files of a campaign file."""
 
 from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import PATH, examples
+from agglom_mpi.cli.common import PATH, examples, exit_with
 
 
 @click.command(
@@ -16,35 +15,34 @@ from agglom_mpi.cli.options import PATH, examples
     )
 )
 @click.argument("file")
-@click.option("--compact", type=PATH, metavar="OUT.h5", help="A compressed copy of the file.")
+@click.option("--compact", type=PATH, metavar="OUT.h5", help="Write a compressed copy of the file.")
 @click.option(
     "--csv",
     type=PATH,
     metavar="DIR",
-    help="The tables as strings.csv, samples.csv and generations.csv.",
+    help="Write strings.csv, samples.csv and generations.csv.",
 )
 @click.option(
     "--paraview",
     type=PATH,
     metavar="OUT.vtkhdf",
-    help="The particles of a sample over time, for ParaView; of several samples OUT_STRING_SAMPLE "
-    "each.",
+    help="Write the particles of a sample over time for ParaView; of several samples one file "
+    "each, OUT_STRING_SAMPLE.vtkhdf.",
 )
-@click.option("--string", type=click.IntRange(0), help="String to show.  [default: the best]")
+@click.option("--string", type=click.IntRange(0), help="String to write.  [default: the best]")
 @click.option(
     "--sample",
     "samples",
     type=click.IntRange(0),
     multiple=True,
-    help="Sample of it to show; may be repeated.  [default: all with stored frames, or the first]",
+    help="Sample to write; may be repeated.  [default: all with stored frames, or the first]",
 )
 @click.option(
     "--frames",
     type=click.IntRange(1),
-    help="Simulate the sample again, and take this number of frames.  "
-    "[default: those stored, or 101]",
+    help="Resimulate the sample with this number of frames.  [default: those stored, or 101]",
 )
-@exits
+@exit_with
 def export(
     file: str,
     compact: Path | None,
@@ -54,10 +52,10 @@ def export(
     samples: tuple[int, ...],
     frames: int | None,
 ) -> int:
-    """Write a campaign FILE.h5 in another form; give --compact, --csv, --paraview or more of them.
+    """Export a campaign FILE.h5: give one or more of --compact, --csv and --paraview.
 
-    What is final is taken, also while the file is being written; no existing file is overwritten.
-    A sample that there are no stored frames of is simulated again, exactly.
+    Exports all final rows, also while the file is being written; overwrites no existing file. A
+    sample without stored frames is simulated again, bit for bit.
     """
     if compact is None and csv is None and paraview is None:
         message = "nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf"

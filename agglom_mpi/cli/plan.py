@@ -1,18 +1,17 @@
-"""`agglom plan`: how long would a campaign take?"""
+"""`agglom plan`: estimate the run time of a campaign."""
 
 from typing import Any, Final
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import ALLOW_CODE, GENERATIONS, JSON, examples
-from agglom_mpi.exit_codes import FAILURE
+from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with
+from agglom_mpi.errors import FAILURE
 
 MOST_RANKS: Final = 10**6
 
 
 def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, ...]:
-    """Read `1,10,100`."""
+    """Return the numbers of ranks of a text like `1,10,100`."""
     words = [word.strip() for word in text.split(",")]
     counts = [int(word) if word.isdecimal() else 0 for word in words]
     if not all(1 <= count <= MOST_RANKS for count in counts):
@@ -34,40 +33,40 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
     default="1,10,100,1000",
     show_default=True,
     metavar="N,N,...",
-    help="Numbers of ranks.",
+    help="Numbers of ranks to estimate for.",
 )
 @click.option(
     "--from",
     "source",
     metavar="FILE.h5",
-    help="Campaign file, finished or not, whose samples to take instead of simulating some.",
+    help="Use the samples of this campaign file, finished or not, instead of pilot samples.",
 )
 @click.option(
     "--seconds",
     type=click.FloatRange(0.0, min_open=True),
     default=20.0,
     show_default=True,
-    help="Time to simulate samples for.",
+    help="Time to spend on pilot samples, in s.",
 )
 @GENERATIONS
 @ALLOW_CODE
 @JSON
-@exits
+@exit_with
 def plan(as_json: bool, **options: Any) -> int:
-    """Forecast how long CAMPAIGN.yaml would take on so many ranks like this machine's.
+    """Estimate the run time of CAMPAIGN.yaml for different numbers of ranks.
 
-    Samples of random strings are simulated here, in one process, to see what they give and how
-    long they take; then the campaign's own decisions and scheduling run on ranks that are imagined.
-    That is a rough guide; the file of a few generations, with --from, is a better one. Exit code 1
-    if a forecast would take too many samples.
+    Pilot samples of random strings are simulated here, in one process, for their results and
+    durations; then the campaign's own decisions and scheduler run on simulated ranks, as fast as
+    this machine's cores. For a better estimate give a file of a few generations with --from. Exit
+    code 1 if an estimate would take too many samples.
     """
     from agglom_mpi.display.display import print_wide
-    from agglom_mpi.planning.forecast import Options, plan
-    from agglom_mpi.planning.plan_text import as_text, in_words
+    from agglom_mpi.planning.forecast import forecast_table, to_json
+    from agglom_mpi.planning.plan import Options, plan
 
-    made = plan(Options(**options))
+    report = plan(Options(**options))
     if as_json:
-        click.echo(as_text(made))
+        click.echo(to_json(report))
     else:
-        print_wide(in_words(made))
-    return FAILURE if made.refused else 0
+        print_wide(forecast_table(report))
+    return FAILURE if report.not_forecast else 0

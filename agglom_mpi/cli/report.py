@@ -1,13 +1,12 @@
-"""`agglom report`: the results of campaign files, in a terminal or as a web page."""
+"""`agglom report`: results of campaign files."""
 
 from pathlib import Path
 from typing import Any
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import JSON, PATH, examples
-from agglom_mpi.exit_codes import INTERRUPTED
+from agglom_mpi.cli.common import JSON, PATH, examples, exit_with
+from agglom_mpi.errors import INTERRUPTED
 
 
 @click.command(
@@ -22,21 +21,21 @@ from agglom_mpi.exit_codes import INTERRUPTED
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Write a web page, report.html, and its figures instead, as PNG and SVG.",
+    help="Write a web page, report.html, with figures as PNG and SVG instead.",
 )
 @click.option(
     "--stored-only",
     is_flag=True,
-    help="With --out: do not simulate particles again that are not stored.",
+    help="With --out: do not resimulate samples whose particles are not stored.",
 )
 @click.option(
     "--sensitivity",
     is_flag=True,
-    help="Also the sensitivity to each variable, by a regression; takes seconds.",
+    help="Add Sobol indices of the variables, by a regression; takes seconds.",
 )
 @JSON
 @click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
-@exits
+@exit_with
 def report(
     files: tuple[str, ...],
     out: Path | None,
@@ -47,15 +46,15 @@ def report(
 ) -> int:
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
-    They are ranked by their re-estimates on fresh samples, where there are any. Several files are
-    compared by their best strings. The web page is a single file; in DIR, only files with the names
-    of the page and its figures are replaced. With --follow, exit codes are those of the run, and
-    130 after Ctrl-C, which does not stop the run.
+    Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
+    are compared by their best strings. The web page is a single file; in DIR, only files with the
+    names of the page and its figures are replaced. With --follow the exit code is that of the run,
+    or 130 after Ctrl-C, which does not affect the run.
     """
     options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
     for option, given in options.items():
         if len(files) > 1 and given:
-            raise click.UsageError(f"{option} is of one file")
+            raise click.UsageError(f"{option} takes one file")
     if out is None and stored_only:
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
@@ -75,44 +74,43 @@ def report(
 
 
 def _follow(file: str) -> int:
-    """Show the progress of a run until it ends, and return its exit code or `INTERRUPTED`."""
+    """Show the progress of a run until it ends; return its exit code, or `INTERRUPTED`."""
     from agglom_mpi.report.follow import follow
     from agglom_mpi.storage.reader import read_inversion
 
     return follow(read_inversion(file))
 
 
-def _write_page(file: str, out: Path, simulate: bool, sensitivity: bool) -> None:
+def _write_page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
     """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
     from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(read_inversion(file), out, simulate, sensitivity):
+    for line in write_report(read_inversion(file), out, resimulate, sensitivity):
         click.echo(line)
 
 
 def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
-    """Return the summary of a file, to be printed."""
+    """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
     from agglom_mpi.storage.reader import read_inversion
 
     opened, indices = read_inversion(file), None
     if sensitivity:
-        from agglom_mpi.analysis import sensitivity as analysis
+        from agglom_mpi.analysis import sensitivity as sensitivities
 
-        indices = analysis.sensitivity_of(opened)
+        indices = sensitivities.sensitivity_of(opened)
     if as_json:
-        extra = {} if indices is None else {"sensitivity": analysis.as_dict(*indices)}
+        extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
-    return Group(
-        summary_table(opened), *([] if indices is None else [analysis.sensitivity_table(*indices)])
-    )
+    more = [] if indices is None else [sensitivities.sensitivity_table(*indices)]
+    return Group(summary_table(opened), *more)
 
 
 def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
-    """Return the comparison of several files, to be printed."""
+    """Return the comparison of several files as a renderable, or as JSON."""
     from agglom_mpi.analysis import file_comparison as comparison
     from agglom_mpi.storage.reader import read_inversion
 

@@ -1,11 +1,10 @@
-"""`agglom simulate`: simulate one parameter string, or a recorded one again."""
+"""`agglom simulate`: simulate one parameter string, or replay a recorded one."""
 
 from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.launch import exits
-from agglom_mpi.cli.options import ALLOW_CODE, JSON, PATH, SETTINGS, examples
+from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with
 
 
 @click.command(
@@ -17,28 +16,30 @@ from agglom_mpi.cli.options import ALLOW_CODE, JSON, PATH, SETTINGS, examples
 )
 @click.argument("source")
 @SETTINGS
-@click.option("--samples", type=click.IntRange(1), help="Samples to average.  [default: 10]")
+@click.option(
+    "--samples", type=click.IntRange(1), help="Number of samples to average.  [default: 10]"
+)
 @click.option(
     "--engine",
-    help="event, fixed, fixed:STEPS or adaptive, instead of the scene's own; event cools exactly, "
-    "also where the scene says euler.",
+    help="Engine instead of the scene's: event, fixed, fixed:STEPS or adaptive; event cools "
+    "exactly, also where the scene says euler.",
 )
 @click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
 @click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
 @click.option(
     "--frames",
     type=click.IntRange(2),
-    help="Number of frames to take of one sample, the first or --sample.",
+    help="Number of frames to record of one sample, the first or --sample.",
 )
 @click.option(
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Directory of its figures, PNG and SVG, and of its file for ParaView.",
+    help="Directory for the figures, PNG and SVG, and the ParaView file of that sample.",
 )
 @ALLOW_CODE
 @JSON
-@exits
+@exit_with
 def simulate(
     source: str,
     settings: dict[str, float | str],
@@ -51,11 +52,11 @@ def simulate(
     allow_code: bool,
     as_json: bool,
 ) -> int:
-    """Simulate one parameter string forward, of CAMPAIGN.yaml or as recorded in FILE.h5.
+    """Simulate one parameter string of CAMPAIGN.yaml, or replay one recorded in FILE.h5.
 
-    Variables that are ranges and not --set take the middle of their range. --frames and --out show
-    one sample: its particles at successive times (9 of them at most), how it evolves, and all
-    frames as a file for ParaView; no existing file is overwritten.
+    A range that is not --set takes its middle. --frames and --out write figures of one sample, its
+    particles at up to 9 times and its evolution, and all frames for ParaView; no existing file is
+    overwritten.
     """
     if (frames is None) != (out is None):
         raise click.UsageError("--frames F and --out DIR belong together")

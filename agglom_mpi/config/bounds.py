@@ -1,4 +1,4 @@
-"""The `variables` section: values and ranges, and which ones a scene needs."""
+"""The `variables` section: values and ranges, and which variables a scene requires."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,23 +11,25 @@ import numpy as np
 from pydantic import BeforeValidator, create_model
 
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.units import shown, to_si
+from agglom_mpi.config.units import quoted, to_si
 from agglom_mpi.config.validation import Section
-from agglom_mpi.config.yaml_source import Path
+from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT, NAMES, VARIABLES, Variable
 
-JAMMING: Final = 0.38
+JAMMING_FRACTION: Final = 0.38
 """Volume fraction at which random sequential placement jams."""
 
-LARGEST_SIZE_RATIO: Final = 0.8986
-"""(6 JAMMING / pi)^(1/3), rounded down to what a message can say."""
+MAX_SIZE_RATIO: Final = 0.8986
+"""(6 JAMMING_FRACTION / pi)^(1/3), rounded down to four digits for messages."""
 
-MAY_BE_ZERO: Final = frozenset({"relative_speed", "friction", "activation_energy", "reaction_heat"})
+ZERO_ALLOWED: Final = frozenset(
+    {"relative_speed", "friction", "activation_energy", "reaction_heat"}
+)
 
 
 class Range(NamedTuple):
-    """Lower and upper end in SI units, equal for a fixed variable; `logarithmic`: how to search."""
+    """Lower and upper end in SI units, equal for a fixed variable; `logarithmic`: search log."""
 
     lower: float
     upper: float
@@ -35,30 +37,30 @@ class Range(NamedTuple):
 
 
 def volume_fraction(size_ratio: float) -> float:
-    """Share of the box that the grains fill, (pi/6) size_ratio^3."""
+    """Return the share of the box that the grains fill, (pi/6) size_ratio^3."""
     return pi / 6.0 * size_ratio**3
 
 
 def read_value(variable: Variable, value: Any) -> float:
-    """One value of a variable in SI units, refused with a ValueError where it is impossible."""
+    """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
     number = to_si(value, variable.unit)
     unit = "" if variable.unit == "1" else f" {variable.unit}"
     if variable.name == "temperature" and number <= 0.0:
-        raise ValueError(f"is {shown(value)}; must be above absolute zero, 0 K")
-    if number < 0.0 and variable.name in MAY_BE_ZERO:
-        raise ValueError(f"is {shown(value)}; must be 0{unit} or more")
-    if number <= 0.0 and variable.name not in MAY_BE_ZERO:
-        raise ValueError(f"is {shown(value)}; must be greater than 0{unit}")
-    if variable.name == "size_ratio" and number > LARGEST_SIZE_RATIO:
+        raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
+    if number < 0.0 and variable.name in ZERO_ALLOWED:
+        raise ValueError(f"is {quoted(value)}; must be 0{unit} or more")
+    if number <= 0.0 and variable.name not in ZERO_ALLOWED:
+        raise ValueError(f"is {quoted(value)}; must be greater than 0{unit}")
+    if variable.name == "size_ratio" and number > MAX_SIZE_RATIO:
         raise ValueError(
-            f"is {shown(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
-            f"placement jams near {JAMMING}, so at most {LARGEST_SIZE_RATIO}"
+            f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
+            f"placement jams near {JAMMING_FRACTION}, so at most {MAX_SIZE_RATIO}"
         )
     return number
 
 
-def read_named(name: str, value: Any) -> float:
-    """One value of the variable called `name`, in SI units."""
+def read_variable(name: str, value: Any) -> float:
+    """Return a value of the variable `name` in SI units; raise a ValueError if impossible."""
     if name not in NAMES:
         close = get_close_matches(name, NAMES, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(NAMES)}"
@@ -67,19 +69,19 @@ def read_named(name: str, value: Any) -> float:
 
 
 def read_range(value: Any, variable: Variable) -> Range:
-    """Read a variable's entry: one value, or a list of a lower and a higher one, and maybe log."""
+    """Return a variable's entry: one value, or [lower, upper] or [lower, upper, log]."""
     if not isinstance(value, list):
         number = read_value(variable, value)
         return Range(number, number)
     logarithmic = len(value) == 3 and value[2] == "log"
     if len(value) != 2 + logarithmic:
         allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
-        raise ValueError(f"is {shown(value)}; must be {allowed}")
+        raise ValueError(f"is {quoted(value)}; must be {allowed}")
     lower, upper = (read_value(variable, end) for end in value[:2])
     if lower >= upper:
-        raise ValueError(f"is {shown(value)}; the lower end must be less than the upper")
+        raise ValueError(f"is {quoted(value)}; the lower end must be less than the upper")
     if logarithmic and lower <= 0.0:
-        raise ValueError(f"is {shown(value)}; without 0, to be searched by its logarithm")
+        raise ValueError(f"is {quoted(value)}; without 0, to be searched by its logarithm")
     return Range(lower, upper, logarithmic)
 
 
@@ -93,24 +95,24 @@ VariableEntries: Any = create_model(
     __base__=Section,
     **{variable.name: _field(variable) for variable in VARIABLES},
 )
-"""The section as it is written, a model with one optional field per variable."""
+"""Model of the section, with one optional field per variable."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """The variables of a campaign.
+    """Bounds of the variables of a campaign.
 
     Attributes
     ----------
     lower, upper
-        Ends in SI units in the order of `agglom_mpi.variables.VARIABLES`: equal where a variable
-        is fixed, nan where the scene does not use it.
+        Ends in SI units, shape (10,), in the order of `agglom_mpi.variables.VARIABLES`: equal where
+        a variable is fixed, nan where the scene does not depend on it.
     logarithmic
-        Which are searched by their logarithms, shape (10,).
+        Which variables are searched by their logarithms, shape (10,).
     used
-        Names that the scene depends on.
+        Names of variables that the scene depends on.
     ignored
-        Names that the file fixes although the scene does not depend on them.
+        Names of variables that the file fixes although the scene does not depend on them.
     """
 
     lower: np.ndarray
@@ -121,21 +123,21 @@ class Bounds:
 
     @property
     def searched(self) -> tuple[str, ...]:
-        """Names that are ranges."""
+        """Names of the variables that are ranges."""
         return tuple(NAMES[i] for i in np.flatnonzero(self.lower < self.upper))
 
     def space(self) -> SearchSpace:
-        """Return the box to be searched."""
+        """Return the search box."""
         return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic)
 
     @property
     def fixed(self) -> dict[str, float]:
-        """Value of each used variable that is not searched, in SI units."""
+        """Values of the used variables that are not searched, in SI units."""
         return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
 
 
-def collect(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Bounds:
-    """Arrays of the entries that the scene uses."""
+def bounds_of(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Bounds:
+    """Return the bounds of the entries that the scene depends on."""
     lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
     logarithmic = np.zeros(COUNT, np.bool_)
     ignored = []
@@ -150,7 +152,7 @@ def collect(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Bound
     return Bounds(lower, upper, logarithmic, used, tuple(ignored))
 
 
-LACKING: Final = {
+ABSENT: Final = {
     "hardness": "restitution by pressure",
     "heat_capacity": "heating",
     "friction": "friction",
@@ -159,11 +161,11 @@ LACKING: Final = {
     "reaction_heat": "reaction",
     "surface_energy": "fragmentation",
 }
-"""What a scene lacks in which nothing depends on the variable."""
+"""Submodels that are absent from a scene in which nothing depends on the variable."""
 
 
 def required_variables(scene: SceneSection) -> dict[str, str]:
-    """Variables the scene depends on, in their order, each with what needs it."""
+    """Return the variables that the scene depends on, in their order, with what requires each."""
     reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
     submodels = ["heating", "friction", "reaction", "fragmentation"]
     if scene.restitution.law == "pressure":
@@ -178,10 +180,10 @@ def required_variables(scene: SceneSection) -> dict[str, str]:
 
 def check_required(
     scene: SceneSection, entries: Mapping[str, Range | None]
-) -> list[tuple[Path, str]]:
-    """Variables that are missing, and ranges that nothing depends on."""
+) -> list[tuple[FieldPath, str]]:
+    """Return problems: variables that are missing, and ranges that nothing depends on."""
     needed = required_variables(scene)
-    problems: list[tuple[Path, str]] = []
+    problems: list[tuple[FieldPath, str]] = []
     for name in NAMES:
         entry = entries[name]
         if entry is None and name in needed:
@@ -189,7 +191,7 @@ def check_required(
             problems.append(((name,), message))
         elif entry is not None and entry.lower < entry.upper and name not in needed:
             message = (
-                f"is a range, but the scene has no {LACKING[name]}; nothing depends on it; "
+                f"is a range, but the scene has no {ABSENT[name]}; nothing depends on it; "
                 "give one value or leave it out"
             )
             problems.append(((name,), message))

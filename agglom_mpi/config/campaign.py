@@ -1,4 +1,4 @@
-"""The campaign: everything a file says, typed and in SI units."""
+"""A campaign: everything that its file states, typed and in SI units."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -10,14 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
-from agglom_mpi.config.bounds import Bounds, collect, read_named, required_variables
+from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable, required_variables
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Function, Objective
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
-from agglom_mpi.config.user_function import UserFunction, load_function, read_code
-from agglom_mpi.config.yaml_source import CampaignError, Problem, parse, read_text
+from agglom_mpi.config.user_function import UserFunction, load_function, read_function
+from agglom_mpi.config.yaml_source import (
+    CampaignError,
+    MissingSearchLibraryError,
+    Problem,
+    parse,
+    read_text,
+)
+from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
 from agglom_mpi.variables import COUNT, NAMES
 
@@ -25,58 +32,81 @@ if TYPE_CHECKING:
     from agglom_mpi.simulation.sample import Outcome
 
 
-AGAIN_BITS: Final = 32
-"""Samples of a string in one generation are fewer than 2 to this power."""
+RESAMPLE_BITS: Final = 32
+"""Bits of a sample's number within a generation; the generation is in the bits above."""
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> "Campaign":
-    """Read a campaign file; a CampaignError lists everything that is wrong with it.
+    """Read and validate a campaign file.
 
     Parameters
     ----------
     path
         The YAML file.
     allow_code
-        Whether the Python function may be run that its objective names, if that is one.
+        Whether a Python function that its objective names may be executed.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    CampaignError
+        With everything that is wrong: file, line, field, value and what is allowed.
     """
     name = os.fspath(path)
     campaign = Campaign.from_text(read_text(name), name)
     if isinstance(campaign.objective, Function) and not allow_code:
         message = (
-            f"is {campaign.objective.call!r}, Python code that is run only if you say so: "
+            f"is {campaign.objective.call!r}, Python code, which runs only with your permission: "
             "--allow-code, or load_campaign(..., allow_code=True)"
         )
-        raise campaign.refused_code(message)
-    return _with_code(campaign, load_function)
+        raise campaign.function_error(message)
+    return _with_function(campaign, load_function)
 
 
 def check_campaign(path: str | os.PathLike[str]) -> "Campaign":
-    """Read a campaign file to look at it: what `load_campaign` gives, but no code can be run."""
+    """Read and validate a campaign file; its user function, if any, cannot be called."""
     name = os.fspath(path)
-    campaign = _with_code(Campaign.from_text(read_text(name), name))
-    return campaign if campaign.code is None else replace(campaign, code=campaign.code.unread)
+    campaign = _with_function(Campaign.from_text(read_text(name), name))
+    function = campaign.user_function
+    return (
+        campaign if function is None else replace(campaign, user_function=function.without_source)
+    )
 
 
-def _with_code(
-    campaign: "Campaign", run: Callable[[UserFunction], object] = lambda code: None
+def _with_function(
+    campaign: "Campaign", check: Callable[[UserFunction], object] = lambda function: None
 ) -> "Campaign":
-    """Read the source of the function that the objective names, if it does, and `run` that."""
+    """Add the source of the function that the objective names, if it does, and `check` it."""
     if not isinstance(campaign.objective, Function):
         return campaign
     try:
-        code = read_code(Path(campaign.name).parent, campaign.objective.call)
-        run(code)
+        function = read_function(Path(campaign.name).parent, campaign.objective.call)
+        check(function)
     except ValueError as error:
-        raise campaign.refused_code(str(error)) from None
-    return replace(campaign, code=code)
+        raise campaign.function_error(str(error)) from None
+    return replace(campaign, user_function=function)
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign file that has been read; two are the same if their `identity` is.
+    """A validated campaign; equal campaigns have equal `identity`.
 
-    Without a `plan` it is a scene alone: all variables are fixed, and nothing is searched. It has
-    `code` if its objective is a function.
+    Attributes
+    ----------
+    title, seed, scene, objective, output, final
+        Sections of the file.
+    variables
+        Bounds of the ten variables.
+    plan
+        Sections `search`, `ensemble` and `stopping`; None for a scene alone, whose variables are
+        all fixed.
+    text, name
+        Text of the file, and its name in errors.
+    user_function
+        The function of an objective `function`, otherwise None.
     """
 
     title: str
@@ -89,50 +119,52 @@ class Campaign:
     final: FinalAnswer | None
     text: str
     name: str
-    code: UserFunction | None = None
+    user_function: UserFunction | None = None
 
     @classmethod
     def from_text(
-        cls, text: str, name: str = "campaign.yaml", code: UserFunction | None = None
+        cls, text: str, name: str = "campaign.yaml", user_function: UserFunction | None = None
     ) -> "Campaign":
-        """Read the YAML text of a campaign that errors call `name`, with the code that it names."""
+        """Return the campaign of a YAML text; `name` stands for the file in errors."""
         document = read_document(text, name)
         return cls(
             title=document.title,
             seed=document.seed,
             scene=document.scene,
-            variables=collect(dict(document.variables), tuple(required_variables(document.scene))),
+            variables=bounds_of(
+                dict(document.variables), tuple(required_variables(document.scene))
+            ),
             objective=document.objective,
             plan=document.plan,
             output=document.output,
             final=document.final,
             text=text,
             name=name,
-            code=code,
+            user_function=user_function,
         )
 
     @property
     def search(self) -> Search:
-        """How strings are proposed; a CampaignError without a plan, as for all its parts."""
-        return self._planned.search
+        """Section `search`; raises a CampaignError for a scene alone."""
+        return self._required_plan.search
 
     @property
     def ensemble(self) -> Ensemble:
-        """How many samples a string gets."""
-        return self._planned.ensemble
+        """Section `ensemble`; raises a CampaignError for a scene alone."""
+        return self._required_plan.ensemble
 
     @property
     def stopping(self) -> Stopping:
-        """What ends the campaign."""
-        return self._planned.stopping
+        """Section `stopping`; raises a CampaignError for a scene alone."""
+        return self._required_plan.stopping
 
     @property
-    def _planned(self) -> Plan:
+    def _required_plan(self) -> Plan:
         if self.plan is None:
-            raise self._nothing_to_search()
+            raise self._search_error()
         return self.plan
 
-    def _nothing_to_search(self) -> CampaignError:
+    def _search_error(self) -> CampaignError:
         line = parse(self.text, self.name).line(("variables",))
         message = "has no range; a search needs at least one variable as [lower, upper]"
         if self.plan is None:
@@ -141,63 +173,76 @@ class Campaign:
 
     @property
     def common_configurations(self) -> bool:
-        """Whether sample k of all strings starts from the same random numbers."""
+        """Whether sample k starts from the same random numbers in all strings."""
         return self.plan is not None and self.plan.ensemble.common_configurations
 
     @property
     def more_samples(self) -> int | None:
-        """Samples that a kept parent gets in every generation; None: as published, no more."""
+        """Samples added to a kept parent in every generation; None: none, as published."""
         return self.search.more_samples if self.search.method == "genetic" else None
 
     def first_sample(self, string: int) -> int:
-        """Return the number that `simulate` knows sample 0 of a string of the search by.
+        """Return the number that `simulate` takes for sample 0 of a string of the search.
 
-        It is 0 but for a parent that gets more samples: they follow on those it had before, which
-        never come to so many.
+        It is 0 unless the string is a parent sampled again: its samples then have numbers of their
+        own generation, so that they are independent of earlier ones.
         """
         search = self.search
         if search.method != "genetic" or self.more_samples is None:
             return 0
         generation, slot = divmod(string, search.population)
-        return generation << AGAIN_BITS if slot < search.parents else 0
+        return generation << RESAMPLE_BITS if slot < search.parents else 0
 
     @property
-    def most_strings(self) -> int:
-        """Strings evaluated when all generations run."""
+    def max_strings(self) -> int:
+        """Number of strings evaluated if all generations run."""
         return self.search.strings(self.stopping.generations)
 
     def given_strings(self) -> npt.NDArray[np.float64]:
-        """Return the strings that the file gives to begin with, shape (n, 10)."""
+        """Return the strings that `search.start` lists, in SI units, shape (n, 10)."""
         start = self.search.start
         given = start if isinstance(start, list) else []
         return np.array([self.parameters(values) for values in given]).reshape(-1, COUNT)
 
     @property
-    def most_framed(self) -> tuple[int, int]:
-        """Strings, and samples of each, that there are pictures of in the end; at most."""
+    def max_framed(self) -> tuple[int, int]:
+        """Largest numbers of strings, and of samples of each, whose frames are stored."""
         frames = self.output.frames
         if frames is None:
             return 0, 0
         samples = min(frames.samples, self.ensemble.max_samples)
-        return min(frames.strings, self.most_strings), samples
+        return min(frames.strings, self.max_strings), samples
 
-    def refused_code(self, message: str) -> CampaignError:
-        """Return the error that says what is wrong with the function that the objective names."""
+    def function_error(self, message: str) -> CampaignError:
+        """Return a CampaignError about `objective.call`, with its line."""
         line = parse(self.text, self.name).line(("objective", "call"))
         return CampaignError(Problem(self.name, line, "objective.call", message))
 
     def check_searchable(self) -> None:
-        """Raise a CampaignError unless there is a plan, and a variable to search."""
+        """Raise a CampaignError unless at least one variable is a range."""
         if self.plan is None or not self.variables.searched:
-            raise self._nothing_to_search()
+            raise self._search_error()
+
+    def check_libraries(self) -> None:
+        """Raise a MissingSearchLibraryError unless the search's library is installed."""
+        search = self.search
+        if search.library is None:
+            return
+        try:
+            require_library(search.library, "search", f"{search.method} searches")
+        except MissingLibraryError as error:
+            line = parse(self.text, self.name).line(("search", "method"))
+            message = f"is {search.method!r}; {error}"
+            problem = Problem(self.name, line, "search.method", message)
+            raise MissingSearchLibraryError(problem) from None
 
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
-        """Raise a CampaignError if a parameter string gives a scene beyond what can be calculated.
+        """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
 
         Parameters
         ----------
         string
-            All ten variables in SI units.
+            The ten variables in SI units, shape (10,).
         """
         value = dict(zip(NAMES, string.tolist(), strict=True))
         problems = []
@@ -211,12 +256,12 @@ class Campaign:
             raise CampaignError(*problems)
 
     def with_generations(self, generations: int) -> "Campaign":
-        """Return the same campaign with another number of generations; `text` stays as it is."""
+        """Return the campaign with another number of generations; its `text` is unchanged."""
         if generations < 1:
             message = f"is {generations}; must be at least 1"
             raise CampaignError(Problem(self.name, None, "stopping.generations", message))
         stopping = self.stopping.model_copy(update={"generations": generations})
-        return replace(self, plan=self._planned._replace(stopping=stopping))
+        return replace(self, plan=self._required_plan._replace(stopping=stopping))
 
     def parameters(
         self,
@@ -231,19 +276,25 @@ class Campaign:
             Values by name, SI numbers or texts with units; they may lie outside the search box.
             A variable that the scene does not use is checked and then ignored.
         fill
-            What a range becomes for which no value is given.
+            Which value of its range a variable takes that is not in `values`.
 
         Returns
         -------
         numpy.ndarray
-            float64 in SI units in the order of `VARIABLES`, nan where the scene uses none.
+            The ten variables in SI units, shape (10,), in the order of `VARIABLES`; nan where the
+            scene does not use one.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown or a value impossible.
         """
         share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
         string = (1.0 - share) * self.variables.lower + share * self.variables.upper
         problems = []
         for name, value in (values or {}).items():
             try:
-                number = read_named(name, value)
+                number = read_variable(name, value)
             except ValueError as error:
                 problems.append(Problem(self.name, None, name, str(error)))
                 continue
@@ -254,7 +305,7 @@ class Campaign:
         return string
 
     def engine(self, text: str | Engine | None) -> Engine:
-        """Engine that `event`, `fixed`, `fixed:STEPS` or `adaptive` means; None: the campaign's."""
+        """Return the engine `event`, `fixed`, `fixed:STEPS` or `adaptive`; for None the scene's."""
         if text is None:
             return self.scene.engine
         if not isinstance(text, str):
@@ -276,16 +327,27 @@ class Campaign:
         Parameters
         ----------
         parameters
-            Values by name, as for `parameters`, or all ten in SI units.
+            Values by name, as for `parameters`, or all ten in SI units, shape (10,).
         sample
             Sample number from 0.
         engine
             Another engine than the campaign's, as for `engine`; `event` cools exactly, whatever
             the campaign's `integration` is.
         frames
-            How many pictures of the particles to take, evenly spaced from 0 to the end time, or
-            their times in s, ascending; they are the outcome's `frames`. Looking does not change
-            the outcome. The first time that a kind of scene is looked at, it is compiled anew.
+            Number of frames of the particles to record, evenly spaced from 0 to the end time, or
+            their times in s, ascending; recording does not change the outcome. The first use in a
+            kind of scene compiles its kernels anew.
+
+        Returns
+        -------
+        Outcome
+
+        Raises
+        ------
+        CampaignError
+            If parameters, engine or frames are not possible.
+        RuntimeError
+            If the sample fails, with the reason.
         """
         from agglom_mpi.config.simulate import simulate
 
@@ -310,13 +372,13 @@ class Campaign:
             raise CampaignError(Problem(self.name, None, "frames", str(error))) from None
 
     def identity(self) -> dict[str, object]:
-        """Everything that decides results, flat: `scene.particles` -> 100, in SI units."""
+        """Return all that decides results, flat: `scene.particles` -> 100, in SI units."""
         return identity.identity(self)
 
     def sha256(self) -> str:
-        """Digest of `identity`."""
+        """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
 
     def describe(self) -> str:
-        """Plain text for people: what would run."""
+        """Return a plain text on what would run, as `agglom check` prints it."""
         return describe.text(self)

@@ -1,4 +1,4 @@
-"""What a campaign would run, in words: `agglom check CAMPAIGN.yaml`."""
+"""Description of what a campaign would run, as `agglom check CAMPAIGN.yaml` prints it."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -6,21 +6,19 @@ import numpy as np
 
 from agglom_mpi.config.bounds import required_variables, volume_fraction
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.validation import Section
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.config.search import Search
 
 
 ESCAPES: Final = {
     "periodic": "true periodic box, contacts across faces",
     "reentry": "re-entry at the opposite face, no contacts across faces, as published",
 }
-"""One line on each way to leave the box."""
+"""Summary of each law of leaving the box."""
 SUBMODELS: Final = (
     *("escape", "velocities", "restitution", "duration", "contact_area", "hardness", "friction"),
     *("heating", "reaction", "fragmentation", "cooling", "solver"),
@@ -29,13 +27,13 @@ SUBMODELS: Final = (
 
 
 def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
-    """Lines on the submodels that the scene uses, and the names of those it leaves out."""
+    """Return a line for each submodel that the scene uses, and the names of all others."""
     used, left_out = [], []
-    idle = _idle(scene)
+    unused = _unused(scene)
     for key in SUBMODELS:
         part = getattr(scene, key)
         law = part if isinstance(part, str) else getattr(part, "law", "")
-        if law == "none" or key in idle:
+        if law == "none" or key in unused:
             left_out.append(key)
         else:
             name = f"{key}: {law}" if law else key
@@ -45,7 +43,7 @@ def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
 
 
 def missing_arrays(scene: SceneSection) -> list[str]:
-    """Name what need not be known of each particle; `simulation.particles` does the same."""
+    """Return what is not stored of each particle; `simulation.particles` decides the same."""
     kept = {
         "temperature": scene.heating.law != "none",
         "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",
@@ -55,8 +53,8 @@ def missing_arrays(scene: SceneSection) -> list[str]:
     return [name for name, used in kept.items() if not used]
 
 
-def _idle(scene: SceneSection) -> set[str]:
-    """Submodels that have a law, but that nothing in the scene asks."""
+def _unused(scene: SceneSection) -> set[str]:
+    """Return the submodels that have a law but that nothing in the scene uses."""
     if scene.restitution.law == "pressure":
         return set()
     return {"duration", "hardness", "solver"} | (
@@ -85,13 +83,13 @@ Paragraph = tuple[str, list[str]]
 """A heading with its lines."""
 
 FINAL_BYTES: Final = 32
-"""Stored of a grain at the end of a sample."""
+"""Bytes stored of a grain at the end of a sample."""
 FRAME_BYTES: Final = 88
-"""Stored of a grain in a picture."""
+"""Bytes stored of a grain in a frame."""
 
 
 def text(campaign: "Campaign") -> str:
-    """All sections, each a heading with indented lines."""
+    """Return all paragraphs, each a heading with indented lines."""
     return "\n".join(
         line
         for heading, lines in sections(campaign)
@@ -100,18 +98,18 @@ def text(campaign: "Campaign") -> str:
 
 
 def sections(campaign: "Campaign") -> list[Paragraph]:
-    """Headings with their lines."""
+    """Return headings with their lines."""
     used, left_out = submodels(campaign.scene)
     return [
         (campaign.title or campaign.name, _run(campaign)),
         ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
         ("Submodels", used),
-        ("Left out", left_out + _unkept(campaign) or ["nothing"]),
+        ("Left out", left_out + _not_stored(campaign) or ["nothing"]),
     ]
 
 
-def _unkept(campaign: "Campaign") -> list[str]:
+def _not_stored(campaign: "Campaign") -> list[str]:
     lines = []
     if arrays := missing_arrays(campaign.scene):
         lines.append(f"not known of a particle: {', '.join(arrays)}")
@@ -132,14 +130,14 @@ def _run(campaign: "Campaign") -> list[str]:
 
 
 def _stored(campaign: "Campaign") -> list[str]:
-    """Say what is stored beside a row for each sample, and how much that is."""
+    """Return what is stored beside a row for each sample, with its size."""
     output, grains = campaign.output, campaign.scene.particles
     lines = []
     if output.final_particles:
         size = FINAL_BYTES * grains
         lines.append(f"stored of every sample: its final particles, {size / 1e3:.3g} kB")
     if output.frames is not None:
-        count, (strings, samples) = output.frames.count, campaign.most_framed
+        count, (strings, samples) = output.frames.count, campaign.max_framed
         size = FRAME_BYTES * grains * count * strings * samples
         best = "the best string" if strings == 1 else f"each of the best {strings} strings"
         lines.append(
@@ -151,10 +149,9 @@ def _stored(campaign: "Campaign") -> list[str]:
 
 def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
-    strings = campaign.most_strings
+    strings = campaign.max_strings
     fewest = strings if stopping.target is None else search.first_generation
-    lines = _method(search)
-    lines.append(f"ensemble: {_rule(campaign)}")
+    lines = [*search.summary(), f"ensemble: {ensemble.summary}"]
     if ensemble.common_configurations:
         lines.append("configurations: sample k of all strings starts from the same random numbers")
     if ensemble.racing is not None:
@@ -177,45 +174,11 @@ def _search(campaign: "Campaign") -> list[str]:
     return lines
 
 
-def _method(search: "Search") -> list[str]:
-    match search.method:
-        case "genetic":
-            lines = [
-                f"search: genetic, population {search.population}, parents {search.parents}, "
-                f"blend {search.blend[0]:g} to {search.blend[1]:g} [A 22]",
-            ]
-            if search.more_samples is not None:
-                more = pluralise(search.more_samples, "more sample")
-                lines.append(f"parents: each gets {more} in every generation")
-            if search.rescale is not None:
-                shrunk = f"every {search.rescale.every} generations shrunk"
-                around = f"by {search.rescale.factor:g} around the best"
-                lines.append(f"search box: {shrunk} {around}")
-        case "surrogate":
-            lines = [
-                f"search: Gaussian process through all samples, {search.initial} Sobol points "
-                f"first, then batches of {search.batch} by Thompson sampling"
-            ]
-        case "cmaes":
-            lines = [
-                f"search: CMA-ES, population {search.population}, first standard deviation "
-                f"{search.sigma:g} of the box"
-            ]
-        case _:
-            kind = "independent random points" if search.method == "random" else "a Sobol sequence"
-            lines = [f"search: {kind}, {search.population} in a generation; nothing is learnt"]
-    if isinstance(search.start, EarlierCampaign):
-        lines.append(f"begins with: the best {search.given} of {search.start.file}")
-    elif search.start is not None:
-        lines.append(f"begins with: {pluralise(search.given, 'given string')}")
-    return lines
-
-
 def _final(campaign: "Campaign") -> str:
     final = campaign.final
     if final is None:
         return "none; objectives are the search's own, biased low"
-    strings = min(final.strings, campaign.most_strings)
+    strings = min(final.strings, campaign.max_strings)
     best = "the best string" if strings == 1 else f"the best {strings} strings"
     return f"{best} estimated again, each on {final.samples} fresh samples"
 
@@ -225,52 +188,17 @@ def _between(fewest: int | None, most: int) -> str:
 
 
 def _objective(campaign: "Campaign") -> str:
-    objective = campaign.objective
-    if objective.law == "growth_target":
-        return f"mean radius ratio {objective.ratio:g}, |mean/{objective.ratio:g} - 1| [A 26]"
-    if objective.law == "maximum_growth":
-        return "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
-    if objective.law == "moments":
-        weights = objective.weighting
-        wanted = [
-            f"{name} {target:g}" + (f" (weight {weights[name]:g})" if weights[name] != 1.0 else "")
-            for name, target in objective.wanted.items()
-        ]
-        return f"moments of the final radii, relative misses added up: {', '.join(wanted)} [A 29]"
-    digest = "" if campaign.code is None else f" (SHA-256 {campaign.code.sha256[:16]})"
-    return f"mean over samples of {objective.call}{digest}, run with --allow-code only"
-
-
-def _rule(campaign: "Campaign") -> str:
-    ensemble = campaign.ensemble
-    match ensemble.rule:
-        case "successive_difference":
-            cite = "[A 27]" if ensemble.quantity == "mean_radius" else "[B 8.1]"
-            quantity = "mean radius" if ensemble.quantity == "mean_radius" else "objective"
-            what = f"until one more sample changes the {quantity} by less than"
-            return f"{what} {ensemble.tolerance:g} of itself {cite}"
-        case "moments":
-            what = f"until one more sample changes no moment up to {ensemble.order} by more than"
-            return f"{what} {ensemble.tolerance:g} of itself [A 25, 27]"
-        case "standard_error":
-            what = "until half the 95 % interval of the objective is at most"
-            return f"{what} {ensemble.tolerance:g}"
-        case _:
-            return f"{pluralise(ensemble.samples, 'sample')} of every string"
+    function = campaign.user_function
+    if function is None:
+        return campaign.objective.summary
+    digest = f"SHA-256 {function.sha256[:16]}"
+    return f"{campaign.objective.summary} ({digest}), run with --allow-code only"
 
 
 def _scene(campaign: "Campaign") -> list[str]:
     scene, i = campaign.scene, NAMES.index("size_ratio")
     low, high = (volume_fraction(float(ends[i])) for ends in _ends(campaign))
     fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    engine = scene.engine
-    match engine.law:
-        case "event":
-            how = f"event-driven, exact times, at most {engine.budget:,} events per grain"
-        case "fixed":
-            how = f"{engine.steps} equal steps [A]"
-        case _:
-            how = f"adaptive steps, {engine.floor:g} to {engine.ceiling:g} s [B 6.14]"
     if scene.end_time == "characteristic":
         end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
     else:
@@ -278,7 +206,7 @@ def _scene(campaign: "Campaign") -> list[str]:
     return [
         f"particles: {scene.particles:,}",
         f"box: half-width {scene.half_width:g} m, volume fraction {fraction}",
-        f"engine: {how}",
+        f"engine: {scene.engine.summary}",
         f"end time: {end}",
     ]
 

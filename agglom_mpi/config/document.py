@@ -1,4 +1,4 @@
-"""The campaign file as one typed model, checks between its sections included."""
+"""The campaign file as one typed model, with the checks between sections."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -30,16 +30,16 @@ from agglom_mpi.config.validation import (
     Line,
     Section,
     WholeNumber,
-    explain,
     raise_field_errors,
+    to_campaign_error,
 )
-from agglom_mpi.config.yaml_source import CampaignError, Path, parse
+from agglom_mpi.config.yaml_source import FieldPath, parse
 
 
 class SceneDocument(Section):
-    """A scene with the values of its variables: what can be simulated, but not searched.
+    """A scene with fixed variables, which can be simulated but not searched.
 
-    The objective is what `agglom simulate` and `agglom accuracy` report beside the growth.
+    `agglom simulate` and `agglom accuracy` report its objective beside the growth.
     """
 
     title: Line = ""
@@ -52,7 +52,7 @@ class SceneDocument(Section):
 
     @property
     def plan(self) -> Plan | None:
-        """What is searched and how; a scene alone has none."""
+        """None: nothing is searched."""
         return None
 
     @model_validator(mode="before")
@@ -72,7 +72,7 @@ class SceneDocument(Section):
     @field_validator("objective")
     @classmethod
     def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
-        field, ratio = _mean_wanted(objective)
+        field, ratio = _wanted_mean(objective)
         if "scene" in info.data and ratio is not None:
             particles = info.data["scene"].particles
             largest = particles ** (1.0 / 3.0)
@@ -82,8 +82,8 @@ class SceneDocument(Section):
         return objective
 
 
-def _mean_wanted(objective: Any) -> tuple[Path, float | None]:
-    """Where an objective says which mean b/b0 it wants, and which; None if it does not."""
+def _wanted_mean(objective: Any) -> tuple[FieldPath, float | None]:
+    """Return the field and value of an objective's target mean b/b0; None if it has none."""
     match objective:
         case GrowthTarget():
             return ("ratio",), objective.ratio
@@ -93,7 +93,7 @@ def _mean_wanted(objective: Any) -> tuple[Path, float | None]:
 
 
 class CampaignDocument(SceneDocument):
-    """All sections of a campaign, each valid and fitting the others."""
+    """All sections of a campaign, checked one by one and against each other."""
 
     objective: AnyObjective = Field(description=f"allowed: {LAWS}")
     search: AnySearch = Genetic()
@@ -102,7 +102,7 @@ class CampaignDocument(SceneDocument):
 
     @property
     def plan(self) -> Plan:
-        """What is searched and how."""
+        """Sections `search`, `ensemble` and `stopping`."""
         return Plan(self.search, self.ensemble, self.stopping)
 
     @field_validator("search")
@@ -135,7 +135,7 @@ class CampaignDocument(SceneDocument):
     @field_validator("stopping")
     @classmethod
     def _target_has_a_sign(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
-        """Only a user's own function may be less than 0."""
+        """Allow a negative target only for a user's function."""
         objective, target = info.data.get("objective"), stopping.target
         own = objective is None or isinstance(objective, Function)
         if target is not None and target.objective < 0.0 and not own:
@@ -145,17 +145,17 @@ class CampaignDocument(SceneDocument):
 
 
 def read_document(text: str, name: str) -> SceneDocument:
-    """Parse and validate the text of a campaign file that errors call `name`."""
+    """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
     source = parse(text, name)
-    model = CampaignDocument if _is_to_be_searched(source.data) else SceneDocument
+    model = CampaignDocument if _is_searched(source.data) else SceneDocument
     try:
         return model.model_validate(source.data)
     except ValidationError as error:
-        raise CampaignError(*explain(error, source, model)) from None
+        raise to_campaign_error(error, source, model) from None
 
 
-def _is_to_be_searched(data: dict[str, Any]) -> bool:
-    """Whether there is a range, or a section that says how to search: then all of these must be."""
+def _is_searched(data: dict[str, Any]) -> bool:
+    """Return whether there is a range or a section of a search; then all of these are required."""
     variables = data.get("variables")
     entries = variables.values() if isinstance(variables, dict) else ()
     return any(isinstance(entry, list) for entry in entries) or any(
@@ -165,11 +165,11 @@ def _is_to_be_searched(data: dict[str, Any]) -> bool:
 
 def check_given_strings(
     strings: list[dict[str, float]], entries: Mapping[str, Range | None]
-) -> list[tuple[Path, str]]:
-    """Values of given strings that are not searched, or not in the box; strings given twice."""
-    problems: list[tuple[Path, str]] = []
+) -> list[tuple[FieldPath, str]]:
+    """Return problems of given strings: values not searched or outside the box, duplicates."""
+    problems: list[tuple[FieldPath, str]] = []
     for i, string in enumerate(strings):
-        if string in strings[:i]:  # equal strings have equal samples, from which nothing is learnt
+        if string in strings[:i]:  # equal strings have equal samples, so that nothing is learnt
             problems.append((("start", i), "is the same string as one before it"))
         for name, value in string.items():
             entry, path = entries[name], ("start", i, name)

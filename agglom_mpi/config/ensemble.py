@@ -1,4 +1,4 @@
-"""How much to simulate and what to keep: ensemble, stopping, output."""
+"""The sections `ensemble`, `stopping`, `final` and `output`."""
 
 from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
@@ -7,6 +7,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 from agglom_mpi.config.search import Search
 from agglom_mpi.config.units import Number, Time
 from agglom_mpi.config.validation import LATER, FieldError, Flag, Line, Section, WholeNumber
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.search import stopping
 
 
@@ -15,28 +16,28 @@ def _none(value: Any) -> Any:
 
 
 NONE = BeforeValidator(_none)
-"""Reads the word `none` as an absent part."""
+"""Validator that reads the word `none` as None."""
 
 
 class Racing(Section):
-    """Stop sampling a string that will not be among the kept parents."""
+    """Stop sampling strings that will not be among the kept parents, by a race."""
 
     confidence: Annotated[Number, Field(gt=0.5, lt=1, description="like 0.95")] = 0.95
     first: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 5
 
     def build(self, kept: int) -> stopping.Race:
-        """Return the race for so many places among the kept strings."""
+        """Return the race for `kept` places."""
         return stopping.Race(kept, self.confidence, self.first)
 
 
 class _Ensemble(Section):
-    """What every rule has: whether all strings start from the same random configurations."""
+    """Base of all rules; `common_configurations`: sample k of all strings has one random start."""
 
     common_configurations: Annotated[Flag, LATER] = False
 
 
 class _Samples(_Ensemble):
-    """What rules need that stop: a tolerance and the limits of a string's samples."""
+    """Base of rules with a tolerance and limits on the samples of a string."""
 
     tolerance: Annotated[Number, Field(gt=0, description="a small number like 1e-3")]
     max_samples: Annotated[
@@ -54,10 +55,18 @@ class _Samples(_Ensemble):
 
 
 class SuccessiveDifference(_Samples):
-    """Stop when one more sample changes the running mean by less [A 27] [B 8.1]."""
+    """Stop when one more sample hardly changes the running mean [A 27] [B 8.1]."""
 
     rule: Literal["successive_difference"]
     quantity: Literal["mean_radius", "objective"] = "objective"
+
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        radius = self.quantity == "mean_radius"
+        quantity, source = ("mean radius", "[A 27]") if radius else ("objective", "[B 8.1]")
+        what = f"until one more sample changes the {quantity} by less than"
+        return f"{what} {self.tolerance:g} of itself {source}"
 
     def build(self) -> stopping.StoppingRule:
         """Return the stopping rule."""
@@ -65,10 +74,16 @@ class SuccessiveDifference(_Samples):
 
 
 class Moments(_Samples):
-    """The same for the moments 1 to `order` of the radii [A 25, 27]."""
+    """Stop when one more sample hardly changes moments 1 to `order` of the radii [A 25, 27]."""
 
     rule: Literal["moments"]
     order: Annotated[WholeNumber, Field(ge=1, le=4)] = 4
+
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        what = f"until one more sample changes no moment up to {self.order} by more than"
+        return f"{what} {self.tolerance:g} of itself [A 25, 27]"
 
     def build(self) -> stopping.StoppingRule:
         """Return the stopping rule."""
@@ -81,6 +96,11 @@ class StandardError(_Samples):
     rule: Literal["standard_error"]
     min_samples: Annotated[WholeNumber, Field(ge=3)] = 5
 
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        return f"until half the 95 % interval of the objective is at most {self.tolerance:g}"
+
     def build(self) -> stopping.StoppingRule:
         """Return the stopping rule."""
         return stopping.StandardError(self.tolerance, self.min_samples)
@@ -92,22 +112,27 @@ class FixedNumber(_Ensemble):
     rule: Literal["fixed"]
     samples: Annotated[WholeNumber, Field(ge=1, le=10**6, description="a number of samples")]
 
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        return f"{pluralise(self.samples, 'sample')} of every string"
+
     def build(self) -> stopping.StoppingRule:
         """Return the stopping rule."""
         return stopping.FixedNumber()
 
     @property
     def racing(self) -> None:
-        """There is nothing to stop."""
+        """None: all strings get the same number."""
 
     @property
     def min_samples(self) -> int:
-        """Fewest completed samples: some may fail."""
+        """Smallest number of completed samples, 1: the others may fail."""
         return 1
 
     @property
     def max_samples(self) -> int:
-        """Most samples."""
+        """Largest number of samples."""
         return self.samples
 
 
@@ -115,7 +140,7 @@ AdaptiveEnsemble = SuccessiveDifference | Moments | StandardError
 Ensemble = AdaptiveEnsemble | FixedNumber
 AnyEnsemble = Annotated[Ensemble, Field(discriminator="rule")]
 ENSEMBLE: Final[TypeAdapter[Ensemble]] = TypeAdapter(AnyEnsemble)
-"""Reads the `ensemble` section alone."""
+"""Validator of the `ensemble` section alone."""
 
 
 class Target(Section):
@@ -126,7 +151,7 @@ class Target(Section):
 
 
 class Stopping(Section):
-    """What ends the campaign."""
+    """Section `stopping`: what ends the campaign."""
 
     generations: Annotated[WholeNumber, Field(ge=1, le=10**6, description="the most generations")]
     target: Annotated[Target | None, NONE] = None
@@ -135,7 +160,7 @@ class Stopping(Section):
 
 
 class Plan(NamedTuple):
-    """How to search: the sections that a scene alone does without."""
+    """The sections of a search, which a scene alone does not have."""
 
     search: Search
     ensemble: Ensemble
@@ -143,24 +168,24 @@ class Plan(NamedTuple):
 
 
 class FinalAnswer(Section):
-    """When the search is over, the best strings are estimated again on fresh configurations."""
+    """Section `final`: re-estimation of the best strings on fresh samples after the search."""
 
-    strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="so many of the best")] = 6
+    strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
     samples: Annotated[
         WholeNumber, Field(ge=2, le=10**6, description="fresh samples of each string")
     ] = 100
 
 
 class FramesOfBest(Section):
-    """Pictures of the first samples of the best strings, taken when the search is over."""
+    """Frames of the first samples of the best strings, recorded after the search."""
 
-    count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="pictures of each sample")]
-    strings: Annotated[WholeNumber, Field(ge=1, description="so many of the best")] = 6
-    samples: Annotated[WholeNumber, Field(ge=1, description="so many of each string")] = 1
+    count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="frames of each sample")]
+    strings: Annotated[WholeNumber, Field(ge=1, description="number of best strings")] = 6
+    samples: Annotated[WholeNumber, Field(ge=1, description="samples of each string")] = 1
 
 
 class Output(Section):
-    """Where the database is written, and what is kept beside a row for each sample."""
+    """Section `output`: name of the campaign file, and what it stores beside rows of samples."""
 
     file: Annotated[Line, Field(min_length=1)] | None = None
     final_particles: Flag = False

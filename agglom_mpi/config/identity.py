@@ -1,4 +1,4 @@
-"""What decides the results of a campaign, in one canonical form that can be compared and hashed."""
+"""The identity of a campaign: all that decides its results, to be compared and hashed."""
 
 import hashlib
 import json
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def identity(campaign: "Campaign") -> dict[str, object]:
-    """Flat mapping such as `scene.particles` -> 100, with all values in SI units.
+    """Return a flat mapping such as `scene.particles` -> 100, with all values in SI units.
 
-    Title, output, the final answer, the number of generations and the failures allowed are left
-    out: a campaign that differs in these goes on with the same rows.
+    Title, output, final answer, number of generations and failures allowed are left out: a campaign
+    that differs in these continues the same file.
     """
     variables = campaign.variables
     ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
@@ -31,21 +31,21 @@ def identity(campaign: "Campaign") -> dict[str, object]:
         "objective": objective(campaign),
     }
     if campaign.plan is not None:
-        sections |= _planned(campaign.plan)
+        sections |= _required_plan(campaign.plan)
     return dict(_flat(sections))
 
 
 def objective(campaign: "Campaign") -> dict[str, object]:
-    """Everything that decides what a sample is worth."""
+    """Return the entries of the objective, with the digest of a user's function."""
     entries: dict[str, object] = campaign.objective.entries()
     if campaign.objective.law == "function":
-        if campaign.code is None:
-            raise campaign.refused_code("is a function whose source was not read")
-        entries["source_sha256"] = campaign.code.sha256
+        if campaign.user_function is None:
+            raise campaign.function_error("is a function whose source was not read")
+        entries["source_sha256"] = campaign.user_function.sha256
     return entries
 
 
-def _planned(plan: Plan) -> dict[str, object]:
+def _required_plan(plan: Plan) -> dict[str, object]:
     target = plan.stopping.target
     return {
         "search": plan.search.entries(),
@@ -55,7 +55,7 @@ def _planned(plan: Plan) -> dict[str, object]:
 
 
 def digest(entries: Mapping[str, object]) -> str:
-    """SHA-256 of an identity as 64 hexadecimal digits."""
+    """Return the SHA-256 of an identity as 64 hexadecimal digits."""
     # JSON writes a float as the shortest text that reads back as the same float64.
     text = json.dumps(entries, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

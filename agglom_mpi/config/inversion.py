@@ -1,4 +1,4 @@
-"""The inversion of a campaign: its search with its ensembles."""
+"""Building the inversion of a campaign: search method, ensembles and stopping."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ from agglom_mpi.search.inversion import Inversion, Observer, Target
 from agglom_mpi.search.proposals import Proposals
 
 Restore = Callable[[Proposals, int], Proposals]
-"""Replaces proposals by what an earlier leg has stored of them; see `Inversion`."""
+"""Function of proposals and the number of their first string that returns stored ones."""
 
 
 def inversion_of(
@@ -22,18 +22,18 @@ def inversion_of(
     observer: Observer,
     background: bool = False,
 ) -> Inversion:
-    """Return the inversion of a campaign, at its start.
+    """Return the inversion of a campaign before its first generation.
 
     Parameters
     ----------
     campaign
         The campaign.
     given
-        Strings to begin with, shape (n, 10).
+        Strings to start with, in SI units, shape (n, 10).
     restore
-        Replaces proposals by stored ones.
+        Replaces proposals by those an earlier leg has stored.
     observer
-        Told every decision.
+        Notified of every decision.
     background
         Whether long computations of the search may run in a thread.
     """
@@ -50,7 +50,7 @@ def inversion_of(
     )
 
     def signed(result: EnsembleResult) -> float:
-        """Return the signed mean whose magnitude is the objective of a string."""
+        """Return the signed mean whose magnitude is a string's objective."""
         if campaign.objective.law == "growth_target":
             return result.mean_radius_ratio / campaign.objective.ratio - 1.0
         return result.objective

@@ -1,24 +1,24 @@
-"""The `objective` section: what a string is worth."""
+"""The `objective` section: what the search minimises."""
 
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from agglom_mpi.config.units import Number, to_si
 from agglom_mpi.config.user_function import check_call
 from agglom_mpi.config.validation import NAMED, FieldError, Section, raise_field_errors
-from agglom_mpi.config.yaml_source import Path
+from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.search import objectives
 
 MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
-"""What may be wanted of the final radii b/b0 [A 24-25, 29]."""
+"""Moments of the final radii b/b0 that may have a target [A 24-25, 29]."""
 
 
 class ObjectiveSection(Section):
-    """What all objectives have."""
+    """Base of the objectives."""
 
     def build(self, particles: int) -> objectives.Objective:
-        """Return the objective of samples that start with N particles."""
+        """Return the objective of samples that start with `particles` grains."""
         return objectives.objective_of(self.entries(), particles)
 
 
@@ -28,30 +28,36 @@ class GrowthTarget(ObjectiveSection):
     law: Literal["growth_target"]
     ratio: Annotated[Number, Field(ge=1)] = 2.0
 
+    @property
+    def summary(self) -> str:
+        """One line on the objective."""
+        return f"mean radius ratio {self.ratio:g}, |mean/{self.ratio:g} - 1| [A 26]"
+
 
 class MaximumGrowth(ObjectiveSection):
     """Distance of the mean growth from one single aggregate: |1 - (b/b0) / N^(1/3)| [B 7.1]."""
 
     law: Literal["maximum_growth"]
+    summary: ClassVar[str] = "greatest growth, |1 - mean radius ratio / N^(1/3)| [B 7.1]"
 
 
-def _given(value: Any) -> float:
-    return to_si(value, "1")  # also refuses an entry that is empty
+def _read_target(value: Any) -> float:
+    return to_si(value, "1")  # raises for an empty entry, too
 
 
-GIVEN: Final = BeforeValidator(_given)
+TARGET: Final = BeforeValidator(_read_target)
 
 
 class Targets(Section):
-    """Wanted moments: the mean over samples; of all their particles together the others."""
+    """Targets: the mean over samples of b/b0; the other moments of all their particles pooled."""
 
-    mean: Annotated[Annotated[float, Field(ge=1)] | None, GIVEN] = None
-    spread: Annotated[Annotated[float, Field(ge=0)] | None, GIVEN] = None
-    skewness: Annotated[float | None, GIVEN] = None
-    kurtosis: Annotated[Annotated[float, Field(ge=1)] | None, GIVEN] = None
-    second: Annotated[Annotated[float, Field(ge=0)] | None, GIVEN] = None
-    third: Annotated[float | None, GIVEN] = None
-    fourth: Annotated[Annotated[float, Field(ge=0)] | None, GIVEN] = None
+    mean: Annotated[Annotated[float, Field(ge=1)] | None, TARGET] = None
+    spread: Annotated[Annotated[float, Field(ge=0)] | None, TARGET] = None
+    skewness: Annotated[float | None, TARGET] = None
+    kurtosis: Annotated[Annotated[float, Field(ge=1)] | None, TARGET] = None
+    second: Annotated[Annotated[float, Field(ge=0)] | None, TARGET] = None
+    third: Annotated[float | None, TARGET] = None
+    fourth: Annotated[Annotated[float, Field(ge=0)] | None, TARGET] = None
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -63,11 +69,11 @@ class Targets(Section):
         return self
 
 
-Weight = Annotated[Annotated[float, Field(gt=0)] | None, GIVEN]
+Weight = Annotated[Annotated[float, Field(gt=0)] | None, TARGET]
 
 
 class Weights(Section):
-    """How much the miss of each target counts."""
+    """Weights of the targets' relative misses."""
 
     mean: Weight = None
     spread: Weight = None
@@ -79,21 +85,31 @@ class Weights(Section):
 
 
 class Moments(ObjectiveSection):
-    """Sum over targets of weight |M/target - 1|, or weight |M - target| where that is 0."""
+    """Sum over targets of weight |M/target - 1|, or weight |M - target| where that is 0 [A 29]."""
 
     law: Literal["moments"]
     targets: Annotated[Targets, Field(description="such as {mean: 2, spread: 0.4}")]
     weights: Weights = Weights()
 
     @property
+    def summary(self) -> str:
+        """One line on the objective."""
+        weights = self.weighting
+        targets = [
+            f"{name} {target:g}" + (f" (weight {weights[name]:g})" if weights[name] != 1.0 else "")
+            for name, target in self.wanted.items()
+        ]
+        return f"moments of the final radii, relative misses added up: {', '.join(targets)} [A 29]"
+
+    @property
     def wanted(self) -> dict[str, float]:
-        """Targets that are given, by name."""
+        """Given targets by name."""
         entries = self.targets.__dict__
         return {name: entries[name] for name in MOMENTS if entries[name] is not None}
 
     @property
     def weighting(self) -> dict[str, float]:
-        """Weight of each of them."""
+        """Weight of each given target."""
         entries = self.weights.__dict__
         return {name: 1.0 if entries[name] is None else entries[name] for name in self.wanted}
 
@@ -102,7 +118,7 @@ class Moments(ObjectiveSection):
         if not self.wanted:
             message = f"are none; give at least one of {', '.join(MOMENTS)}"
             raise FieldError((("targets",), message))
-        problems: list[tuple[Path, str]] = [
+        problems: list[tuple[FieldPath, str]] = [
             (("weights", name), "is the weight of no target; leave it out, or give the target")
             for name in self.weights.model_fields_set
             if name not in self.wanted
@@ -111,12 +127,12 @@ class Moments(ObjectiveSection):
         return self
 
     def entries(self) -> dict[str, Any]:
-        """Return what decides: the targets that are given, and a weight of each."""
+        """Return the given targets and the weight of each."""
         return {"law": self.law, "targets": self.wanted, "weights": self.weighting}
 
 
 class Function(ObjectiveSection):
-    """The mean over samples of what a user's function returns; see `config.user_function`."""
+    """Mean over samples of a user's function; see `config.user_function`."""
 
     law: Literal["function"]
     call: Annotated[
@@ -124,6 +140,11 @@ class Function(ObjectiveSection):
         AfterValidator(check_call),
         Field(description="module:function, of module.py beside the campaign file"),
     ]
+
+    @property
+    def summary(self) -> str:
+        """One line on the objective."""
+        return f"mean over samples of {self.call}"
 
 
 Objective = GrowthTarget | MaximumGrowth | Moments | Function

@@ -28,9 +28,9 @@ from agglom_mpi.config.submodels import (
     RootSolver,
     Values,
 )
-from agglom_mpi.config.units import Length, Number, Speed, Time, shown, to_si
+from agglom_mpi.config.units import Length, Number, Speed, Time, quoted, to_si
 from agglom_mpi.config.validation import NAMED, FieldError, Section, WholeNumber, raise_field_errors
-from agglom_mpi.config.yaml_source import Path
+from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -40,15 +40,20 @@ if TYPE_CHECKING:
 
 
 class EventEngine(Section):
-    """Exact times, one event after another, without time steps [own method].
+    """Event-driven engine: exact times of all events, no time steps.
 
-    Inelastic spheres can collide infinitely often in finite time; a sample that needs more than
-    `budget` events per grain fails instead of running for ever. Crossing a cell is an event too: in
+    Inelastic spheres can collide infinitely often in finite time: a sample that needs more than
+    `budget` events per grain fails instead of running for ever. Cell crossings are events, too: in
     a dilute gas of 1000 grains some 14 per grain and box length.
     """
 
     law: Literal["event"] = "event"
     budget: Annotated[WholeNumber, Field(ge=1, le=10**9)] = 20_000
+
+    @property
+    def summary(self) -> str:
+        """One line on the engine."""
+        return f"event-driven, exact times, at most {self.budget:,} events per grain"
 
     def build(self) -> "Submodel":
         """Return the engine as kernels see it."""
@@ -63,6 +68,11 @@ class FixedEngine(Section):
     law: Literal["fixed"] = "fixed"
     steps: Annotated[WholeNumber, Field(ge=1)] = 200
 
+    @property
+    def summary(self) -> str:
+        """One line on the engine."""
+        return f"{self.steps} equal steps [A]"
+
     def build(self) -> "Submodel":
         """Return the engine as kernels see it."""
         from agglom_mpi.simulation import scene
@@ -71,11 +81,16 @@ class FixedEngine(Section):
 
 
 class AdaptiveEngine(Section):
-    """Steps to the next contact of nearest neighbours, within two limits in s [B 6.14]."""
+    """Steps to the next contact of nearest neighbours, from `floor` to `ceiling` s [B 6.14]."""
 
     law: Literal["adaptive"] = "adaptive"
     floor: Annotated[Time, Field(gt=0)] = 1e-6
     ceiling: Annotated[Time, Field(gt=0)] = 1e-3
+
+    @property
+    def summary(self) -> str:
+        """One line on the engine."""
+        return f"adaptive steps, {self.floor:g} to {self.ceiling:g} s [B 6.14]"
 
     def build(self) -> "Submodel":
         """Return the engine as kernels see it."""
@@ -98,24 +113,24 @@ ALLOWED = "allowed: event, fixed, fixed:STEPS, adaptive"
 
 
 def parse_engine(text: str, own: Engine) -> Engine:
-    """Engine meant by a short text.
+    """Return the engine that a short text names.
 
     Parameters
     ----------
     text
-        `event`, `fixed`, `fixed:2000` or `adaptive`.
+        `event`, `fixed`, `fixed:STEPS` or `adaptive`.
     own
-        The campaign's engine; a bare name of the same law means this one.
+        The scene's engine, which the name of its law alone stands for.
 
     Raises
     ------
     ValueError
-        With what is allowed.
+        If the text is none of these; with what is allowed.
     """
     law, colon, steps = text.strip().partition(":")
     if law == "fixed" and colon:
         if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
-            raise ValueError(f"is {shown(text)}; STEPS must be a whole number from 1; {ALLOWED}")
+            raise ValueError(f"is {quoted(text)}; STEPS must be a whole number from 1; {ALLOWED}")
         return FixedEngine(steps=int(steps))
     if not colon and law == own.law:
         return own
@@ -126,11 +141,11 @@ def parse_engine(text: str, own: Engine) -> Engine:
             return FixedEngine()
         case "adaptive":
             return AdaptiveEngine()
-    raise ValueError(f"is {shown(text)}; {ALLOWED}")
+    raise ValueError(f"is {quoted(text)}; {ALLOWED}")
 
 
 Escape = Literal["periodic", "reentry"]
-"""A true periodic box, or, as published, re-entry without contacts across faces."""
+"""Periodic box, or, as published, re-entry without contacts across faces."""
 
 
 class UniformX(Section):
@@ -165,10 +180,10 @@ def _read_end_time(value: Any) -> Any:
     if value == "characteristic":
         return value
     if isinstance(value, str) and value.isidentifier():
-        raise ValueError(f"is {shown(value)}; must be `characteristic` or a time like '10 ms'")
+        raise ValueError(f"is {quoted(value)}; must be `characteristic` or a time like '10 ms'")
     time = to_si(value, "s")
     if time <= 0:
-        raise ValueError(f"is {shown(value)}; must be greater than 0 s")
+        raise ValueError(f"is {quoted(value)}; must be greater than 0 s")
     return time
 
 
@@ -182,7 +197,7 @@ def _at_least_two(value: Any) -> Any:
 
 
 class SceneSection(Section):
-    """Box, submodels and engine; lengths in m, times in s."""
+    """Section `scene`: box, submodels and engine; lengths in m, times in s."""
 
     particles: Annotated[
         WholeNumber,
@@ -218,7 +233,7 @@ class SceneSection(Section):
         parameters
             The ten variables in SI units, shape (10,), in the order of `agglom_mpi.variables`.
         engine
-            An engine to use instead of the scene's own.
+            Engine to use instead of the scene's.
 
         Raises
         ------
@@ -251,7 +266,7 @@ class SceneSection(Section):
         )
 
     def _impact_laws(self, value: Values) -> "ImpactLaws":
-        """Return the laws of an impact; those that only a contact pressure needs may be None."""
+        """Return the laws of an impact; None where restitution needs no contact pressure."""
         from agglom_mpi.physics.restitution import ImpactLaws
 
         pressure = self.restitution.law == "pressure"
@@ -281,7 +296,7 @@ class SceneSection(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        problems: list[tuple[Path, str]] = []
+        problems: list[tuple[FieldPath, str]] = []
         if self.restitution.law != "pressure":
             if self.hardness.law == "arrhenius":
                 message = (

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.config.bounds import read_named
-from agglom_mpi.config.units import Number, shown
+from agglom_mpi.config.bounds import read_variable
+from agglom_mpi.config.units import Number, quoted
 from agglom_mpi.config.validation import (
     LATER,
     FieldError,
@@ -17,7 +17,8 @@ from agglom_mpi.config.validation import (
     WholeNumber,
     raise_field_errors,
 )
-from agglom_mpi.config.yaml_source import Path
+from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.baselines import NO_STRINGS, RandomSearch, SobolSearch
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.proposals import SearchMethod
@@ -25,55 +26,55 @@ from agglom_mpi.search.space import SearchSpace
 
 
 class EarlierCampaign(Section):
-    """The best strings of a campaign file, by re-estimates first where it has some."""
+    """The best strings of a campaign file, ranked by re-estimates where it has some."""
 
     file: Annotated[Line, Field(min_length=1, description="a campaign file")]
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 1
 
 
 def _read_strings(value: Any) -> Any:
-    """Values by name in SI units, of each string of a list; a mapping is an `EarlierCampaign`."""
+    """Return a list of strings, values by name in SI units, or an `EarlierCampaign`."""
     if isinstance(value, dict):
         return EarlierCampaign.model_validate(value)
     if not isinstance(value, list) or not value:
         raise ValueError(
-            f"is {shown(value)}; must be a list of strings like {{density: 6000}}, or "
+            f"is {quoted(value)}; must be a list of strings like {{density: 6000}}, or "
             "{file: EARLIER.h5, strings: 6}"
         )
-    problems: list[tuple[Path, str]] = []
+    problems: list[tuple[FieldPath, str]] = []
     strings = [dict(_read_string(string, (i,), problems)) for i, string in enumerate(value)]
     raise_field_errors(problems)
     return strings
 
 
-def _read_string(string: Any, path: Path, problems: list[tuple[Path, str]]) -> Any:
+def _read_string(string: Any, path: FieldPath, problems: list[tuple[FieldPath, str]]) -> Any:
     if not isinstance(string, dict):
-        problems.append((path, f"is {shown(string)}; must be a mapping like {{density: 6000}}"))
+        problems.append((path, f"is {quoted(string)}; must be a mapping like {{density: 6000}}"))
         return
     for name, value in string.items():
         try:
-            yield name, read_named(str(name), value)
+            yield name, read_variable(str(name), value)
         except ValueError as error:
             problems.append(((*path, str(name)), str(error)))
 
 
 GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, BeforeValidator(_read_strings)]
-"""Strings to begin with: values of searched variables, or the best of another campaign."""
+"""Strings to start with: values of searched variables, or the best of another campaign."""
 
 
 class SearchInputs(NamedTuple):
-    """What a search is built from, beside its section.
+    """What a search method is built from, beside its section.
 
     Attributes
     ----------
     space
-        The box to search.
+        The search box.
     seed
         Seed of the campaign.
     given
-        Strings to begin with, shape (n, 10).
+        Strings to start with, in SI units, shape (n, 10).
     magnitude
-        Whether the objective is the magnitude of a signed mean, which a model then is of.
+        Whether the objective is the magnitude of a signed mean; a model then fits the signed mean.
     background
         Whether long computations may run in a thread.
     """
@@ -86,30 +87,33 @@ class SearchInputs(NamedTuple):
 
 
 class SearchSection(Section):
-    """What all methods have.
+    """Base of the search methods.
 
     Attributes
     ----------
     lag
-        A generation learns from the results of all that come so many before it, or earlier.
+        Generation g is proposed from the results of generations up to g - lag.
+    library
+        Optional library that the method needs, of the extra `search`; None: none.
     """
 
     lag: ClassVar[int] = 1
+    library: ClassVar[str | None] = None
     start: Annotated[GivenStrings | None, LATER] = None
 
     @property
     def first_generation(self) -> int:
-        """Strings of the first generation."""
+        """Number of strings in the first generation."""
         raise NotImplementedError
 
     @property
     def kept(self) -> int:
-        """Strings in the mean of the best, unless the campaign's target says otherwise."""
+        """Number of best strings whose mean is shown, unless the target says otherwise."""
         return 1
 
     @property
     def given(self) -> int:
-        """How many strings to begin with are given."""
+        """Number of strings to start with."""
         if self.start is None:
             return 0
         return self.start.strings if isinstance(self.start, EarlierCampaign) else len(self.start)
@@ -123,33 +127,45 @@ class SearchSection(Section):
         return self
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
-        """Return the search, which has learned nothing yet."""
+        """Return the search method before its first generation."""
+        raise NotImplementedError
+
+    def summary(self) -> list[str]:
+        """Return lines on the method and the strings it starts with."""
+        lines = [f"search: {line}" if i == 0 else line for i, line in enumerate(self._summary())]
+        if isinstance(self.start, EarlierCampaign):
+            lines.append(f"begins with: the best {self.given} of {self.start.file}")
+        elif self.start is not None:
+            lines.append(f"begins with: {pluralise(self.given, 'given string')}")
+        return lines
+
+    def _summary(self) -> list[str]:
         raise NotImplementedError
 
 
-class _Populated(SearchSection):
-    """Methods whose generations are all as large."""
+class _PopulationSearch(SearchSection):
+    """Base of methods whose generations all have the same size."""
 
     population: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 20
 
     @property
     def first_generation(self) -> int:
-        """The population."""
+        """Number of strings in the first generation, the population."""
         return self.population
 
     def strings(self, generations: int) -> int:
-        """Count the strings of so many generations."""
+        """Return the number of strings in `generations` generations."""
         return self.population * generations
 
 
 class Rescale(Section):
-    """Every so many generations, shrink the search box around the best string by a factor."""
+    """Shrink the search box around the best string by `factor` every `every` generations."""
 
     every: Annotated[WholeNumber, Field(ge=1, description="a number of generations")]
     factor: Annotated[Number, Field(gt=0, lt=1, description="between 0 and 1")]
 
 
-class Genetic(_Populated):
+class Genetic(_PopulationSearch):
     """The genetic algorithm [A 22] [B section 7]."""
 
     method: Literal["genetic"] = "genetic"
@@ -163,17 +179,17 @@ class Genetic(_Populated):
 
     @property
     def kept(self) -> int:
-        """The parents."""
+        """Number of parents."""
         return self.parents
 
     def strings(self, generations: int) -> int:
-        """Count q + (g - 1)(q - p) strings [A 22]; parents that get more samples anew."""
+        """Return q + (g - 1)(q - p) [A 22], or g q if parents are sampled again."""
         if self.more_samples is not None:
             return self.population * generations
         return self.population + (generations - 1) * (self.population - self.parents)
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
-        """Return the search, which has learned nothing yet."""
+        """Return the search method before its first generation."""
         space, seed, given, _, _ = inputs
         rescale = None if self.rescale is None else (self.rescale.every, self.rescale.factor)
         again = self.more_samples is not None
@@ -181,9 +197,22 @@ class Genetic(_Populated):
             space, seed, self.population, self.parents, self.blend, rescale, given, again
         )
 
+    def _summary(self) -> list[str]:
+        lines = [
+            f"genetic, population {self.population}, parents {self.parents}, "
+            f"blend {self.blend[0]:g} to {self.blend[1]:g} [A 22]"
+        ]
+        if self.more_samples is not None:
+            more = pluralise(self.more_samples, "more sample")
+            lines.append(f"parents: each gets {more} in every generation")
+        if self.rescale is not None:
+            shrunk = f"every {self.rescale.every} generations shrunk"
+            lines.append(f"search box: {shrunk} by {self.rescale.factor:g} around the best")
+        return lines
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        problems: list[tuple[Path, str]] = []
+        problems: list[tuple[FieldPath, str]] = []
         if 2 * self.parents > self.population:
             message = (
                 f"is {self.parents}; parents and as many offspring must fit into the population "
@@ -202,66 +231,82 @@ class Surrogate(SearchSection):
     """A Gaussian process through all samples so far, batches by Thompson sampling."""
 
     lag: ClassVar[int] = 2
+    library: ClassVar[str | None] = "threadpoolctl"
     method: Literal["surrogate"]
     initial: Annotated[WholeNumber, Field(ge=8, le=10**4)] = 48
     batch: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 24
 
     @property
     def population(self) -> int:
-        """A batch, or as many as there are when the first generation is done."""
+        """Size of a batch, at most the first generation."""
         return min(self.batch, self.first_generation)
 
     @property
     def first_generation(self) -> int:
-        """Half of the strings that come before the first that a model proposes."""
+        """Half of the `initial` strings, rounded up."""
         return (self.initial + 1) // 2
 
     def strings(self, generations: int) -> int:
-        """Count two generations of Sobol points, and those of a model."""
+        """Return the number of strings: two generations of Sobol points, then batches."""
         if generations == 1:
             return self.first_generation
         return self.initial + (generations - 2) * self.batch
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
-        """Return the search, which has learned nothing yet."""
+        """Return the search method before its first generation."""
         from agglom_mpi.search.surrogate import SurrogateSearch
 
         space, seed, given, magnitude, background = inputs
         return SurrogateSearch(space, seed, self.initial, self.batch, given, magnitude, background)
 
+    def _summary(self) -> list[str]:
+        return [
+            f"Gaussian process through all samples, {self.initial} Sobol points first, then "
+            f"batches of {self.batch} by Thompson sampling"
+        ]
 
-class Evolution(_Populated):
-    """The covariance matrix adaptation evolution strategy."""
 
+class Cmaes(_PopulationSearch):
+    """Covariance matrix adaptation evolution strategy (CMA-ES)."""
+
+    library: ClassVar[str | None] = "cmaes"
     method: Literal["cmaes"]
     population: Annotated[WholeNumber, Field(ge=4, le=10**5)] = 20
     sigma: Annotated[Number, Field(gt=0, le=1, description="a share of the box")] = 0.3
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
-        """Return the search, which has learned nothing yet."""
+        """Return the search method before its first generation."""
         from agglom_mpi.search.cmaes_search import CmaesSearch
 
         space, seed, given, _, _ = inputs
         return CmaesSearch(space, seed, self.population, self.sigma, given)
 
+    def _summary(self) -> list[str]:
+        deviation = f"first standard deviation {self.sigma:g} of the box"
+        return [f"CMA-ES, population {self.population}, {deviation}"]
 
-class Sampled(_Populated):
-    """Points that learn nothing, as a baseline."""
+
+class Baseline(_PopulationSearch):
+    """Baselines: random or Sobol points, independent of all results."""
 
     method: Literal["random", "sobol"]
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
-        """Return the search, which has learned nothing yet."""
+        """Return the search method before its first generation."""
         space, seed, given, _, _ = inputs
         search = RandomSearch if self.method == "random" else SobolSearch
         return search(space, seed, self.population, given)
 
+    def _summary(self) -> list[str]:
+        kind = "independent random points" if self.method == "random" else "a Sobol sequence"
+        return [f"{kind}, {self.population} in a generation; nothing is learnt"]
 
-def _with_method(value: Any) -> Any:
+
+def _with_default_method(value: Any) -> Any:
     if isinstance(value, Mapping) and "method" not in value:
         return {"method": "genetic", **value}
     return value
 
 
-Search = Genetic | Surrogate | Evolution | Sampled
-AnySearch = Annotated[Search, Field(discriminator="method"), BeforeValidator(_with_method)]
+Search = Genetic | Surrogate | Cmaes | Baseline
+AnySearch = Annotated[Search, Field(discriminator="method"), BeforeValidator(_with_default_method)]

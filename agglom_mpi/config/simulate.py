@@ -1,4 +1,4 @@
-"""One sample forward, exactly as a rank of a campaign simulates it."""
+"""Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
 
 import math
 import time
@@ -14,11 +14,11 @@ from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.simulation.sample import Outcome, simulate_scene
 from agglom_mpi.simulation.scene import Scene
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.simulation.sample import Outcome, simulate_scene
 
 
 def simulate(
@@ -28,9 +28,20 @@ def simulate(
     engine: Any = None,
     times: npt.NDArray[np.float64] | None = None,
 ) -> Outcome:
-    """Simulate one sample exactly as a rank of the campaign does; see `Outcome`.
+    """Simulate one sample exactly as a rank of the campaign does.
 
-    Its frames are those at `times` in s, shape (F,), ascending from 0 to the end time at most.
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    parameters
+        The ten variables in SI units, shape (10,).
+    sample
+        Sample number from 0.
+    engine
+        Engine section to use instead of the scene's.
+    times
+        Times of frames in s, shape (F,), ascending from 0 to at most the end time.
 
     Raises
     ------
@@ -49,10 +60,10 @@ def simulate(
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
-        objective = _objective(campaign, scene, vector, record, final)
-    except Exception as error:  # of the user's own function
-        said = f"{type(error).__name__}: {error}"
-        raise RuntimeError(f"sample {sample} failed: {said}") from error
+        objective = _objective_value(campaign, scene, vector, record, final)
+    except Exception as error:  # a user's function may raise any
+        reason = f"{type(error).__name__}: {error}"
+        raise RuntimeError(f"sample {sample} failed: {reason}") from error
     return Outcome(
         mean_radius_ratio=ratio,
         objective=objective,
@@ -72,20 +83,20 @@ def simulate(
     )
 
 
-def _objective(
+def _objective_value(
     campaign: "Campaign",
     scene: Scene,
     parameters: npt.NDArray[np.float64],
     record: Any,
     final: FinalParticles,
 ) -> float:
-    """Return the campaign's objective of one completed sample."""
+    """Return the objective of one completed sample; nan if its function cannot be called here."""
     from agglom_mpi.config.user_function import evaluate
 
-    code = campaign.code
+    function = campaign.user_function
     if campaign.objective.law == "function":
-        if code is None or code.source is None:
+        if function is None or function.source is None:
             return math.nan
-        return evaluate(code, finished_sample(scene, parameters, record, final))
+        return evaluate(function, finished_sample(scene, parameters, record, final))
     rows = np.array([record], result.OUTCOME)
     return float(campaign.objective.build(scene.particles).of_samples(rows)[0])

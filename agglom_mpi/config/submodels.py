@@ -1,6 +1,6 @@
-"""The laws of a scene as they stand in a campaign file; each section builds what kernels see.
+"""The laws of a scene: one section a law, with its keys, summary and `build` for kernels.
 
-Kernels are imported when something is built: to check a campaign takes no compiler.
+Kernels are imported when a law is built, so that checking a campaign loads no compiler.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ Values = Mapping[str, float]
 
 
 class PressureRestitution(Section):
-    """Restitution falls with the contact pressure over the hardness [A 6] [B 3.1, 4.13]."""
+    """Restitution by contact pressure over hardness [A 6] [B 3.1, 4.13]."""
 
     law: Literal["pressure"] = "pressure"
     summary: ClassVar[str] = "by contact pressure over hardness [A 6] [B 3.1, 4.13]"
@@ -32,10 +32,10 @@ class PressureRestitution(Section):
 
 
 class ConstantRestitution(Section):
-    """One restitution for every impact; 0 bonds every contact.
+    """The same restitution in every impact; 0 bonds every contact.
 
     An impact less than `contact_time` (s) after the last one of either partner is elastic, which
-    ends inelastic collapse (the TC model, Luding & McNamara 1998); 0: no impact is.
+    prevents inelastic collapse (TC model, Luding & McNamara 1998); 0 turns this off.
     """
 
     law: Literal["constant"]
@@ -66,7 +66,7 @@ class ConstantRestitution(Section):
 
 
 class MeanSpeedDuration(Section):
-    """The contact lasts as long as the mean speed needs for `length_ratio` radii [A 12]."""
+    """Contact duration: time for `length_ratio` radii at the mean speed [A 12]."""
 
     law: Literal["mean_speed"]
     length_ratio: Annotated[Number, Field(gt=0)] = 1e-6
@@ -80,7 +80,7 @@ class MeanSpeedDuration(Section):
 
 
 class CompressionRecoveryDuration(Section):
-    """Compression at the approach speed, then recovery, over `length_ratio` radii [B 4.10]."""
+    """Contact duration: compression at the approach speed, then recovery [B 4.10]."""
 
     law: Literal["compression_recovery"] = "compression_recovery"
     length_ratio: Annotated[Number, Field(gt=0)] = 1.0
@@ -94,7 +94,7 @@ class CompressionRecoveryDuration(Section):
 
 
 class ContactArea(Section):
-    """Contact area over that of the smaller sphere's disc, at e = 1 and e = 0 [A 11] [B 4.12]."""
+    """Contact area over the smaller sphere's disc, at e = 1 and e = 0 [A 11] [B 4.12]."""
 
     initial: Annotated[Number, Field(ge=0)] = 0.0
     final: Annotated[Number, Field(gt=0)] = 1.0
@@ -127,7 +127,7 @@ class Hardness(Section):
 
     @property
     def requires(self) -> tuple[str, ...]:
-        """Variables that the law uses beside the hardness."""
+        """Variables that the law needs beside `hardness`."""
         return ("activation_energy", "temperature") if self.law == "arrhenius" else ()
 
     def build(self, value: Values) -> "Submodel":
@@ -140,7 +140,7 @@ class Hardness(Section):
 
 
 class Friction(Section):
-    """Friction coefficient: times 1 - e [A 7], constant [B], or no friction."""
+    """Friction coefficient: mu0 (1 - e) [A 7], constant [B], or no friction."""
 
     law: Literal["restitution_scaled", "constant", "none"] = "none"
     requires: ClassVar[tuple[str, ...]] = ("friction",)
@@ -164,7 +164,7 @@ class Friction(Section):
 
 
 class RootSolver(Section):
-    """The impact's equation e = G(e) solved with a bracketed root finder that cannot fail."""
+    """Bracketed root finder for e = G(e)."""
 
     law: Literal["root"] = "root"
     summary: ClassVar[str] = "e = G(e) by a bracketed root finder"
@@ -177,7 +177,7 @@ class RootSolver(Section):
 
 
 class IterationSolver(Section):
-    """The published fixed-point iteration, which ends in a cycle for most impacts."""
+    """Published fixed-point iteration for e = G(e), which cycles for most impacts [A 20]."""
 
     law: Literal["iteration"]
     tolerance: Annotated[Number, Field(gt=0)] = 1e-6
@@ -203,14 +203,14 @@ AnySolver = Annotated[RootSolver | IterationSolver, Field(discriminator="law"), 
 
 
 Integration = Literal["exact", "euler"]
-"""The exact solution, or as published one step per time step of the engine, if it has any."""
+"""Exact solution, or, as published, an Euler step in each time step of the engine."""
 
 
 class Heating(Section):
-    """Who gets the energy an impact dissipates: the pair [A 14-17] or each its own [B 6.5-6.10]."""
+    """Sharing of dissipated energy: half the pair's [A 14-17], or each its own [B 6.5-6.10]."""
 
     law: Literal["pair_split", "own_energy", "none"] = "pair_split"
-    # Cooling and reaction are refused without heating.
+    # Cooling and reaction are not allowed without heating, so they need not name these.
     requires: ClassVar[tuple[str, ...]] = ("heat_capacity", "temperature")
 
     @property
@@ -230,7 +230,7 @@ class Heating(Section):
 
 
 class Reaction(Section):
-    """Heat of reaction per contact area, or none."""
+    """Heat of reaction per contact area [A 14-17] [B 6.5-6.10], or none."""
 
     law: Literal["contact_area", "none"] = "none"
     summary: ClassVar[str] = "heat per contact area [A 14-17] [B 6.5-6.10]"
@@ -244,7 +244,7 @@ class Reaction(Section):
 
 
 class Fragmentation(Section):
-    """Energy that may break an aggregate: dissipated by the pair, or its own [B 5.1-5.5]."""
+    """Fragmentation by the energy the pair dissipates, or an aggregate's own [B 5.1-5.5]."""
 
     law: Literal["pair_energy", "own_energy", "none"] = "none"
     requires: ClassVar[tuple[str, ...]] = ("surface_energy",)
@@ -268,17 +268,17 @@ class Fragmentation(Section):
 
 
 class NoCooling(Section):
-    """Nothing cools between impacts."""
+    """No cooling between impacts."""
 
     law: Literal["none"] = "none"
     summary: ClassVar[str] = ""
 
     def build(self, value: Values) -> None:
-        """Return None: there is no law."""
+        """Return None, which stands for no cooling."""
 
 
 class RadiationCooling(Section):
-    """Radiation and convection [B 6.19-6.21]; temperatures in K, convection in W/m^2/K."""
+    """Radiation and convection [B 6.19-6.21]; temperatures in K, `convection` in W/m^2/K."""
 
     law: Literal["radiation"]
     emissivity: Annotated[Number, Field(ge=0, le=1, description="0 to 1")]
@@ -304,7 +304,7 @@ class RadiationCooling(Section):
 
 
 class QuarticCooling(Section):
-    """The published law (theta - theta0)^4, bounded at the starting temperature [A 18-19]."""
+    """Published law (theta - theta0)^4, bounded at the starting temperature [A 18-19]."""
 
     law: Literal["quartic"]
     integration: Integration = "exact"

@@ -1,4 +1,4 @@
-"""Numbers with units: an SI number as it is, or a text such as `10 MPa` that pint converts."""
+"""Numbers with units: SI numbers, or texts such as `10 MPa` that pint converts."""
 
 import re
 from decimal import Decimal
@@ -37,19 +37,19 @@ KINDS: Final = {
     "J/kg": "energy per mass",
     "W/m^2": "power per area",
 }
-"""What the dimension of a unit is called in messages."""
+"""Names of dimensions in messages, by SI unit."""
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
 
 
-SMALLEST: Final = 1e-100
-LARGEST: Final = 1e100
-"""Sizes of numbers other than 0 whose squares and products float64 can hold."""
+MIN_MAGNITUDE: Final = 1e-100
+MAX_MAGNITUDE: Final = 1e100
+"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
 
 
 def to_si(value: Any, unit: str) -> float:
-    """Value in SI units.
+    """Return a value in SI units.
 
     Parameters
     ----------
@@ -61,30 +61,28 @@ def to_si(value: Any, unit: str) -> float:
     Raises
     ------
     ValueError
-        With what is wrong and what is allowed.
+        If it is not possible; says what is allowed.
     """
     number = _convert(value, unit) if isinstance(value, str) else _plain(value, unit)
     if not isfinite(number):
-        raise ValueError(f"is {shown(value)}; must be a finite number")
-    if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
-        si_unit = "" if unit == "1" else f" {unit}"
-        raise ValueError(
-            f"is {shown(value)}; must be 0 or in size between {SMALLEST:g} and {LARGEST:g}{si_unit}"
-        )
+        raise ValueError(f"is {quoted(value)}; must be a finite number")
+    if number != 0.0 and not MIN_MAGNITUDE <= abs(number) <= MAX_MAGNITUDE:
+        limits = f"{MIN_MAGNITUDE:g} and {MAX_MAGNITUDE:g}" + ("" if unit == "1" else f" {unit}")
+        raise ValueError(f"is {quoted(value)}; must be 0 or in size between {limits}")
     return number
 
 
 def _plain(value: Any, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"is {shown(value)}; must be {_wanted(unit)}")
+        raise ValueError(f"is {quoted(value)}; must be {_expectation(unit)}")
     try:
         return float(value)
     except OverflowError:
         return float("inf")
 
 
-def shown(value: Any) -> str:
-    """Quote a value for a message, shortened to one readable piece."""
+def quoted(value: Any) -> str:
+    """Return a value as it is quoted in a message, at most 70 characters."""
     match value:
         case None:
             return "empty"
@@ -98,7 +96,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 70 else text[:67] + "..."
 
 
-def _wanted(unit: str) -> str:
+def _expectation(unit: str) -> str:
     if unit == "1":
         return "a number"
     return f"a number in {unit}, or a text with a unit like '10 {unit}'"
@@ -107,10 +105,10 @@ def _wanted(unit: str) -> str:
 def _convert(text: str, unit: str) -> float:
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ValueError(f"is the text {shown(text)}; must be {_wanted(unit)}")
+        raise ValueError(f"is the text {quoted(text)}; must be {_expectation(unit)}")
     number, given = match.groups()
     if not given:
-        raise ValueError(f"is the text {shown(text)}, a number in quotes; leave out the quotes")
+        raise ValueError(f"is the text {quoted(text)}, a number in quotes; leave out the quotes")
     registry = _registry()
     source = _unit(registry, given)
     target = registry.parse_units("" if unit == "1" else unit)
@@ -121,7 +119,7 @@ def _convert(text: str, unit: str) -> float:
     try:
         return float(registry.Quantity(Decimal(number), source).to(target).magnitude)
     except (TypeError, ArithmeticError):  # logarithmic units, exponents beyond Decimal's
-        raise ValueError(f"is {shown(text)}; cannot be converted to '{unit}'") from None
+        raise ValueError(f"is {quoted(text)}; cannot be converted to '{unit}'") from None
 
 
 def _unit(registry: "UnitRegistry", text: str) -> Any:
@@ -134,7 +132,7 @@ def _unit(registry: "UnitRegistry", text: str) -> Any:
         unknown = names if isinstance(names, str) else ", ".join(names)
         raise ValueError(f"unknown unit '{unknown}' in '{text}'") from None
     except Exception:  # pint lets its tokenizer's and its assertions' errors through
-        raise ValueError(f"'{shown(text)[1:-1]}' is not a unit") from None
+        raise ValueError(f"'{quoted(text)[1:-1]}' is not a unit") from None
 
 
 @cache

@@ -1,8 +1,8 @@
-"""A user's own Python function: its source is read beside the campaign, and run only if allowed.
+"""A user's objective function: its source is read beside the campaign, and run only if allowed.
 
-The source of `module.py` is read once. Its bytes travel with the campaign to all ranks, which
-execute them in a module that has no other name; nothing is imported by path. A campaign that was
-read from a database file knows the digest alone, and cannot run anything.
+The source of `module.py` is read once. Its bytes are sent with the campaign to all ranks, which
+execute them in a module of their own; nothing is imported by path. A campaign read from a campaign
+file knows only the digest, and cannot call the function.
 """
 
 import hashlib
@@ -17,14 +17,21 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
 
-LARGEST: Final = 1e100
-"""Size of values that a function may return: their squares and sums are finite."""
+MAX_MAGNITUDE: Final = 1e100
+"""Largest magnitude that a function may return, so that squares and sums are finite."""
 
 
 class UserFunction(NamedTuple):
-    """A function that is called by `module:function`, and the SHA-256 of its module's source.
+    """A user's function.
 
-    Without `source`, the bytes of the module, it cannot be called.
+    Attributes
+    ----------
+    call
+        `module:function`.
+    sha256
+        SHA-256 of the module's source, hexadecimal.
+    source
+        Bytes of the module; None if unknown: the function then cannot be called.
     """
 
     call: str
@@ -33,17 +40,17 @@ class UserFunction(NamedTuple):
 
     @property
     def file(self) -> str:
-        """Name of the module's file."""
+        """File name of the module."""
         return f"{self.call.partition(':')[0]}.py"
 
     @property
-    def unread(self) -> "UserFunction":
-        """The same function, as one that cannot be called."""
+    def without_source(self) -> "UserFunction":
+        """The same function without its source, so that it cannot be called."""
         return self._replace(source=None)
 
 
 def check_call(text: str) -> str:
-    """Return what is `module:function`; a ValueError says what else it is."""
+    """Return `text` if it has the form `module:function`, else raise a ValueError."""
     words = text.split(":")
     if len(words) != 2 or not all(word.isidentifier() and not iskeyword(word) for word in words):
         message = f"is {text!r}; must be module:function, of module.py beside the campaign file"
@@ -51,22 +58,22 @@ def check_call(text: str) -> str:
     return text
 
 
-def read_code(folder: Path, call: str) -> UserFunction:
-    """Read the source of a function's module, which is not executed.
+def read_function(folder: Path, call: str) -> UserFunction:
+    """Read and compile the source of a function's module, without executing it.
 
     Raises
     ------
     ValueError
         If there is no such file, or it is not Python.
     """
-    code = UserFunction(call, "")
-    path = folder / code.file
+    function = UserFunction(call, "")
+    path = folder / function.file
     try:
         source = path.read_bytes()
     except OSError as error:
         raise ValueError(f"is {call!r}, but {path} cannot be read: {error.strerror}") from None
     try:
-        compile(source, code.file, "exec", dont_inherit=True)
+        compile(source, function.file, "exec", dont_inherit=True)
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)
@@ -75,54 +82,59 @@ def read_code(folder: Path, call: str) -> UserFunction:
 
 
 def recorded_function(identity: Mapping[str, Any]) -> UserFunction | None:
-    """Return what the identity of a stored campaign says of its function; None if it has none."""
+    """Return the function named by a stored campaign's identity, without source, or None."""
     call, digest = (identity.get(f"objective.{name}") for name in ("call", "source_sha256"))
     return UserFunction(str(call), str(digest)) if call is not None and digest is not None else None
 
 
 @cache
-def load_function(code: UserFunction) -> Callable[[Any], Any]:
-    """Execute a module's source, once in each process, and return its function.
+def load_function(function: UserFunction) -> Callable[[Any], Any]:
+    """Execute a module's source, once in each process, and return the function.
 
     Raises
     ------
     ValueError
         If the source is not known, cannot be executed, or defines no such function.
     """
-    if code.source is None:
-        raise ValueError(f"the source of {code.call!r} is not known here")
-    _, _, name = code.call.partition(":")
-    module = ModuleType(f"agglom_objective_{code.sha256[:16]}")
-    lines = code.source.decode(errors="replace").splitlines(keepends=True)
-    linecache.cache[code.file] = len(code.source), None, lines, code.file  # shown in tracebacks
+    if function.source is None:
+        raise ValueError(f"the source of {function.call!r} is not known here")
+    _, _, name = function.call.partition(":")
+    module = ModuleType(f"agglom_objective_{function.sha256[:16]}")
+    lines = function.source.decode(errors="replace").splitlines(keepends=True)
+    # Tracebacks take their lines from here.
+    linecache.cache[function.file] = len(function.source), None, lines, function.file
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        exec(compile(code.source, code.file, "exec", dont_inherit=True), module.__dict__)
+        exec(compile(function.source, function.file, "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
-        said = f"{type(error).__name__}: {error}"
-        raise ValueError(f"is {code.call!r}, but {code.file} raises {said}") from error
-    function = getattr(module, name, None)
-    if not callable(function):
-        raise ValueError(f"is {code.call!r}, but {code.file} defines no function {name!r}")
-    return function
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"is {function.call!r}, but {function.file} raises {reason}") from error
+    loaded = getattr(module, name, None)
+    if not callable(loaded):
+        raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
+    return loaded
 
 
-def evaluate(code: UserFunction, sample: Any) -> float:
-    """Return what a function makes of a finished sample, which must be a finite float.
+def evaluate(function: UserFunction, sample: Any) -> float:
+    """Call a user's function with a finished sample and return its value, a finite float.
 
     Raises
     ------
+    TypeError, ValueError
+        If it does not return a float, or one that is not finite or too large.
     Exception
-        What the function raises; a ValueError or TypeError if it returns something else.
+        Whatever the function raises.
     """
     try:
-        value = load_function(code)(sample)
+        value = load_function(function)(sample)
     except SystemExit as error:  # must end no rank
-        raise RuntimeError(f"{code.call} asked to exit") from error
+        raise RuntimeError(f"{function.call} asked to exit") from error
     if not isinstance(value, float):
         kind = type(value).__name__
-        raise TypeError(f"{code.call} returned {reprlib.repr(value)}, a {kind}; must be a float")
-    if not (math.isfinite(value) and abs(value) <= LARGEST):
-        limit = f"must be finite, and in size at most {LARGEST:g}"
-        raise ValueError(f"{code.call} returned {value!r}; {limit}")
+        raise TypeError(
+            f"{function.call} returned {reprlib.repr(value)}, a {kind}; must be a float"
+        )
+    if not (math.isfinite(value) and abs(value) <= MAX_MAGNITUDE):
+        limit = f"must be finite, and in size at most {MAX_MAGNITUDE:g}"
+        raise ValueError(f"{function.call} returned {value!r}; {limit}")
     return float(value)

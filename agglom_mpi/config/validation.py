@@ -1,4 +1,4 @@
-"""Sections of a campaign, and their errors as file:line: field."""
+"""Base class and types of sections, and their errors with file, line and field."""
 
 import re
 from collections.abc import Iterator
@@ -7,12 +7,12 @@ from typing import Annotated, Any, Final, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from agglom_mpi.config.units import shown
-from agglom_mpi.config.yaml_source import Path, Problem, Source
+from agglom_mpi.config.units import quoted
+from agglom_mpi.config.yaml_source import CampaignError, FieldPath, Problem, Source
 
 Models = list[type[BaseModel]]
 
-SENTENCES = {
+EXPECTATIONS = {
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
     "string_type": "must be a text; put it in quotes",
@@ -30,23 +30,27 @@ SENTENCES = {
     "multiple_of": "must be a multiple of {multiple_of}",
     "too_long": "must have {max_length} entries",
 }
-"""What is allowed, by the type of pydantic's error."""
+"""What is allowed, by type of pydantic's errors."""
 
 
-def explain(error: ValidationError, source: Source, model: type[BaseModel]) -> list[Problem]:
-    """Every error of a validation of `source.data` by `model`."""
-    return [
-        Problem(source.name, source.line(path), ".".join(map(str, path)), message)
-        for details in error.errors(include_url=False)
-        for path, message in _messages(dict(details), source, model)
-    ]
+def to_campaign_error(
+    error: ValidationError, source: Source, model: type[BaseModel]
+) -> CampaignError:
+    """Return the CampaignError of a failed validation of `source.data` by `model`."""
+    return CampaignError(
+        *(
+            Problem(source.name, source.line(path), ".".join(map(str, path)), message)
+            for details in error.errors(include_url=False)
+            for path, message in _messages(dict(details), source, model)
+        )
+    )
 
 
 def _messages(
     details: dict[str, Any], source: Source, model: type[BaseModel]
-) -> Iterator[tuple[Path, str]]:
+) -> Iterator[tuple[FieldPath, str]]:
     kind, loc, context = details["type"], details["loc"], details.get("ctx", {})
-    path = _written(loc, source)
+    path = _path_in_file(loc, source)
     match kind:
         case "value_error" if isinstance(context["error"], FieldError):
             for below, message in context["error"].problems:
@@ -54,13 +58,13 @@ def _messages(
         case "value_error":
             yield path, str(context["error"])
         case "missing" if isinstance(loc[-1], int):
-            path = _written(loc[:-1], source)
-            yield path, f"is {shown(source.value(path))}; has too few entries"
+            path = _path_in_file(loc[:-1], source)
+            yield path, f"is {quoted(source.value(path))}; has too few entries"
         case "missing":
             (*_, last) = loc
-            wanted = [_wanted(found, last) for found in _models(loc[:-1], model)]
+            wanted = [_expectation(found, last) for found in _models(loc[:-1], model)]
             message = "; ".join(["is missing", *filter(None, wanted)])
-            yield (*_written(loc[:-1], source), last), message
+            yield (*_path_in_file(loc[:-1], source), last), message
         case "extra_forbidden":
             yield path, _unknown_key(str(loc[-1]), _models(loc[:-1], model))
         case "union_tag_not_found":
@@ -70,24 +74,26 @@ def _messages(
         case "union_tag_invalid":
             key, value = context["discriminator"].strip("'"), context["tag"]
             place = (*path, key) if isinstance(source.value(path), dict) else path
-            yield place, f"is {shown(value)}; allowed: {_listed(context['expected_tags'])}"
+            yield place, f"is {quoted(value)}; allowed: {_unquoted(context['expected_tags'])}"
         case "literal_error":
-            value = shown(source.value(path))
-            yield path, f"is {value}; allowed: {_listed(context['expected'])}"
+            value = quoted(source.value(path))
+            yield path, f"is {value}; allowed: {_unquoted(context['expected'])}"
         case "model_attributes_type":
-            yield path, f"is {shown(source.value(path))}; must be a mapping"
+            yield path, f"is {quoted(source.value(path))}; must be a mapping"
         case _:
-            allowed = SENTENCES[kind].format(**context) if kind in SENTENCES else details["msg"]
-            yield path, f"is {shown(source.value(path))}; {allowed}"
+            allowed = (
+                EXPECTATIONS[kind].format(**context) if kind in EXPECTATIONS else details["msg"]
+            )
+            yield path, f"is {quoted(source.value(path))}; {allowed}"
 
 
-def _wanted(model: type[BaseModel], key: str) -> str | None:
+def _expectation(model: type[BaseModel], key: str) -> str | None:
     if key == "law":
         return f"allowed: {', '.join(_tags(model))}"
     return model.model_fields[key].description
 
 
-def _listed(quoted: str) -> str:
+def _unquoted(quoted: str) -> str:
     return ", ".join(re.findall(r"'([^']*)'", quoted))
 
 
@@ -98,17 +104,17 @@ def _unknown_key(key: str, models: Models) -> str:
     return f"unknown key '{key[:40]}'; {hint}"
 
 
-def _written(loc: Path, source: Source) -> Path:
-    """Without what pydantic adds: the laws of discriminated unions, and `law` of a short form."""
-    path: Path = ()
+def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
+    """Return a location without what pydantic adds: tags of unions, `law` of a short form."""
+    path: FieldPath = ()
     for part in loc:
         if (*path, part) in source.lines:
             path = (*path, part)
     return path
 
 
-def _models(loc: Path, model: type[BaseModel]) -> Models:
-    """Models that pydantic may have tried at a location."""
+def _models(loc: FieldPath, model: type[BaseModel]) -> Models:
+    """Return the models that pydantic may have tried at a location."""
     models = [model]
     for part in loc:
         tagged = [found for found in models if part in _tags(found)]
@@ -148,20 +154,20 @@ def _printable(text: str) -> str:
 
 
 Line = Annotated[str, AfterValidator(_printable)]
-"""One line of text: no line break, null byte or lone surrogate."""
+"""One line of printable text: no line break, null byte or lone surrogate."""
 
 
 LATER: Final = "added later"
-"""Marks a field that the first campaigns did not have: at its default it changes no identity."""
+"""Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
 
 
 class Section(BaseModel):
-    """A section or a submodel of the campaign."""
+    """Base of all sections and submodels."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def entries(self) -> dict[str, Any]:
-        """Return all fields, as plain values; those marked `LATER` only if they were asked for."""
+        """Return all fields as plain values, without those marked `LATER` at their default."""
         return {
             name: _plain(getattr(self, name))
             for name, field in type(self).model_fields.items()
@@ -178,15 +184,15 @@ def _plain(value: Any) -> Any:
 
 
 class FieldError(ValueError):
-    """Fields that do not fit together, each with its path below the validated part."""
+    """Errors of fields, each with its path below the validated section."""
 
-    def __init__(self, *problems: tuple[Path, str]) -> None:
+    def __init__(self, *problems: tuple[FieldPath, str]) -> None:
         super().__init__("; ".join(message for _, message in problems))
         self.problems = problems
 
 
-def raise_field_errors(problems: list[tuple[Path, str]]) -> None:
-    """Raise a `FieldError` if there are any problems."""
+def raise_field_errors(problems: list[tuple[FieldPath, str]]) -> None:
+    """Raise a FieldError unless `problems` is empty."""
     if problems:
         raise FieldError(*problems)
 
@@ -195,7 +201,7 @@ def _named(value: Any) -> Any:
     if isinstance(value, str):
         return {"law": value}
     if not isinstance(value, dict | Section):
-        raise ValueError(f"is {shown(value)}; must be the name of a law or a mapping with `law:`")
+        raise ValueError(f"is {quoted(value)}; must be the name of a law or a mapping with `law:`")
     return value
 
 
@@ -204,6 +210,6 @@ def _named_or_none(value: Any) -> Any:
 
 
 NAMED = BeforeValidator(_named)
-"""Reads `key: foo` as `key: {law: foo}`."""
+"""Validator that reads `key: foo` as `key: {law: foo}`."""
 NAMED_OR_NONE = BeforeValidator(_named_or_none)
-"""The same, and an empty entry as `none`."""
+"""As `NAMED`, and reads an empty entry as `none`."""

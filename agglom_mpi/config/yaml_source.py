@@ -1,10 +1,10 @@
-"""The text of a campaign file as plain data that knows its lines, and the error that cites them.
+"""YAML text of a campaign as plain data with line numbers, and the errors that cite them.
 
 YAML 1.2, in which `1e8` is a number and `no` is a text.
 """
 
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
@@ -12,15 +12,18 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-Path = tuple[str | int, ...]
+from agglom_mpi.errors import MissingLibraryError, UserError
 
-# An alias that contains itself, or that doubles at every level, must end in a message.
-DEEPEST = 10
-LONGEST = 10_000
+FieldPath = tuple[str | int, ...]
+"""Keys and list indices from the top of the file to an entry."""
+
+# Limits, so that an alias that contains itself or doubles at every level ends in a message.
+MAX_DEPTH = 10
+MAX_ENTRIES = 10_000
 
 
 class Problem(NamedTuple):
-    """One thing wrong with a campaign: the file, the line if it has one, the field, the reason."""
+    """One thing wrong with a campaign: file, line if known, field, and message."""
 
     file: str
     line: int | None
@@ -33,8 +36,8 @@ class Problem(NamedTuple):
         return " ".join(f"{place}: {field}{self.message}".split())
 
 
-class CampaignError(Exception):
-    """Everything that is wrong with a campaign, one line per problem, in the order of the file."""
+class CampaignError(UserError):
+    """All problems of a campaign, one line each, in the order of the file."""
 
     def __init__(self, *problems: Problem) -> None:
         self.problems = tuple(sorted(problems, key=lambda problem: problem.line or 0))
@@ -44,22 +47,26 @@ class CampaignError(Exception):
         return "\n".join(map(str, self.problems))
 
 
+class MissingSearchLibraryError(CampaignError, MissingLibraryError):
+    """A campaign's search needs an optional library that is not installed."""
+
+
 @dataclass(frozen=True)
 class Source:
-    """A parsed campaign file."""
+    """A parsed campaign file: its name, plain data, and the line of every entry."""
 
     name: str
     data: dict[str, Any]
-    lines: dict[Path, int]
+    lines: dict[FieldPath, int]
 
-    def line(self, path: Path) -> int:
-        """Line of an entry, or of the nearest mapping around it."""
+    def line(self, path: FieldPath) -> int:
+        """Return the line of an entry, or of the nearest mapping around it."""
         while path not in self.lines:
             path = path[:-1]
         return self.lines[path]
 
-    def value(self, path: Path) -> Any:
-        """Value of an entry as it was written."""
+    def value(self, path: FieldPath) -> Any:
+        """Return the value of an entry as it was written."""
         value: Any = self.data
         for part in path:
             value = value[part]
@@ -67,9 +74,9 @@ class Source:
 
 
 def read_text(name: str) -> str:
-    """Text of the file `name`, which must be UTF-8."""
+    """Return the text of the file `name`; raise a CampaignError if it cannot be read as UTF-8."""
     try:
-        content = FilePath(name).read_bytes()
+        content = Path(name).read_bytes()
         if content.startswith(b"\x89HDF"):
             message = "is an HDF5 file, not YAML; agglom report and simulate read it"
             raise CampaignError(Problem(name, None, "", message))
@@ -90,14 +97,14 @@ def read_text(name: str) -> str:
 
 
 def parse(text: str, name: str) -> Source:
-    """Read YAML text.
+    """Return the parsed YAML text of a campaign; raise a CampaignError if it is not a mapping.
 
     Parameters
     ----------
     text
-        The whole file.
+        Text of the file.
     name
-        What errors call the file.
+        Name of the file in errors.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.composer.warn_double_anchors = False  # they are legal
@@ -122,22 +129,22 @@ def parse(text: str, name: str) -> Source:
 
 
 class _Builder:
-    """Turns nodes into plain data and notes the line of every entry."""
+    """Converts YAML nodes to plain data and records the line of every entry."""
 
     def __init__(self, yaml: YAML, name: str) -> None:
         self.yaml = yaml
         self.name = name
-        self.lines: dict[Path, int] = {}
+        self.lines: dict[FieldPath, int] = {}
 
-    def error(self, node: Node, path: Path, message: str) -> CampaignError:
+    def error(self, node: Node, path: FieldPath, message: str) -> CampaignError:
         return CampaignError(
             Problem(self.name, node.start_mark.line + 1, ".".join(map(str, path)), message)
         )
 
-    def build(self, node: Node, path: Path, place: Node) -> Any:
-        """Plain data of `node`; `place` is where the file mentions it (its key, not an anchor)."""
-        if len(path) > DEEPEST or len(self.lines) > LONGEST:
-            raise self.error(place, path[:DEEPEST], "is nested too deeply or too long")
+    def build(self, node: Node, path: FieldPath, place: Node) -> Any:
+        """Return the data of `node`; `place` is the node whose line counts (its key, no anchor)."""
+        if len(path) > MAX_DEPTH or len(self.lines) > MAX_ENTRIES:
+            raise self.error(place, path[:MAX_DEPTH], "is nested too deeply or too long")
         self.lines[path] = place.start_mark.line + 1
         if isinstance(node, MappingNode):
             return self.mapping(node, path)
@@ -145,7 +152,7 @@ class _Builder:
             return [self.build(item, (*path, i), item) for i, item in enumerate(node.value)]
         return self.scalar(node, path)
 
-    def mapping(self, node: MappingNode, path: Path) -> dict[str, Any]:
+    def mapping(self, node: MappingNode, path: FieldPath) -> dict[str, Any]:
         data: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = self.scalar(key_node, path) if isinstance(key_node, ScalarNode) else None
@@ -159,7 +166,7 @@ class _Builder:
             data[key] = self.build(value_node, (*path, key), key_node)
         return data
 
-    def scalar(self, node: Node, path: Path) -> Any:
+    def scalar(self, node: Node, path: FieldPath) -> Any:
         try:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, ValueError):

@@ -103,7 +103,7 @@ def _launcher_terminal(output: int) -> Terminal | None:
     if not os.isatty(descriptor):
         os.close(descriptor)
         return None
-    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="spelled")  # noqa: SIM115
+    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="ascii_replacement")  # noqa: SIM115
     return Terminal(stream, lambda: _process_in_foreground(process))
 
 

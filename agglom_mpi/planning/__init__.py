@@ -1,1 +1,1 @@
-"""Estimates of the run time of a campaign: `agglom plan`."""
+"""Forecasts of the run time of a campaign: `agglom plan`."""

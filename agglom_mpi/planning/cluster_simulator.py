@@ -1,4 +1,4 @@
-"""The scheduler on simulated ranks."""
+"""The real decisions and scheduler of a campaign on simulated ranks, in simulated time."""
 
 import heapq
 import math
@@ -10,27 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.planning.saturation import Forecast
+from agglom_mpi.planning.forecast import MAX_SIMULATED, Forecast
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import GenerationSummary, Inversion, Observer
 from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING, Proposals
 
 LATENCY: Final = 2e-3
-"""Seconds until a message is read: a rank looks at its mail every 4 ms, more often if there is."""
+"""Time until a message is read, s: a rank polls every 4 ms, more often while messages arrive."""
 
 MESSAGE_SECONDS: Final = 150e-6
-"""Time that rank 0 needs to send or to take a message, s."""
+"""Time of rank 0 to send or to receive a message, s."""
 
 SAMPLE_SECONDS: Final = 40e-6
-"""Time that rank 0 needs to judge and to store a sample, s."""
-
-MOST_SIMULATED: Final = 2_000_000
-"""Samples after which a forecast is given up, some minutes."""
+"""Time of rank 0 to evaluate and to store a sample, s."""
 
 
 class Sample(NamedTuple):
-    """A sample that an imaginary rank holds, and the time that it spends on it, in s."""
+    """A sample in flight on a simulated rank, with its time in s; `needed`: not withdrawn."""
 
     string: int
     seconds: float
@@ -38,37 +35,37 @@ class Sample(NamedTuple):
 
 
 class SimulatedRank:
-    """Batches of an imaginary rank, which does them in the order in which they come.
+    """Batches in flight on a simulated rank, which processes them in order of arrival.
 
     Attributes
     ----------
-    free
-        When the first of them can begin, for all that the rank has done before; s.
+    free_at
+        Time at which the rank has finished its earlier batches, s.
     batches
-        Each after the time when it comes, in s.
+        Arrival time (s) and samples of each batch.
     """
 
     def __init__(self) -> None:
-        self.free = 0.0
+        self.free_at = 0.0
         self.batches: deque[tuple[float, list[Sample]]] = deque()
 
     def put(self, now: float, samples: list[Sample]) -> None:
-        """Give the rank a batch."""
+        """Add a batch that arrives at time `now`, s."""
         self.batches.append((now, samples))
 
     @property
     def end(self) -> float:
-        """When it is done with its first batch, s."""
+        """Time at which the first batch is finished, s."""
         received, samples = self.batches[0]
-        return max(self.free, received) + sum(sample.seconds for sample in samples)
+        return max(self.free_at, received) + sum(sample.seconds for sample in samples)
 
     def take(self) -> list[Sample]:
-        """Its first batch, which is done."""
-        self.free = self.end
+        """Remove and return the first batch, which is finished."""
+        self.free_at = self.end
         return self.batches.popleft()[1]
 
     def withdraw(self, now: float, strings: Collection[int]) -> None:
-        """Let it do no more of some strings from then on."""
+        """Drop samples of some strings that are not finished at time `now`, s."""
         for samples, place, end in list(self.schedule()):
             sample = samples[place]
             if sample.string in strings and end > now:
@@ -76,8 +73,8 @@ class SimulatedRank:
                 samples[place] = sample._replace(seconds=spent, needed=False)
 
     def schedule(self) -> Iterator[tuple[list[Sample], int, float]]:
-        """Batches, places in them, and when the sample there ends, s."""
-        end = self.free
+        """Yield batch, index in it, and end time (s) of every sample in flight."""
+        end = self.free_at
         for received, samples in self.batches:
             end = max(end, received)
             for place, sample in enumerate(samples):
@@ -86,25 +83,25 @@ class SimulatedRank:
 
 
 class Workload(Protocol):
-    """What samples would give, and how long they would take."""
+    """Results and durations of samples."""
 
     def sample(
         self, string: int, parameters: NDArray[np.float64], sample: int
     ) -> tuple[SampleSummary, float]:
-        """Outcome of a sample and its time in s; the same whenever it is asked for."""
+        """Return outcome and time (s) of a sample; always the same for the same sample."""
 
 
 class MessageCosts(NamedTuple):
-    """What there is besides simulating, all in s.
+    """Times of everything but simulating, s.
 
     Attributes
     ----------
     latency
-        From one rank to another.
+        From sending a message to reading it.
     message
-        Time that rank 0 needs to send or to take a message.
+        Of rank 0, to send or to receive a message.
     sample
-        Time that rank 0 needs to judge and to store a sample.
+        Of rank 0, to evaluate and to store a sample.
     """
 
     latency: float = LATENCY
@@ -113,29 +110,36 @@ class MessageCosts(NamedTuple):
 
 
 FREE: Final = MessageCosts(0.0, 0.0, 0.0)
-"""Messages and decisions that take no time."""
+"""No costs of messages and decisions."""
 
 
-class TooManySamples(Exception):  # noqa: N818  (it says what is the matter, like StopIteration)
-    """A forecast would take more than `MOST_SIMULATED` samples."""
+class TooManySamples(Exception):  # noqa: N818  (a condition, as StopIteration)
+    """A forecast takes more than `MAX_SIMULATED` samples."""
 
 
 class CriticalPath:
-    """Observer that remembers which strings had to wait for results of generations before theirs.
+    """Observer that records which strings depend on results of earlier generations.
 
     Parameters
     ----------
     lag
-        They had to wait for all generations but the last `lag` - 1 before their own.
+        Generation g depends on the results of generations up to g - `lag`.
+
+    Attributes
+    ----------
+    dependent
+        Dependent strings of each generation.
+    used
+        Number of samples used of each string.
     """
 
     def __init__(self, lag: int) -> None:
-        self.waiting: list[list[int]] = []
+        self.dependent: list[list[int]] = []
         self.used: dict[int, int] = {}
         self._lag = lag
 
     def seconds(self, longest: list[float]) -> float:
-        """Time until all is decided, if the waiting strings of each generation take so long, s."""
+        """Return the length of the path, s, from the longest time of each generation, s."""
         decided: list[float] = []
         for generation, seconds in enumerate(longest):
             begin = decided[generation - self._lag] if generation >= self._lag else 0.0
@@ -143,43 +147,45 @@ class CriticalPath:
         return decided[-1]
 
     def announced(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """They wait for nothing."""
+        """Ignore strings announced ahead: they depend on nothing."""
 
     def proposed(self, batch: Proposals, ids: NDArray[np.int64]) -> None:
-        """Take a generation."""
+        """Record the dependent strings of a generation."""
         learnt = np.isin(batch.origin, (OFFSPRING, MODEL, AGAIN)) | (batch.generation == 0)
-        self.waiting.append(ids[learnt].tolist())
+        self.dependent.append(ids[learnt].tolist())
 
     def judged(self, string: int, result: EnsembleResult) -> None:
-        """Take the number of samples of a string."""
+        """Record the number of samples of a string."""
         self.used[string] = result.samples_used
 
     def generation_done(self, summary: GenerationSummary) -> None:
-        """Nothing is to be remembered."""
+        """Ignore the end of a generation."""
 
 
 class ClusterSimulator:
-    """Runs a campaign on ranks that only take time.
+    """Discrete-event simulation of a campaign on a number of ranks.
 
-    Rank 0 simulates beside its messages, as it does in its thread.
+    Rank 0 simulates samples beside handling messages, as in a run.
 
     Parameters
     ----------
     make_inversion
-        Sets up the decisions, which are told to an observer.
+        Returns the inversion that notifies an observer.
     workload
-        What the samples give.
+        Results and durations of samples.
     ranks
         Number of ranks; all of them simulate.
     costs
-        Of messages and decisions.
+        Costs of messages and decisions.
     lag
-        Generations from one to the next that learns from it, as of a campaign's `search`.
+        Generation g depends on the results of generations up to g - `lag`.
 
     Attributes
     ----------
     inversion
-        The decisions.
+        The inversion.
+    path
+        The critical path, as observed.
     """
 
     def __init__(
@@ -190,23 +196,23 @@ class ClusterSimulator:
         costs: MessageCosts = FREE,
         lag: int = 1,
     ) -> None:
-        self.chain = CriticalPath(lag)
-        self.inversion = make_inversion(self.chain)
+        self.path = CriticalPath(lag)
+        self.inversion = make_inversion(self.path)
         self._workload = workload
         self._costs = costs
         self._ranks = [SimulatedRank() for _ in range(ranks)]
-        self._arrivals: list[tuple[float, int, int]] = []  # a heap: when, number, rank
-        self._expected = [0] * ranks  # numbers of those that are still true
+        self._arrivals: list[tuple[float, int, int]] = []  # a heap: time, number, rank
+        self._expected = [0] * ranks  # number of the valid arrival of each rank
         self._number = 0
         self._seconds: dict[int, list[float]] = {}
         self._outcomes: dict[int, list[SampleSummary]] = {}
-        self._handed_out = 0
+        self._assigned = 0
         self._simulated = 0
         self._work = 0.0
         self._served = 0.0
 
     def run(self) -> Forecast:
-        """Let time pass until all is decided; raises TooManySamples."""
+        """Run the campaign to its end and return the forecast; may raise TooManySamples."""
         self.inversion.start()
         scheduler = Scheduler(self.inversion, len(self._ranks))
         scheduler.pace.turnround = 2.0 * (self._costs.latency + self._costs.message)
@@ -214,13 +220,13 @@ class ClusterSimulator:
         while not self.inversion.finished:
             arrival, rank = self._next_arrival()
             if arrival > now:
-                now = self._hand_out(scheduler, now)
+                now = self._assign(scheduler, now)
                 arrival, rank = self._next_arrival()
-            now = self._take(scheduler, max(now, arrival), rank)
+            now = self._receive(scheduler, max(now, arrival), rank)
         return self._forecast(now)
 
     def _next_arrival(self) -> tuple[float, int]:
-        """When the next batch arrives, s, and of which rank; never, if there is none."""
+        """Return time (s) and rank of the next arrival at rank 0; infinity if there is none."""
         while self._arrivals:
             arrival, number, rank = self._arrivals[0]
             if self._expected[rank] == number:
@@ -229,15 +235,15 @@ class ClusterSimulator:
         return math.inf, -1
 
     def _expect(self, rank: int) -> None:
-        """Let the first batch of a rank arrive when it is done, and not when that was thought."""
+        """Reschedule the arrival of a rank's first batch."""
         self._number += 1
         self._expected[rank] = self._number
         if self._ranks[rank].batches:
             arrival = self._ranks[rank].end + self._costs.latency
             heapq.heappush(self._arrivals, (arrival, self._number, rank))
 
-    def _hand_out(self, scheduler: Scheduler, now: float) -> float:
-        """Let rank 0 send what ranks are to do and what they need not; when it is done."""
+    def _assign(self, scheduler: Scheduler, now: float) -> float:
+        """Send withdrawals and assignments from rank 0; return the time when all are sent, s."""
         for rank, strings in scheduler.withdrawals():
             now = self._serve(now, self._costs.message)
             self._ranks[rank].withdraw(now + self._costs.latency, strings.tolist())
@@ -254,12 +260,12 @@ class ClusterSimulator:
         return now
 
     def _serve(self, now: float, seconds: float) -> float:
-        """Let rank 0 work for so long; when it is done."""
+        """Add `seconds` to the busy time of rank 0; return the time afterwards, s."""
         self._served += seconds
         return now + seconds
 
-    def _take(self, scheduler: Scheduler, now: float, rank: int) -> float:
-        """Let rank 0 judge what a rank has simulated; when it is done."""
+    def _receive(self, scheduler: Scheduler, now: float, rank: int) -> float:
+        """Complete the first batch of a rank on rank 0; return the time afterwards, s."""
         samples = self._ranks[rank].take()
         spent = sum(sample.seconds for sample in samples)
         self._expect(rank)
@@ -277,7 +283,7 @@ class ClusterSimulator:
         return self._serve(now, self._costs.message + self._costs.sample * len(done))
 
     def _samples(self, string: int, first: int, count: int) -> list[Sample]:
-        """Simulate samples of a string, the next ones."""
+        """Return the next `count` samples of a string, with their outcomes recorded."""
         parameters = self.inversion.parameters(string)
         outcomes = self._outcomes.setdefault(string, [])
         seconds = self._seconds.setdefault(string, [])
@@ -285,13 +291,13 @@ class ClusterSimulator:
             outcome, duration = self._workload.sample(string, parameters, number)
             outcomes.append(outcome)
             seconds.append(duration)
-        self._handed_out += count
-        if self._handed_out > MOST_SIMULATED:
+        self._assigned += count
+        if self._assigned > MAX_SIMULATED:
             raise TooManySamples
         return [Sample(string, duration) for duration in seconds[first : first + count]]
 
-    def _abandon(self, end: float) -> None:
-        """Count what ranks have done of the batches that they hold at the end."""
+    def _count_in_flight(self, end: float) -> None:
+        """Count the work done by time `end` on batches that are still in flight."""
         for rank in self._ranks:
             for samples, place, ends in rank.schedule():
                 spent = samples[place].seconds - max(0.0, ends - end)
@@ -299,8 +305,8 @@ class ClusterSimulator:
                 self._work += max(0.0, spent)
 
     def _forecast(self, seconds: float) -> Forecast:
-        self._abandon(seconds)
-        used = self.chain.used
+        self._count_in_flight(seconds)
+        used = self.path.used
         needed = {string: self._seconds[string][: used[string]] for string in used}
         return Forecast(
             ranks=len(self._ranks),
@@ -309,10 +315,10 @@ class ClusterSimulator:
             simulated=self._simulated,
             used=sum(used.values()),
             work=sum(map(sum, needed.values())),
-            chain=self.chain.seconds(
+            chain=self.path.seconds(
                 [
                     max((max(needed[string]) for string in strings if string in needed), default=0)
-                    for strings in self.chain.waiting
+                    for strings in self.path.dependent
                 ]
             ),
             master=self._served / seconds,

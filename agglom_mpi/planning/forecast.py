@@ -1,35 +1,27 @@
-"""The run time of a campaign for numbers of ranks: forecast, saturation, advice."""
+"""Forecast of a campaign's run time: bounds, saturation, advice; as a table or as JSON."""
 
+import json
 import math
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from shlex import quote
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-import numpy as np
-from rich.console import Console
+from rich.console import Group, RenderableType
+from rich.table import Table
 
-from agglom_mpi.analysis.warm_start import warm_start_strings
-from agglom_mpi.config.campaign import Campaign, load_campaign
-from agglom_mpi.config.libraries import check_libraries
-from agglom_mpi.outcome import FAILED
-from agglom_mpi.planning.cluster_simulator import (
-    ClusterSimulator,
-    MessageCosts,
-    TooManySamples,
-    Workload,
-)
-from agglom_mpi.planning.saturation import Forecast
-from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, recorded_in
-from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.formatting import format_duration
+from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
-from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import Proposals
+
+if TYPE_CHECKING:
+    from agglom_mpi.planning.cluster_simulator import MessageCosts
 
 WELL_USED: Final = 0.5
-"""Share of the ranks' time that has to go into needed samples for so many ranks to be advised."""
+"""Smallest share of the ranks' time spent on needed samples at which so many ranks are advised."""
 
 MARGIN: Final = 2.0
-"""Times that is asked for a forecast one: other strings than random ones take longer or shorter."""
+"""Ratio of the advised walltime to the forecast: pilot strings are faster or slower than others."""
 
 START_SECONDS: Final = 300.0
 """Time to start, to compile kernels and to stop before the walltime, s."""
@@ -37,20 +29,93 @@ START_SECONDS: Final = 300.0
 ROUND_SECONDS: Final = 300.0
 """Walltimes are multiples of this, s."""
 
+MAX_SIMULATED: Final = 2_000_000
+"""Number of samples after which a forecast is given up, some minutes."""
 
-class Options(NamedTuple):
-    """What `agglom plan` was asked for; `source` is a campaign file with samples, or None."""
-
-    campaign: str
-    ranks: tuple[int, ...]
-    source: str | None = None
-    seconds: float = 20.0
-    generations: int | None = None
-    allow_code: bool = False
+WORK: Final = "work"
+CHAIN: Final = "chain"
+MASTER: Final = "rank 0"
+"""What limits the speed, as the table names it."""
 
 
-class Basis(NamedTuple):
-    """The samples that forecasts rest on: how many, and how long they took, s."""
+class Forecast(NamedTuple):
+    """Forecast of a run.
+
+    Attributes
+    ----------
+    ranks : int
+    seconds
+        Time from the first sample to the last decision, s.
+    busy
+        Share of the ranks' time in which they simulate.
+    simulated, used
+        Samples completed by the last decision, and those of them that decisions use.
+    work
+        Sum of the time of the samples that are used, s.
+    chain
+        Length of the critical path, s: generations one after the other, each as long as the longest
+        used sample of its strings that depend on earlier results.
+    master
+        Share of the time in which rank 0 handles messages.
+    again
+        Time for the fresh samples of the best strings after that, spread evenly, s.
+    """
+
+    ranks: int
+    seconds: float
+    busy: float
+    simulated: int
+    used: int
+    work: float
+    chain: float
+    master: float
+    again: float = 0.0
+
+    @property
+    def bound(self) -> float:
+        """Lower bound for every scheduler, s: the work spread evenly, or the critical path."""
+        return max(self.work / self.ranks, self.chain)
+
+    @property
+    def reached(self) -> float:
+        """Share of the speed of that bound."""
+        return self.bound / self.seconds
+
+    @property
+    def needed(self) -> float:
+        """Share of the ranks' time that is spent on samples which decisions use."""
+        return self.work / (self.seconds * self.ranks)
+
+    @property
+    def wasted(self) -> float:
+        """Share of the samples that no decision uses."""
+        return 1.0 - self.used / self.simulated
+
+    @property
+    def limit(self) -> str:
+        """What alone would take longest: `WORK`, `CHAIN` or `MASTER`."""
+        alone = {
+            WORK: self.work / self.ranks,
+            CHAIN: self.chain,
+            MASTER: self.master * self.seconds,
+        }
+        return max(alone, key=lambda name: alone[name])
+
+
+class PilotSummary(NamedTuple):
+    """Number and times (s) of the samples that a forecast is made from.
+
+    Attributes
+    ----------
+    source
+        Campaign file of the samples; None if they were simulated for the forecast.
+    samples, strings, failed
+        Numbers of samples, of their strings, and of samples that failed.
+    mean_seconds, longest_seconds
+        Mean and longest time of a sample, s.
+    differences
+        Entries in which the file's campaign differs.
+    """
 
     source: str | None
     samples: int
@@ -62,7 +127,7 @@ class Basis(NamedTuple):
 
 
 class Saturation(NamedTuple):
-    """Ranks that rank 0 can just serve, its samples per s, and the mean time of one, s."""
+    """Ranks that rank 0 can just serve, its samples per s, and the mean time of a sample, s."""
 
     ranks: float
     samples_per_second: float
@@ -77,18 +142,32 @@ class Advice(NamedTuple):
 
 
 class ForecastReport(NamedTuple):
-    """Forecasts of a campaign; `refused` are numbers of ranks that would take too many samples."""
+    """Forecasts of a campaign for several numbers of ranks.
+
+    Attributes
+    ----------
+    campaign, path
+        The campaign and its file.
+    pilot
+        The samples that the forecasts are made from.
+    costs
+        Costs of messages and decisions.
+    forecasts
+        One for each number of ranks.
+    not_forecast
+        Numbers of ranks whose forecast would take more than `MAX_SIMULATED` samples.
+    """
 
     campaign: Campaign
     path: str
-    basis: Basis
-    costs: MessageCosts
+    pilot: PilotSummary
+    costs: "MessageCosts"
     forecasts: list[Forecast]
-    refused: list[int]
+    not_forecast: list[int]
 
     @property
     def saturation(self) -> Saturation | None:
-        """Where rank 0 has no time left; None without a forecast."""
+        """Saturation of rank 0; None without a forecast."""
         if not self.forecasts:
             return None
         last = self.forecasts[-1]
@@ -96,7 +175,7 @@ class ForecastReport(NamedTuple):
 
     @property
     def advice(self) -> Advice | None:
-        """The most ranks that are still well used, else the fewest; None without a forecast."""
+        """The most ranks that are well used, or else the fewest; None without a forecast."""
         if not self.forecasts:
             return None
         fewest = min(self.forecasts, key=lambda f: f.ranks)
@@ -106,98 +185,123 @@ class ForecastReport(NamedTuple):
         return Advice(best.ranks, ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS))
 
 
-def saturation(mean_seconds: float, costs: MessageCosts) -> Saturation:
-    """Return what rank 0 can serve if samples take so long: a message there and one back."""
+def saturation(mean_seconds: float, costs: "MessageCosts") -> Saturation:
+    """Return how many ranks rank 0 can serve, with one message there and one back for a batch.
+
+    Parameters
+    ----------
+    mean_seconds
+        Mean time of a sample, s.
+    costs
+        Costs of messages and decisions.
+    """
     batch = max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / mean_seconds))
     rate = 1.0 / (costs.sample + 2.0 * costs.message / batch)
     return Saturation(mean_seconds * rate, rate, mean_seconds)
 
 
-def plan(options: Options) -> ForecastReport:
-    """Measure and forecast, and show on a terminal how that goes.
+EXPLANATION = (
+    "busy: share of the ranks' time in which they simulate; wasted: share of the\n"
+    "samples that are simulated before it is known that they are not needed.\n"
+    "at best: no order of work could beat it; reached: share of that speed.\n"
+    "limit, what takes longest: work, all that is needed, evenly spread; chain,\n"
+    "generations that each wait for their longest sample; rank 0, messages."
+)
 
-    Raises
-    ------
-    CampaignError, NotACampaign, OSError
-        If the campaign or the file with samples is not what it should be.
-    """
-    campaign = load_campaign(options.campaign, options.allow_code)
-    if options.generations is not None:
-        campaign = campaign.with_generations(options.generations)
-    campaign.check_searchable()
-    check_libraries(campaign)
-    with Console(stderr=True).status("") as status:  # only a terminal shows it
-        recorded = measure(campaign, options, status.update)
-        return forecasts(campaign, recorded, options, status.update)
+AGAIN = "again: at the end, to estimate the best strings on fresh samples."
 
 
-def measure(campaign: Campaign, options: Options, tell: Callable[[str], None]) -> PilotSamples:
-    """Read samples from a file, or simulate some now."""
-    if options.source is not None:
-        tell("reading samples")
-        return recorded_in(options.source, campaign)
-    from agglom_mpi.planning.pilot import run_pilot  # the simulator, which takes time to load
-
-    return run_pilot(campaign, options.seconds, tell)
-
-
-def forecasts(
-    campaign: Campaign, recorded: PilotSamples, options: Options, tell: Callable[[str], None]
-) -> ForecastReport:
-    """Let the campaign run on every number of ranks that was asked for."""
-    work = InversionExperiment(campaign, warm_start_strings(campaign))
-    rehearsal, costs = EmpiricalWorkload(recorded, campaign), MessageCosts()
-    made = ForecastReport(
-        campaign, options.campaign, basis(recorded, options.source), costs, [], []
-    )
-    for ranks in options.ranks:
-        tell(f"forecasting {ranks} ranks")
-        cluster = ClusterSimulator(
-            lambda observer: work.inversion(_as_proposed, observer),
-            rehearsal,
-            ranks,
-            costs,
-            campaign.search.lag,
-        )
-        try:
-            forecast = cluster.run()
-            again = fresh_seconds(work, cluster.inversion, rehearsal, ranks)
-            made.forecasts.append(forecast._replace(again=again))
-        except TooManySamples:
-            made.refused.append(ranks)
-    return made
-
-
-def fresh_seconds(work: Experiment, inversion: Inversion, workload: Workload, ranks: int) -> float:
-    """Time that the fresh samples of the best strings take when the search is over, s.
-
-    They are all known then: nothing but their number and the longest of them limits it.
-    """
-    strings, samples = work.finalists(inversion)
-    first = work.room.max_samples
-    seconds = [
-        workload.sample(string, inversion.parameters(string), sample)[1]
-        for string in strings
-        for sample in range(first, first + samples)
+def to_json(report: ForecastReport) -> str:
+    """Return forecasts as JSON; all times in s."""
+    properties = ("bound", "reached", "needed", "wasted", "limit")
+    forecasts = [
+        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
+        for forecast in report.forecasts
     ]
-    return max(sum(seconds) / ranks, max(seconds, default=0.0))
+    content: dict[str, Any] = {
+        "campaign": report.campaign.name,
+        "generations": report.campaign.stopping.generations,
+        "most_strings": report.campaign.max_strings,
+        "samples": report.pilot._asdict(),
+        "costs": report.costs._asdict(),
+        "forecasts": forecasts,
+        "not_forecast": report.not_forecast,
+        "saturation": report.saturation and report.saturation._asdict(),
+        "advice": report.advice and report.advice._asdict(),
+    }
+    return json.dumps(content, indent=2)
 
 
-def _as_proposed(batch: Proposals, first: int) -> Proposals:
-    """Take strings as they are: there is no earlier leg."""
-    return batch
+def forecast_table(report: ForecastReport) -> RenderableType:
+    """Return a table of forecasts, with the samples they are made from and an explanation."""
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    for name in ("ranks", "time", "busy", "simulated", "used", "wasted", "at best"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("reached", justify="right", no_wrap=True)
+    table.add_column("limit", no_wrap=True)
+    again = any(f.again for f in report.forecasts)
+    if again:
+        table.add_column("+ again", justify="right", no_wrap=True)
+    for f in report.forecasts:
+        table.add_row(
+            str(f.ranks),
+            format_duration(f.seconds),
+            f"{f.busy:.1%}",
+            str(f.simulated),
+            str(f.used),
+            f"{f.wasted:.1%}",
+            format_duration(f.bound),
+            f"{f.reached:.1%}",
+            f.limit,
+            *([format_duration(f.again)] if again else []),
+        )
+    tables = [table] if report.forecasts else []
+    return Group(*_heading(report), *tables, *_footer(report))
 
 
-def basis(recorded: PilotSamples, source: str | None) -> Basis:
-    """Describe the samples that there are."""
-    rows = recorded.rows
-    seconds = rows["seconds"]
-    return Basis(
-        source,
-        len(rows),
-        len(np.unique(rows["string"])),
-        int((rows["state"] == FAILED).sum()),
-        float(seconds.mean()),
-        float(seconds.max()),
-        recorded.differences,
-    )
+def _heading(report: ForecastReport) -> list[str]:
+    campaign, pilot, costs = report.campaign, report.pilot, report.costs
+    where = "simulated here, one after the other" if pilot.source is None else f"in {pilot.source}"
+    failed = f", {pilot.failed} failed" if pilot.failed else ""
+    return [
+        f"{campaign.title or campaign.name}: at most {campaign.stopping.generations} generations, "
+        f"{campaign.max_strings} strings",
+        f"{pilot.samples} samples of {pilot.strings} strings {where}: mean "
+        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)}"
+        f"{failed}",
+        *(f"made differently: {difference}" for difference in pilot.differences),
+        f"a message arrives after {format_duration(costs.latency)}; "
+        f"rank 0 takes {format_duration(costs.message)} for each and "
+        f"{format_duration(costs.sample)} for a sample",
+    ]
+
+
+def _footer(report: ForecastReport) -> list[str]:
+    lines = []
+    if report.pilot.samples < LEAST_SAMPLES * report.pilot.strings:
+        lines.append("rough: there are few samples of each string; simulate for more --seconds")
+    if report.not_forecast:
+        ranks = ", ".join(map(str, report.not_forecast))
+        lines.append(
+            f"no forecast for {ranks} ranks: more than {MAX_SIMULATED} samples; "
+            "fewer --generations take fewer"
+        )
+    if (full := report.saturation) is not None:
+        lines.append(
+            f"rank 0 is saturated near {max(1.0, full.ranks):.0f} ranks: it serves "
+            f"{full.samples_per_second:.0f} samples/s of {format_duration(full.mean_seconds)}"
+        )
+    again = any(f.again for f in report.forecasts)
+    return [*lines, EXPLANATION, *([AGAIN] if again else []), *_advice(report)]
+
+
+def _advice(report: ForecastReport) -> list[str]:
+    """Return the command that submits the campaign to a batch system."""
+    if (advice := report.advice) is None:
+        return []
+    minutes = round(advice.walltime / 60.0)
+    options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
+    return [
+        f"for the most ranks that spend {WELL_USED:.0%} of their time or more on needed samples:",
+        f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
+    ]

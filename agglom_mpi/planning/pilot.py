@@ -1,4 +1,4 @@
-"""Pilot samples: random strings simulated for a short time."""
+"""Pilot samples: random strings simulated here for a short time."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,44 +19,46 @@ from agglom_mpi.scheduling.interface import TASK
 from agglom_mpi.storage.table import concatenated
 
 STRINGS_PER_SAMPLE: Final = 4
-"""Strings to simulate for each sample of one of them: times differ more between strings."""
+"""Ratio of strings to samples per string: times differ more between strings than within one."""
 
 
-def run_pilot(campaign: Campaign, seconds: float, tell: Callable[[str], None]) -> PilotSamples:
-    """Simulate samples of random strings for at most so many seconds, compilation not counted.
+def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -> PilotSamples:
+    """Simulate samples of random strings for `seconds`, compilation not counted.
 
     The first strings are those of the campaign's first generation.
 
     Parameters
     ----------
     campaign
-        To be searched.
+        Campaign to forecast.
     seconds
-        Time to spend, s.
-    tell
-        Shown how it goes.
+        Time limit, s.
+    show
+        Called with a line on the progress.
 
     Raises
     ------
     CampaignError
-        If the time is over before the first sample is.
+        If no sample is complete within the time.
     """
     simulator = SampleRunner(InversionExperiment(campaign), 0)
-    tell("loading or compiling the simulation")
+    show("loading or compiling the simulation")
     simulator.warm_up()
-    # Another thread looks at the clock: one sample may take longer than all the time there is.
+    # A timer thread, because a single sample may take longer than the time limit.
     alarm = Timer(seconds, simulator.watch.stop)
     alarm.start()
     begin, rows = time.monotonic(), 0
     strings: list[NDArray[np.float64]] = []
     batch = Batch([], [], [], [])
     try:
-        for string, first, count in _tasks(campaign.most_strings, campaign.ensemble.max_samples):
+        for string, first, count in pilot_tasks(
+            campaign.max_strings, campaign.ensemble.max_samples
+        ):
             if string == len(strings):
                 strings.append(_random_string(campaign, string))
             rows += _simulate(simulator, _task(string, first, count, strings[string]), batch)
             spent = time.monotonic() - begin
-            tell(f"simulating: {rows} samples of {len(strings)} strings, {spent:.0f} s")
+            show(f"simulating: {rows} samples of {len(strings)} strings, {spent:.0f} s")
             if simulator.watch.stopped:
                 break
     finally:
@@ -67,12 +69,12 @@ def run_pilot(campaign: Campaign, seconds: float, tell: Callable[[str], None]) -
     return PilotSamples(concatenated(batch.results, RESULT), np.array(strings))
 
 
-def _tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
-    """Yield string, first sample and number of samples: ever more of both, in proportion."""
+def pilot_tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int]]:
+    """Yield string, first sample and number of samples of tasks, in rounds that double in size."""
     before = 0
     while True:
         samples = min(max(1, 2 * before), most_samples)
-        # Strings of the rounds before have their first samples already.
+        # Strings of earlier rounds have their first samples already.
         old = min(STRINGS_PER_SAMPLE * before, most_strings)
         new = min(STRINGS_PER_SAMPLE * samples, most_strings)
         for string in range(new):
@@ -87,7 +89,7 @@ def _tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int, int
 
 
 def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
-    """Draw a string of the whole search box, shape (10,); first those of the first generation."""
+    """Return random string `number` of the search box, shape (10,); the first are generation 0."""
     generation, slot = divmod(number, campaign.search.population)
     space = campaign.variables.space()
     return space.sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
@@ -101,7 +103,7 @@ def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) 
 
 
 def _simulate(simulator: SampleRunner, task: np.void, batch: Batch) -> int:
-    """Simulate samples into a batch, unless the time is over; how many are done."""
+    """Simulate samples into `batch` until the time is over; return how many are complete."""
     job, before = simulator.begin(task), len(batch.results)
     while job.go_on():
         pass

@@ -1,7 +1,7 @@
-"""Sample times and ensemble sizes from recorded or pilot samples.
+"""Empirical workload: results and times of samples drawn from recorded or pilot samples.
 
-A string that was simulated gives its own samples first. All others are drawn from the string
-nearest to it, so that a forecast can go on for as long as the campaign would.
+A simulated string yields its own samples first; all others are drawn from the string nearest to it,
+so that a forecast can be as long as the campaign.
 """
 
 from hashlib import blake2b
@@ -16,14 +16,14 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.outcome import SampleSummary, summaries
 
 LEAST_SAMPLES: Final = 5
-"""Samples that a string must have for others to draw from, if any has so many: two that happen to
+"""Samples that a string needs for others to draw from it, if any has that many: two that happen to
 be alike would let every string near it converge at once."""
 
 _MASK: Final = 2**64 - 1
 
 
 class PilotSamples(NamedTuple):
-    """Samples that were simulated.
+    """Simulated samples.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class PilotSamples(NamedTuple):
     parameters
         Their strings in SI units, shape (m, 10); `rows["string"]` is an index into them.
     differences
-        What was different from the campaign in question, in words.
+        Entries of their campaign that differ, as texts.
     """
 
     rows: NDArray[np.void]
@@ -41,7 +41,7 @@ class PilotSamples(NamedTuple):
 
 
 class _Pool(NamedTuple):
-    """Where the samples of a string come from: its own rows by number, then `size` others."""
+    """Rows that a string draws from: its own by sample number, then `size` others from `first`."""
 
     own: dict[int, int]
     first: int
@@ -50,14 +50,14 @@ class _Pool(NamedTuple):
 
 
 class EmpiricalWorkload:
-    """A `Workload` made of samples that were simulated.
+    """A `Workload` drawn from simulated samples.
 
     Parameters
     ----------
     recorded
         The samples.
     campaign
-        Says which variables are searched, and their box, in units of which strings are near.
+        Campaign to forecast; distances between strings are measured in its search box.
     """
 
     def __init__(self, recorded: PilotSamples, campaign: Campaign) -> None:
@@ -80,14 +80,14 @@ class EmpiricalWorkload:
     def sample(
         self, string: int, parameters: NDArray[np.float64], sample: int
     ) -> tuple[SampleSummary, float]:
-        """Outcome of a sample and its time in s; the number of the string plays no part."""
+        """Return outcome and time (s) of a sample, independent of the string's number."""
         name = parameters.tobytes()
         pool = self._pools.get(name)
         if pool is None:
             pool = self._pools[name] = self._pool(parameters[self._searched])
         row = pool.own.get(sample)
         if row is None:
-            row = pool.first + _scrambled(pool.key, sample) % pool.size
+            row = pool.first + splitmix64(pool.key, sample) % pool.size
         return self._outcomes[row], self._seconds[row]
 
     def _in_unit_box(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -106,29 +106,32 @@ class EmpiricalWorkload:
         return _Pool(own, first, end - first, int.from_bytes(digest, "little"))
 
 
-def _scrambled(key: int, count: int) -> int:
-    """Return the 64-bit number of a key and a count (SplitMix64, Steele, Lea and Flood 2014)."""
+def splitmix64(key: int, count: int) -> int:
+    """Return output `count` of SplitMix64 seeded with `key`  (Steele, Lea and Flood 2014)."""
     z = (key + (count + 1) * 0x9E3779B97F4A7C15) & _MASK
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
     return z ^ (z >> 31)
 
 
-def recorded_in(path: str, campaign: Campaign) -> PilotSamples:
-    """Read the samples of a campaign file, finished or not, that searched the same variables.
+def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
+    """Read the samples of a campaign file, finished or not, with the same searched variables.
 
     Raises
     ------
     CampaignError
-        If it searched others, or has no sample yet.
+        If other variables were searched, or there is no sample yet.
     NotACampaign, OSError
-        If it is none, or cannot be read.
+        If it is not a campaign file, or cannot be read.
     """
-    # HDF5, which most forecasts do without.
+    # Imported here because most forecasts need no HDF5.
     from agglom_mpi.storage.reader import parameters_of, read_inversion
 
     file = read_inversion(path)
-    if campaign.code is not None and recorded_function(file.identity) != campaign.code.unread:
+    if (
+        campaign.user_function is not None
+        and recorded_function(file.identity) != campaign.user_function.without_source
+    ):
         message = f"has samples that another objective has judged than that of {campaign.name}"
         raise CampaignError(Problem(path, None, "objective.call", message))
     boxes = file.variable_rows()
@@ -148,7 +151,7 @@ def recorded_in(path: str, campaign: Campaign) -> PilotSamples:
 
 
 def _differences(then: dict[str, object], now: dict[str, object]) -> list[str]:
-    """Entries of a scene, or fixed variables, that were something else when samples were made."""
+    """Return the entries of scene and variables that differ between two identities, as texts."""
     keys = [key for key in {**now, **then} if key.split(".")[0] in ("scene", "variables")]
     return [
         f"{key} was {then.get(key, 'absent')}, is {now.get(key, 'absent')}"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.report.requirements import require_library
+from agglom_mpi.errors import require_library
 from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def figure_or_new(figure: Any | None, size: tuple[float, float]) -> "matplotlib.
     """
     if figure is not None:
         return figure
-    require_library("matplotlib", "figures")
+    require_library("matplotlib", "report", "figures")
     from matplotlib import pyplot
 
     return pyplot.figure(figsize=size, layout="constrained")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.analysis.tables import table_of
-from agglom_mpi.report.requirements import require_directory, require_library
+from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.files import atomic_file, require_absent
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 TABLES: Final = ("generations", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
+
+
+class ExportError(UserError, ValueError):
+    """A report or an export that cannot be made, with the reason in one line."""
 
 
 def export(
@@ -43,14 +47,14 @@ def export(
     ------
     CampaignError
         If the samples for ParaView cannot be shown, as from `select_samples`, `write_samples`.
-    ExportError
-        If pandas is missing, or a name that is to be a directory is none.
+    ExportError, MissingLibraryError
+        If a name that is to be a directory is none, or pandas is missing.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
     file = read_campaign(source) if selection is None else read_inversion(source)
     if directory is not None:
-        require_library("pandas", "tables")
+        require_library("pandas", "report", "tables")
         require_directory(directory)
     targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
     if compact is not None:
@@ -73,6 +77,18 @@ def export(
         yield from write_tables(file, directory)
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
+
+
+def require_directory(path: Path) -> None:
+    """Check that a path is a directory or absent.
+
+    Raises
+    ------
+    ExportError
+        If something else has this name.
+    """
+    if path.exists() and not path.is_dir():
+        raise ExportError(f"{path}: is no directory")
 
 
 def _sizes(copy: Path, original: Path) -> str:

@@ -15,7 +15,7 @@ from agglom_mpi.display.remaining_time import (
     remaining_by_work,
     remaining_in_turns,
 )
-from agglom_mpi.exit_codes import FAILURE, FINISHED, INTERRUPTED, STOPPED
+from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.inversion import GenerationSummary
 from agglom_mpi.storage.reader import CampaignData
@@ -150,7 +150,7 @@ class FileProgress:
             return progress._replace(
                 done=min(done, total), total=total, unit="fresh samples", remaining=remaining
             )
-        strings, samples = self._campaign.most_framed
+        strings, samples = self._campaign.max_framed
         total = strings * samples * frames.count
         return progress._replace(done=self.data.frame_count, total=total, unit="pictures")
 

@@ -12,13 +12,14 @@ from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.requirements import require_directory, require_library
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,
@@ -66,14 +67,14 @@ def write_report(
 
     Raises
     ------
-    ExportError
-        If a library is missing, or the directory's name is that of something else.
+    ExportError, MissingLibraryError
+        If the directory's name is that of something else, or a library is missing.
     OSError
         If it cannot be written.
     """
     begun = time.perf_counter()
-    require_library("matplotlib", "figures")
-    require_library("jinja2", "web pages")
+    require_library("matplotlib", "report", "figures")
+    require_library("jinja2", "report", "web pages")
     require_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)

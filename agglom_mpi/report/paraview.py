@@ -160,7 +160,8 @@ def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> t
     except RuntimeError as error:
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
-    same = "identical to" if is_same(row, outcome.record) else "differs from"
+    agrees = is_same(row, outcome.record, file.format_version)
+    same = "identical to" if agrees else "differs from"
     return outcome.frames, f"simulated again, {same} the recorded sample"
 
 

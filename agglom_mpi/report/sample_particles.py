@@ -183,7 +183,10 @@ def _resimulated_radii(
     campaign = recorded_campaign(data)
     parameters, first = data.parameters[string], campaign.first_sample(string)
     outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
-    same = all(is_same(row, each.record) for row, each in zip(rows, outcomes, strict=True))
+    same = all(
+        is_same(row, each.record, data.format_version)
+        for row, each in zip(rows, outcomes, strict=True)
+    )
     return [outcome.radii for outcome in outcomes], same
 
 

@@ -16,9 +16,9 @@ from agglom_mpi.analysis.resimulation import (
     recorded_sample,
 )
 from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import LEDGER
-from agglom_mpi.report.requirements import require_directory, require_library
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.statistics import mean_of
@@ -81,12 +81,15 @@ class SelectedString(NamedTuple):
         Number of its first sample in the campaign's random streams.
     recorded
         Row of the recorded sample that is simulated again, if there is one.
+    format_version
+        Of the file that it is recorded in.
     """
 
     campaign: Campaign
     parameters: npt.NDArray[np.float64]
     first_sample: int = 0
     recorded: np.void | None = None
+    format_version: int = 0
 
 
 def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int]:
@@ -98,14 +101,14 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
     ------
     CampaignError
         If the campaign, an option or a variable is wrong.
-    ExportError, FileExistsError
+    ExportError, MissingLibraryError, FileExistsError
         As from `require_output`.
     """
     if request.out is not None:
         require_output(request.out)
         request = request._replace(sample=request.sample or 0)
     selected = _recorded_string(request) if is_hdf5(request.source) else _set_string(request)
-    campaign, parameters, first, recorded = selected
+    campaign, parameters, first, recorded, version = selected
     samples = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + sample for sample in samples]
     engine, frames = campaign.engine(request.engine), request.frames
@@ -115,10 +118,10 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
     report, code = _report(campaign, parameters, outcomes), 0
-    if campaign.code is not None and campaign.code.source is None:
+    if campaign.user_function is not None and campaign.user_function.source is None:
         report["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
-        same = is_same(recorded, outcomes[0].record)
+        same = is_same(recorded, outcomes[0].record, version)
         report["replay"] = f"{'identical to' if same else 'differs from'} the recorded sample"
         code = 0 if same else 1
     if request.out is not None:
@@ -146,7 +149,8 @@ def _recorded_string(request: SimulationRequest) -> SelectedString:
         raise mistaken(request.source, "--set", message)
     parameters = recorded_parameters(file, request.string)
     first = campaign.first_sample(request.string or 0)
-    return SelectedString(campaign, parameters, first, _recorded_row(request, file))
+    row = _recorded_row(request, file)
+    return SelectedString(campaign, parameters, first, row, file.format_version)
 
 
 def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void | None:
@@ -217,14 +221,15 @@ def require_output(directory: Path) -> None:
 
     Raises
     ------
-    ExportError
-        If matplotlib is not installed, or the directory is something else.
+    ExportError, MissingLibraryError
+        If the directory is something else, or matplotlib is not installed.
     FileExistsError
         If one of the files is there already.
     """
+    from agglom_mpi.report.export import require_directory
     from agglom_mpi.storage.files import require_absent
 
-    require_library("matplotlib", "pictures")
+    require_library("matplotlib", "report", "pictures")
     require_directory(directory)
     for name in FILES:
         require_absent(directory / name)

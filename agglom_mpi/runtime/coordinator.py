@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import Progress
-from agglom_mpi.exit_codes import FAILURE, FINISHED, STOPPED
+from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.outcome import (
     EXCEPTION,
     FAILED,

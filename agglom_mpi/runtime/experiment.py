@@ -174,9 +174,9 @@ class InversionExperiment(Experiment):
     def room(self) -> TableSizes:
         """Room for all generations that the campaign allows."""
         campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
-        strings, samples = campaign.most_framed
+        strings, samples = campaign.max_framed
         return TableSizes(
-            campaign.most_strings,
+            campaign.max_strings,
             campaign.ensemble.max_samples,
             campaign.stopping.generations,
             campaign.search.population,
@@ -231,7 +231,7 @@ class InversionExperiment(Experiment):
         frames = self.campaign.output.frames
         if frames is None:
             return FramePlan()
-        strings, samples = self.campaign.most_framed
+        strings, samples = self.campaign.max_framed
         best = self._best(inversion)[:strings]
         return FramePlan(
             tuple((i, sample) for i in best for sample in range(samples)), frames.count

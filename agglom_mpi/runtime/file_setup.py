@@ -16,6 +16,7 @@ from typing import Any, Final
 import h5py
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.errors import UserError
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.reader import CampaignData, read_campaign
@@ -117,7 +118,7 @@ def _is_docstring(node: Any) -> bool:
     )
 
 
-class OutputError(ValueError):
+class OutputError(UserError, ValueError):
     """The output file cannot be used for this campaign; one message, exit code 2."""
 
 
@@ -264,10 +265,3 @@ def processor() -> str:
     except OSError:
         pass
     return platform.processor() or platform.machine()
-
-
-def error_text(error: Exception) -> str:
-    """Text of a mistake of the user's; of one with a file, the file first."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)

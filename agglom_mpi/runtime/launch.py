@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import h5py
 
+from agglom_mpi.errors import UserError
 from agglom_mpi.launcher import launched_size
 from agglom_mpi.runtime.file_setup import OutputError
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-class LaunchError(RuntimeError):
+class LaunchError(UserError, RuntimeError):
     """The launcher and the MPI library do not belong together, or there is no MPI library."""
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
-from agglom_mpi.launcher import warms_first
+from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.file_setup import leg_fields
 from agglom_mpi.runtime.launch import PARALLEL, find_nodes
@@ -70,10 +70,10 @@ def warm_up(simulator: SampleRunner, world: "Intracomm | None") -> None:
     if world is None:
         simulator.warm_up()
         return
-    if warms_first(world.rank):
+    if compiles_for_node(world.rank):
         simulator.warm_up()
     wait(world.Ibarrier())
-    if not warms_first(world.rank):
+    if not compiles_for_node(world.rank):
         simulator.warm_up()
 
 

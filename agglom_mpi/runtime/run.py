@@ -12,15 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import load_campaign
-from agglom_mpi.config.libraries import check_libraries
-from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.display import Display
-from agglom_mpi.exit_codes import BAD_INPUT, FAILURE, FINISHED
+from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import (
-    OutputError,
-    error_text,
     lacking_room,
     output_path,
     prepare,
@@ -31,18 +27,14 @@ from agglom_mpi.runtime.request import Order
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator as serve
-from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
-from agglom_mpi.storage.files import CampaignInUse, CampaignLock
+from agglom_mpi.storage.access import NotACampaign
+from agglom_mpi.storage.files import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.sample_writer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-
-MISTAKES = (CampaignError, OutputError, NotACampaign, CampaignInUse, OSError)
-"""Errors of the user's: one message and exit code 2."""
 
 
 class Options(NamedTuple):
@@ -77,7 +69,7 @@ def read_order(options: Options) -> Order:
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
-    check_libraries(campaign)
+    campaign.check_libraries()
     path = output_path(campaign, options.output)
     work = InversionExperiment(campaign, warm_start_strings(campaign, path))
     return Order(work, path, options.accept_code_change, options.database)
@@ -171,8 +163,8 @@ def run_rank_zero(
             stack.enter_context(CampaignLock(path))
             file = prepare(order.path, work, order.accept_code_change)
             writer = stack.enter_context(CampaignWriter(path))
-        except MISTAKES as error:
-            code = FAILURE if isinstance(error, DamagedCampaign) else BAD_INPUT
+        except (UserError, OSError) as error:
+            code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
             display.error(error_text(error))
             broadcast_start(world, code)
             return code

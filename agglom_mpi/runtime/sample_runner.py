@@ -253,7 +253,7 @@ class SampleTask(Task):
     def _do(self, sample: int) -> None:
         self._final = None
         setup, scene, random = self._start(sample)
-        record, code = self._records[self._done], setup.campaign.code
+        record, code = self._records[self._done], setup.campaign.user_function
         self._records[self._done], particles = simulate_scene(scene, random, self._watch.abort)
         keeps = self._simulator.finals
         if record["state"] != COMPLETED or not (keeps or code):

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglom_mpi.runtime.file_setup import error_text
+from agglom_mpi.errors import error_text
 from agglom_mpi.runtime.messages import (
     ALIVE,
     ALIVE_EVERY,

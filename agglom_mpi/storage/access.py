@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 from h5py import h5f, h5p
 
-from agglom_mpi.exit_codes import BAD_INPUT, FAILURE
+from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, table_schemas
 
 if TYPE_CHECKING:
@@ -28,10 +28,8 @@ _SYMPTOMS: Final = (
 )
 
 
-class NotACampaign(ValueError):  # noqa: N818 - the name says what it is in a caller's code
-    """The file is no campaign file that this program can read; the message is one line."""
-
-    exit_code = BAD_INPUT
+class NotACampaign(UserError, ValueError):  # noqa: N818 - public name
+    """The file is no campaign file that this program can read; one line says why."""
 
 
 class DamagedCampaign(NotACampaign):

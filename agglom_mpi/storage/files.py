@@ -15,6 +15,7 @@ from typing import Any, Self
 import h5py
 from h5py import h5f, h5fd, h5p
 
+from agglom_mpi.errors import UserError
 from agglom_mpi.storage.access import with_path
 
 
@@ -155,7 +156,7 @@ def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 
-class CampaignInUse(RuntimeError):  # noqa: N818 - the name says what it is in a caller's code
+class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - it says what is the matter
     """Another process is writing to this campaign file."""
 
 

@@ -220,4 +220,6 @@ def test_without_matplotlib_it_says_what_to_install(folder, tmp_path):
     path = f"{tmp_path}:{Path.cwd()}"
     done = run(folder, "small.yaml", "--quick", "-o", "x", PYTHONPATH=path)
     assert done.returncode == 2
-    assert done.stderr == "the report needs matplotlib: pip install 'agglom_mpi[report]'\n"
+    [message] = done.stderr.splitlines()
+    assert "matplotlib" in message
+    assert "agglom_mpi[report]" in message

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from agglom_mpi.accuracy.cooling import PUBLISHED, cooling, measure_errors, measure_limits
+from agglom_mpi.accuracy.cooling import PUBLISHED, cooling_section, measure_errors, measure_limits
 from agglom_mpi.accuracy.cooling_methods import (
     euler,
     exact,
@@ -51,7 +51,7 @@ BOTH = pytest.mark.parametrize("case", SCENES, ids=["radiation", "quartic"])
 
 @pytest.fixture(scope="module")
 def section():
-    return cooling(SCENES[0], quick=True)
+    return cooling_section(SCENES[0], quick=True)
 
 
 @BOTH
@@ -118,9 +118,9 @@ def test_a_scene_without_cooling_takes_the_published_radiation_as_an_example():
     grain = grain_of(bare)
     assert grain.law == example_law() == RADIATION
     assert grain.capacity == pytest.approx(1000.0 * bare.mass, rel=1e-15)
-    found = cooling(bare, quick=True)
+    found = cooling_section(bare, quick=True)
     assert "the values of [B], as an example" in found.setups
-    assert "as an example" not in cooling(SCENES[0], quick=True).setups
+    assert "as an example" not in cooling_section(SCENES[0], quick=True).setups
 
 
 def test_the_conclusions_say_what_the_tables_say(section):
@@ -141,7 +141,7 @@ def test_a_scene_that_lasts_long_is_told_how_many_steps_it_needs():
     grain = grain_of(SCENES[0])
     hottest = 10.0 * 500.0
     end_time = 7.5 * linear_limit(grain, hottest)
-    text = "\n".join(cooling(SCENES[0]._replace(end_time=end_time), quick=True).conclusions)
+    text = "\n".join(cooling_section(SCENES[0]._replace(end_time=end_time), quick=True).conclusions)
     assert "From 5000 K at least 8 steps to the end time are needed" in text
 
 

@@ -4,9 +4,16 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.document import Header, Part, write_document
-from agglom_mpi.accuracy.section import Section, Shown, Table
+from agglom_mpi.accuracy.document import (
+    Chapter,
+    Curve,
+    Header,
+    Section,
+    Table,
+    TableColumn,
+    draw_curves,
+    write_document,
+)
 from agglom_mpi.report.drawing import Drawing
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
@@ -25,7 +32,12 @@ SECTION = Section(
     setups="Two.",
     figures=(Drawing("steps", "Error against steps.", draw),),
     tables=(
-        Table("steps", "One row is one step.", FRAME, (Shown("step", lambda r: f"{r.iloc[0]}|"),)),
+        Table(
+            "steps",
+            "One row is one step.",
+            FRAME,
+            (TableColumn("step", lambda r: f"{r.iloc[0]}|"),),
+        ),
         Table("hidden", "Not shown.", FRAME),
     ),
     failures=("The first one failed.",),
@@ -36,7 +48,7 @@ SECTION = Section(
 @pytest.fixture
 def written(tmp_path):
     header = Header("Accuracy", "agglom accuracy x.yaml", ("two set-ups",))
-    return write_document(tmp_path, header, [Part("Error against run time", (SECTION,))])
+    return write_document(tmp_path, header, [Chapter("Error against run time", (SECTION,))])
 
 
 def test_the_document_tells_problem_reference_failures_and_conclusions(written):

@@ -6,17 +6,20 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
-from agglom_mpi.accuracy.ensemble import ensemble
-from agglom_mpi.accuracy.ensemble_goal import at_goal, of_rules, samples_needed
+from agglom_mpi.accuracy import stopping_study
+from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.resampling import at_stop, pooled_moments, run_paths, stop
 from agglom_mpi.accuracy.stopping_study import (
     FIRST_MOMENT,
     OWN,
     PUBLISHED_TOLERANCES,
     WITH_ERROR,
+    at_goal,
     families,
+    of_rules,
+    proportion,
     root_mean_square,
-    share,
+    samples_needed,
     study,
     truth_of,
 )
@@ -24,7 +27,13 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference
+from agglom_mpi.search.stopping import (
+    STUDIED_RULES,
+    Moments,
+    StandardError,
+    StoppingRule,
+    SuccessiveDifference,
+)
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60
@@ -214,12 +223,12 @@ def test_tighter_tolerances_take_more_samples():
         assert rows["tolerance"].is_monotonic_decreasing
 
 
-def test_share_has_an_error_even_where_everything_hits():
-    assert share(np.ones(100, bool))[0] == 1.0
-    assert share(np.ones(100, bool))[1] > 0.0
-    assert math.isnan(share(np.ones(0, bool))[0])
+def test_a_proportion_has_an_error_even_where_everything_hits():
+    assert proportion(np.ones(100, bool))[0] == 1.0
+    assert proportion(np.ones(100, bool))[1] > 0.0
+    assert math.isnan(proportion(np.ones(0, bool))[0])
     hits = np.arange(1000) < 300
-    assert share(hits)[1] == pytest.approx(math.sqrt(0.3 * 0.7 / 1000), rel=0.01)
+    assert proportion(hits)[1] == pytest.approx(math.sqrt(0.3 * 0.7 / 1000), rel=0.01)
 
 
 def test_band_of_a_root_mean_square_holds_it_in_95_percent():
@@ -248,7 +257,7 @@ def test_section_leaves_out_failed_samples_and_can_be_drawn():
     pool = pool_of_radii(100, seed=17)
     pool["state"][:7] = FAILED
     pool["mean_radius_ratio"][:7] = np.nan
-    section = ensemble(Campaign.from_text(CAMPAIGN), pool, quick=True)
+    section = ensemble_section(Campaign.from_text(CAMPAIGN), pool, quick=True)
     assert "7 samples of the pool had failed" in section.setups
     assert "93 completed samples" in section.reference
     for figure in section.figures:
@@ -262,7 +271,9 @@ def test_section_leaves_out_failed_samples_and_can_be_drawn():
 
 
 def test_section_judges_the_campaigns_own_rule_within_its_own_limits():
-    section = ensemble(Campaign.from_text(CAMPAIGN), pool_of_radii(100, seed=18), quick=True)
+    section = ensemble_section(
+        Campaign.from_text(CAMPAIGN), pool_of_radii(100, seed=18), quick=True
+    )
     frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
     own = frame[frame["rule"] == OWN].iloc[0]
     same = frame[(frame["rule"] == FIRST_MOMENT) & (frame["tolerance"] == 1e-4)].iloc[0]
@@ -276,7 +287,7 @@ def test_section_judges_the_campaigns_own_rule_within_its_own_limits():
 
 def test_section_of_a_scene_alone_has_no_rule_of_its_own():
     alone = CAMPAIGN[: CAMPAIGN.index("objective:")].replace("[1, 2]", "1")
-    section = ensemble(Campaign.from_text(alone), pool_of_radii(60, seed=22), quick=True)
+    section = ensemble_section(Campaign.from_text(alone), pool_of_radii(60, seed=22), quick=True)
     assert "no rule of its own" in section.setups
     assert not any("This campaign" in sentence for sentence in section.conclusions)
     assert OWN not in set(section.tables[1].frame["rule"])
@@ -284,14 +295,14 @@ def test_section_of_a_scene_alone_has_no_rule_of_its_own():
 
 def test_section_is_the_same_again():
     campaign, pool = Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=19)
-    first, again = (ensemble(campaign, pool, quick=True) for _ in range(2))
+    first, again = (ensemble_section(campaign, pool, quick=True) for _ in range(2))
     assert first.conclusions == again.conclusions
     assert first.tables[1].frame.equals(again.tables[1].frame)
 
 
 def test_section_of_equal_samples_says_so():
     pool = np.repeat(pool_of_radii(1, seed=20), 40)
-    section = ensemble(Campaign.from_text(CAMPAIGN), pool)
+    section = ensemble_section(Campaign.from_text(CAMPAIGN), pool)
     assert section.figures == ()
     assert "the same mean radius" in section.conclusions[0]
 
@@ -299,14 +310,41 @@ def test_section_of_equal_samples_says_so():
 def test_section_of_too_small_a_pool_says_so():
     pool = pool_of_radii(30, seed=21)
     pool["state"][9:] = FAILED
-    section = ensemble(Campaign.from_text(CAMPAIGN), pool)
+    section = ensemble_section(Campaign.from_text(CAMPAIGN), pool)
     assert section.figures == ()
     assert "Of 30 samples 9 completed" in section.failures[0]
 
 
-def test_sections_are_imported_without_pandas_and_matplotlib():
+def test_sections_are_imported_without_the_libraries_of_the_report():
     code = (
         "import sys, agglom_mpi.accuracy.ensemble, agglom_mpi.accuracy.few_body; "
-        "sys.exit(any(name in sys.modules for name in ('pandas', 'matplotlib', 'mpi4py.MPI')))"
+        "absent = {'pandas', 'matplotlib', 'jinja2', 'mpi4py.MPI'}; "
+        "sys.exit(bool(absent & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+class NarrowMean(StoppingRule):
+    """A rule that the package does not have: a standard error below a share of the mean."""
+
+    relative_to = "mean_radius"
+
+    def __init__(self, tolerance):
+        self.tolerance = tolerance
+
+    @property
+    def label(self):
+        return "narrow mean"
+
+    def holds(self, before, after):
+        return after.standard_error <= self.tolerance * after.mean_radius_ratio
+
+
+def test_a_rule_that_is_added_is_studied_and_reported(monkeypatch):
+    monkeypatch.setattr(stopping_study, "STUDIED_RULES", (*STUDIED_RULES, ("narrow", NarrowMean)))
+    section = ensemble_section(Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=23), quick=True)
+    frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
+    rows = frame[frame["rule"] == "narrow"]
+    assert rows["tolerance"].tolist() == list(PUBLISHED_TOLERANCES)
+    assert rows["samples, mean"].is_monotonic_increasing
+    assert "narrow" in section.conclusions[0]

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 
 from agglom_mpi.accuracy import few_body as section_module
-from agglom_mpi.accuracy.convergence import fit_power
-from agglom_mpi.accuracy.exact import Sphere, fly
-from agglom_mpi.accuracy.few_body import few_body
-from agglom_mpi.accuracy.few_scenes import (
+from agglom_mpi.accuracy.few_body import few_body_section, seconds_at
+from agglom_mpi.accuracy.few_body_reference import (
     END_TIME,
     FRICTION,
     HALF_WIDTH,
@@ -17,22 +15,31 @@ from agglom_mpi.accuracy.few_scenes import (
     MASS,
     RADIUS,
     SPEED,
+    Sphere,
     bonding,
     bouncing,
     exact_end,
     exact_restitution,
-    starts_of,
+    exact_trajectory,
+    initial_states,
 )
-from agglom_mpi.accuracy.few_study import EDGE, Knobs, orders, study
-from agglom_mpi.accuracy.few_words import seconds_at
+from agglom_mpi.accuracy.few_body_study import (
+    EDGE,
+    QUICK,
+    StudySettings,
+    convergence_order,
+    engines,
+    orders,
+    study,
+)
 
-KNOBS = Knobs((100, 300, 1000, 3000), (1e-5, 1e-6, 1e-7), 48)
+SETTINGS = StudySettings((100, 300, 1000, 3000), (1e-5, 1e-6, 1e-7), 48)
 SCENES = {scene.name: scene for scene in (*bouncing(), *bonding())}
 
 
 @pytest.fixture(scope="module")
 def frame():
-    return study(bouncing(), KNOBS, np.random.default_rng(1))
+    return study(bouncing(), SETTINGS, np.random.default_rng(1))
 
 
 def spheres(positions, velocities, radius=1.0, mass=1.0):
@@ -44,7 +51,7 @@ def spheres(positions, velocities, radius=1.0, mass=1.0):
 
 
 def of_scene(scene, delay=0.0):
-    starts = starts_of(scene, np.array([delay]))
+    starts = initial_states(scene, np.array([delay]))
     return spheres(starts.position[0].T, starts.velocity[0].T, RADIUS, MASS)
 
 
@@ -57,7 +64,7 @@ def always(value):
 
 def test_head_on_impact_is_the_one_calculated_by_hand():
     pair = spheres([[-3, 0, 0], [3, 0, 0]], [[1, 0, 0], [-1, 0, 0]])
-    assert fly(pair, always(0.5), 0.3, 100.0, 5.0) == 1
+    assert exact_trajectory(pair, always(0.5), 0.3, 100.0, 5.0) == 1
     assert pair[0].position[0] == pytest.approx(-1.0 - 0.5 * 3.0)  # touch at 2 s, then 3 s at e
     assert pair[1].velocity[0] == pytest.approx(0.5)
 
@@ -65,7 +72,7 @@ def test_head_on_impact_is_the_one_calculated_by_hand():
 def test_oblique_impact_with_friction_is_the_one_calculated_by_hand():
     # Centres at 45° at contact: approach and slip are both √½, the impulse is ½(1 + e) of it.
     pair = spheres([[-3, 0, 0], [0, -math.sqrt(2.0), 0]], [[1, 0, 0], [0, 0, 0]])
-    fly(pair, always(0.6), 0.2, 100.0, 10.0)
+    exact_trajectory(pair, always(0.6), 0.2, 100.0, 10.0)
     normal, tangent = np.array([1.0, -1.0]) / math.sqrt(2.0), np.array([1.0, 1.0]) / math.sqrt(2.0)
     push = 0.8 * math.sqrt(0.5) * (normal + 0.2 * tangent)
     assert pair[1].velocity[:2].astype(float) == pytest.approx(push, rel=1e-14)
@@ -73,30 +80,30 @@ def test_oblique_impact_with_friction_is_the_one_calculated_by_hand():
 
 def test_friction_stops_the_slip_and_does_not_turn_it_round():
     pair = spheres([[-3, 0, 0], [0, -math.sqrt(2.0), 0]], [[1, 0, 0], [0, 0, 0]])
-    fly(pair, always(0.6), 5.0, 100.0, 10.0)
+    exact_trajectory(pair, always(0.6), 5.0, 100.0, 10.0)
     tangent = np.array([1.0, 1.0, 0.0]) / math.sqrt(2.0)
     assert float((pair[0].velocity - pair[1].velocity) @ tangent) == pytest.approx(0.0, abs=1e-16)
 
 
 def test_spheres_that_pass_with_a_gap_do_not_collide():
     pair = spheres([[-3, 0, 0], [0, 2.01, 0]], [[1, 0, 0], [0, 0, 0]])
-    assert fly(pair, always(1.0), 0.0, 100.0, 10.0) == 0
+    assert exact_trajectory(pair, always(1.0), 0.0, 100.0, 10.0) == 0
 
 
 def test_elastic_flight_runs_backwards_to_where_it_began():
     run = of_scene(SCENES["three in sequence"])
     begin = [sphere.position.copy() for sphere in run]
-    assert fly(run, always(1.0), 0.0, HALF_WIDTH, END_TIME) == 2
+    assert exact_trajectory(run, always(1.0), 0.0, HALF_WIDTH, END_TIME) == 2
     for sphere in run:
         sphere.velocity = -sphere.velocity
-    assert fly(run, always(1.0), 0.0, HALF_WIDTH, END_TIME) == 2
+    assert exact_trajectory(run, always(1.0), 0.0, HALF_WIDTH, END_TIME) == 2
     for sphere, position in zip(run, begin, strict=True):
         assert np.max(np.abs(sphere.position - position)) < 1e-14 * HALF_WIDTH
 
 
 def test_bonding_keeps_momentum_volume_and_centre_of_mass():
     pair = spheres([[-3, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]])
-    assert fly(pair, always(0.0), 0.0, 100.0, 4.0) == 1
+    assert exact_trajectory(pair, always(0.0), 0.0, 100.0, 4.0) == 1
     assert len(pair) == 1
     assert pair[0].velocity.astype(float) == pytest.approx([0.5, 0.0, 0.0])
     assert pair[0].position.astype(float) == pytest.approx([-1.5 + 4.0 * 0.5, 0.5, 0.0])
@@ -108,7 +115,7 @@ def test_a_place_in_the_periodic_box_makes_no_difference():
     moved = scene._replace(position=scene.position - HALF_WIDTH)
     here, there = of_scene(scene), of_scene(moved)
     for run in (here, there):
-        assert fly(run, always(0.7), FRICTION, HALF_WIDTH, END_TIME) == 1
+        assert exact_trajectory(run, always(0.7), FRICTION, HALF_WIDTH, END_TIME) == 1
     for a, b in zip(here, there, strict=True):
         assert np.max(np.abs(a.velocity - b.velocity)) < 1e-14 * SPEED
 
@@ -123,17 +130,17 @@ def test_scene_has_its_impacts_whatever_the_delay(name):
     friction = FRICTION if scene.restitution is not None else 0.0
     for delay in (0.0, 0.5 * LONGEST_DELAY, LONGEST_DELAY):
         run = of_scene(scene, delay)
-        assert fly(run, exact_restitution(scene), friction, HALF_WIDTH, END_TIME) == impacts.get(
-            name, 1
-        )
+        assert exact_trajectory(
+            run, exact_restitution(scene), friction, HALF_WIDTH, END_TIME
+        ) == impacts.get(name, 1)
         assert len(run) == len(scene.position) - (scene.restitution is None)
 
 
 def test_a_delayed_start_ends_where_the_flight_is_that_much_earlier():
     scene, delay = SCENES["three in sequence"], 0.3 * LONGEST_DELAY
-    position, velocity = exact_end(scene, starts_of(scene, np.array([delay])), 0)
+    position, velocity = exact_end(scene, initial_states(scene, np.array([delay])), 0)
     earlier = of_scene(scene)
-    fly(earlier, exact_restitution(scene), FRICTION, HALF_WIDTH, END_TIME - delay)
+    exact_trajectory(earlier, exact_restitution(scene), FRICTION, HALF_WIDTH, END_TIME - delay)
     for k, sphere in enumerate(earlier):
         apart = position[:, k] - sphere.position
         assert np.max(np.abs(apart - EDGE * np.round(apart / EDGE))) < 1e-14 * EDGE
@@ -145,9 +152,9 @@ def test_a_delayed_start_ends_where_the_flight_is_that_much_earlier():
 
 @pytest.mark.plain
 def test_few_runs_of_two_spheres_are_as_exact_as_many():
-    knobs = Knobs((100, 400), (1e-5, 1e-6), 6)
-    head_on = study([SCENES["head-on"]], knobs, np.random.default_rng(1))
-    bonds = study([SCENES["bond, then bounce"]], Knobs((), (), 6), np.random.default_rng(2))
+    settings = StudySettings((100, 400), (1e-5, 1e-6), 6)
+    head_on = study([SCENES["head-on"]], settings, np.random.default_rng(1))
+    bonds = study([SCENES["bond, then bounce"]], StudySettings((), (), 6), np.random.default_rng(2))
     for rows in (head_on[head_on["engine"] == "event"], bonds):
         assert rows["position error, largest"].max() < 1e-14
         assert rows["velocity error, largest"].max() < 1e-13
@@ -168,7 +175,7 @@ def test_event_engine_is_exact_to_rounding(frame):
 
 @pytest.mark.slow
 def test_event_engine_bonds_and_bounces_exactly():
-    rows = study(bonding(), Knobs((), (), 48), np.random.default_rng(2))
+    rows = study(bonding(), StudySettings((), (), 48), np.random.default_rng(2))
     assert rows["position error, largest"].max() < 1e-14
     assert rows["velocity error, largest"].max() < 1e-13
     assert not rows["other bonds"].any()
@@ -227,7 +234,7 @@ def test_fit_finds_the_power_and_its_error():
     noise, pulls = 0.05, []
     for _ in range(2000):
         errors = 3.0 * steps**1.5 * np.exp(noise * random.normal(size=len(steps)))
-        power = fit_power(steps, errors, noise * errors)
+        power = convergence_order(steps, errors, noise * errors)
         pulls.append((power.order - 1.5) / power.standard_error)
     assert abs(np.mean(pulls)) < 4.0 / math.sqrt(2000)
     # The larger of two errors is taken, so that a pull is at most what the known error makes it.
@@ -251,8 +258,8 @@ def test_seconds_lie_between_the_steps_around_the_goal():
 
 @pytest.mark.slow
 def test_section_says_what_it_found_and_can_be_drawn(monkeypatch):
-    monkeypatch.setattr(section_module, "QUICK", KNOBS)
-    section = few_body(quick=True)
+    monkeypatch.setattr(section_module, "QUICK", SETTINGS)
+    section = few_body_section(quick=True)
     for figure in section.figures:
         figure.draw(matplotlib.figure.Figure())
     for table in section.tables:
@@ -261,3 +268,38 @@ def test_section_says_what_it_found_and_can_be_drawn(monkeypatch):
     assert len(section.failures) == 1
     assert section.failures[0].startswith("Adaptive, two pairs: no convergence")
     assert not any("nan" in sentence for sentence in section.conclusions)
+
+
+def made_up_frame(cases, settings, random):
+    """Rows as `study` gives them: errors proportional to the step, but for one that never falls."""
+    import pandas as pd
+
+    rows = []
+    for case in cases:
+        for engine, step, _ in engines(settings):
+            stuck = (case.name, engine) == ("two pairs", "adaptive")
+            share = 1e-15 if engine == "event" else 0.05 if stuck else 100.0 * step
+            error = {f"{what} error": share for what in ("position", "velocity")}
+            error |= {f"{name}, standard error": 1e-3 * share for name in tuple(error)}
+            error |= {f"{what} error, largest": 2.0 * share for what in ("position", "velocity")}
+            rows.append({"scene": case.name, "engine": engine, "step (s)": step, "runs": 8} | error)
+            rows[-1] |= {"other bonds": int(stuck), "seconds per run (s)": 1e-3}
+    return pd.DataFrame(rows)
+
+
+def test_the_sentences_say_what_the_numbers_are(monkeypatch):
+    monkeypatch.setattr(section_module, "study", made_up_frame)
+    section = few_body_section(quick=True)
+    event, fixed, adaptive, _, costs = section.conclusions
+    assert "2.0e-15 box edges" in event
+    assert "48 runs of 6 scenes" in event
+    assert "fixed engine converges with order 1.00 to 1.00 in its step in 6 scenes" in fixed
+    assert "order 1.00 to 1.00 in its shortest step in 5 scenes" in adaptive
+    assert "event 1.0 ms, fixed – (not reached in 6 of 6)" in costs
+    assert "adaptive 1.0 ms (not reached in 1 of 6)" in costs
+    unconverged = [text for text in section.failures if "no convergence" in text]
+    assert len(unconverged) == 1
+    assert "the error is still 5.0e-02 box edges" in unconverged[0]
+    bonded = [text for text in section.failures if "other spheres bonded" in text]
+    assert len(bonded) == len(QUICK.floors)
+    assert "in 1 of 8 runs at a step of 1e-07 s" in bonded[-1]

@@ -6,7 +6,7 @@ from accuracy_rows import made_up
 from scipy import stats
 
 from agglom_mpi.accuracy import time_integration
-from agglom_mpi.accuracy.ensemble import ensemble
+from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.stopping_study import OWN
 from agglom_mpi.config.campaign import Campaign, load_campaign
 from agglom_mpi.config.user_function import UserFunction
@@ -20,7 +20,7 @@ def campaign(objective):
     text = load_campaign("jobs/quickstart.yaml").text
     assert text.count(TARGET) == 1
     return Campaign.from_text(
-        text.replace(TARGET, objective), code=UserFunction("shape:worth", "0")
+        text.replace(TARGET, objective), user_function=UserFunction("shape:worth", "0")
     )
 
 
@@ -39,10 +39,10 @@ def pool(seed, count):
 
 @pytest.mark.parametrize("objective", [MOMENTS, FUNCTION])
 def test_stopping_rules_are_studied_by_growth_and_the_campaigns_own_is_left_out(objective):
-    found = ensemble(campaign(objective), pool(1, 60), quick=True)
+    found = ensemble_section(campaign(objective), pool(1, 60), quick=True)
     assert "the campaign's objective looks at more than mean radii" in found.setups
     assert OWN not in set(found.tables[-1].frame["rule"])
-    published = ensemble(campaign(TARGET), pool(1, 60), quick=True)
+    published = ensemble_section(campaign(TARGET), pool(1, 60), quick=True)
     assert "within its own limits" in published.setups
     assert OWN in set(published.tables[-1].frame["rule"])
 
@@ -51,7 +51,7 @@ def test_stopping_rules_are_studied_by_growth_and_the_campaigns_own_is_left_out(
 def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
     studied, ours, reference = campaign(objective), pool(2, 50), pool(3, 50)
     law = studied.objective.build(100)
-    bias = time_integration._objective_bias(studied, ours, reference)
+    bias = time_integration.objective_bias(studied, ours, reference)
     (value, error), (other, other_error) = law.of_rows(ours), law.of_rows(reference)
     # These samples are independent; so the paired error is that of a difference, but for the
     # chance correlation of 50 pairs, 4/sqrt(49) at most.

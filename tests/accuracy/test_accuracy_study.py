@@ -1,4 +1,4 @@
-"""A study as work for the farm."""
+"""A study as an experiment that the run time executes."""
 
 import pickle
 import re
@@ -6,11 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accuracy_rows import made_up
 
-from agglom_mpi.accuracy import plan as planning
-from agglom_mpi.accuracy.plan import Options, make_plan
-from agglom_mpi.accuracy.study import FEWEST, Study
-from agglom_mpi.accuracy.trials import MOVES_PER_STEP, Quota, Trial, refusal, with_scene
+from agglom_mpi.accuracy.run import FULL, QUICK, Options, make_plan
+from agglom_mpi.accuracy.study import (
+    FEWEST_SAMPLES,
+    MOVES_PER_STEP,
+    BudgetedEnsemble,
+    Setup,
+    Study,
+    paired_difference,
+    scene_error,
+    with_scene,
+)
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.scene import FixedEngine
 from agglom_mpi.config.yaml_source import CampaignError
@@ -42,31 +50,31 @@ def outcome(steps=10, state=COMPLETED):
     return summaries(row)[0]
 
 
-def test_a_trial_takes_its_samples_and_no_more(campaign):
-    quota = Quota(Trial(campaign, campaign.parameters(), 7), 2, 1e9)
+def test_a_setup_takes_its_samples_and_no_more(campaign):
+    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 7), 2, 1e9)
     for _ in range(6):
-        quota.add(outcome())
-        assert not quota.finished
-    quota.add(outcome())
-    assert quota.finished
+        ensemble.add(outcome())
+        assert not ensemble.finished
+    ensemble.add(outcome())
+    assert ensemble.finished
 
 
-def test_long_samples_end_a_trial_at_its_budget_but_not_before_the_fewest(campaign):
-    trial = Trial(campaign, campaign.parameters(), 100)
+def test_long_samples_end_a_setup_at_its_budget_but_not_before_the_fewest(campaign):
+    setup = Setup(campaign, campaign.parameters(), 100)
     for budget, expected in ((2.5, 3), (0.1, 2)):
-        quota = Quota(trial, 2, budget * MOVES_PER_STEP * 10)
+        ensemble = BudgetedEnsemble(setup, 2, budget * MOVES_PER_STEP * 10)
         count = 0
-        while not quota.finished:
-            quota.add(outcome(steps=10))
+        while not ensemble.finished:
+            ensemble.add(outcome(steps=10))
             count += 1
         assert count == expected
 
 
-def test_a_trial_that_mostly_fails_is_given_up(campaign):
-    quota = Quota(Trial(campaign, campaign.parameters(), 1000), 2, 1e9)
-    while not quota.finished:
-        quota.add(outcome(state=FAILED))
-    assert quota.samples_used == 10
+def test_a_setup_that_mostly_fails_is_given_up(campaign):
+    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 1000), 2, 1e9)
+    while not ensemble.finished:
+        ensemble.add(outcome(state=FAILED))
+    assert ensemble.samples_used == 10
 
 
 class Unread:
@@ -82,11 +90,11 @@ class Unread:
         pass
 
 
-def test_every_trial_of_a_study_has_its_own_quota(campaign):
+def test_every_setup_of_a_study_has_its_own_number_of_samples(campaign):
     wanted = {"a": 3, "b": 5, "c": 7}
     parameters = campaign.parameters()
-    trials = {name: Trial(campaign, parameters, count) for name, count in wanted.items()}
-    inversion = Study(campaign, trials, 1e9).inversion(None, Unread())
+    setups = {name: Setup(campaign, parameters, count) for name, count in wanted.items()}
+    inversion = Study(campaign, setups, 1e9).inversion(None, Unread())
     inversion.start()
     assert inversion.announce(4) == ()
     assert [progress.max_samples for progress in inversion.live.values()] == [3, 5, 7]
@@ -101,30 +109,30 @@ def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
     again = pickle.loads(pickle.dumps(study))
     assert again.identity() == study.identity()
     assert again.room == study.room
-    assert [str(setup) for setup, _ in again.kinds()] == [str(setup) for setup, _ in study.kinds()]
+    assert [str(kind) for kind, _ in again.kinds()] == [str(kind) for kind, _ in study.kinds()]
 
 
 def test_whatever_decides_samples_is_part_of_the_identity(campaign):
     parameters = campaign.parameters()
-    trial = Trial(campaign, parameters, 5)
+    setup = Setup(campaign, parameters, 5)
     changed = [
-        trial._replace(samples=6),
-        trial._replace(engine=FixedEngine(steps=7)),
-        trial._replace(first_sample=1),
-        trial._replace(parameters=parameters * 1.001),
-        trial._replace(campaign=with_scene(campaign, particles=99)),
+        setup._replace(samples=6),
+        setup._replace(engine=FixedEngine(steps=7)),
+        setup._replace(first_sample=1),
+        setup._replace(parameters=parameters * 1.001),
+        setup._replace(campaign=with_scene(campaign, particles=99)),
     ]
-    studies = [Study(campaign, {"one": each}, 1e6) for each in (trial, *changed)]
-    studies += [Study(campaign, {"one": trial}, 2e6), Study(campaign, {"two": trial}, 1e6)]
+    studies = [Study(campaign, {"one": each}, 1e6) for each in (setup, *changed)]
+    studies += [Study(campaign, {"one": setup}, 2e6), Study(campaign, {"two": setup}, 1e6)]
     assert len({study.sha256() for study in studies}) == len(studies)
-    assert Study(campaign, {"one": trial}, 1e6).sha256() == studies[0].sha256()
+    assert Study(campaign, {"one": setup}, 1e6).sha256() == studies[0].sha256()
 
 
 def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     parameters = campaign.parameters()
     engine = FixedEngine(steps=20)
-    trials = {"a": Trial(campaign, parameters, 3), "b": Trial(campaign, parameters, 3, engine, 40)}
-    simulator = SampleRunner(Study(campaign, trials, 1e9), 0)
+    setups = {"a": Setup(campaign, parameters, 3), "b": Setup(campaign, parameters, 3, engine, 40)}
+    simulator = SampleRunner(Study(campaign, setups, 1e9), 0)
     tasks = np.zeros(2, TASK)
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
@@ -140,13 +148,13 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
 
 def test_samples_of_a_study_are_enough_for_every_section():
     for quick in (True, False):
-        trials = make_plan(Options((JOB,), "x", {}, quick=quick)).study.trials
-        extent = planning.QUICK if quick else planning.FULL
-        assert trials["event"].samples == extent.pool
-        assert {trial.samples for name, trial in trials.items() if name != "event"} == {
-            extent.samples
+        setups = make_plan(Options((JOB,), "x", {}, quick=quick)).study.setups
+        size = QUICK if quick else FULL
+        assert setups["event"].samples == size.pool
+        assert {setup.samples for name, setup in setups.items() if name != "event"} == {
+            size.samples
         }
-        assert extent.samples >= FEWEST
+        assert size.samples >= FEWEST_SAMPLES
 
 
 def test_two_scenes_at_a_time_are_refused():
@@ -161,7 +169,7 @@ def test_a_directory_without_scenes_is_refused(tmp_path):
 
 def test_a_scene_that_cannot_be_simulated_is_refused_before_anything_runs(campaign):
     settings = {"activation_energy": 1e9}
-    assert "U/(R theta)" in refusal(Trial(campaign, campaign.parameters(settings), 1))
+    assert "U/(R theta)" in scene_error(Setup(campaign, campaign.parameters(settings), 1))
     with pytest.raises(CampaignError, match=r"quickstart.yaml: scene: .*U/\(R theta\)"):
         make_plan(Options((JOB,), "x", settings))
 
@@ -173,10 +181,31 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     (tmp_path / "scene.yaml").write_text(text)
     study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
-    task["count"], task["parameters"] = 1, study.trials["event"].parameters
+    task["count"], task["parameters"] = 1, study.setups["event"].parameters
     [result], *others = done(SampleRunner(study, 0), task[0])
     assert others == [[], [], []]
     assert result["state"] == COMPLETED
-    quota = Quota(study.trials["event"], 2, 1e9)
-    quota.add(outcome())
-    assert quota.result().mean_radius_ratio == 2.0
+    ensemble = BudgetedEnsemble(study.setups["event"], 2, 1e9)
+    ensemble.add(outcome())
+    assert ensemble.result().mean_radius_ratio == 2.0
+
+
+def test_paired_differences_cancel_what_samples_share():
+    shared = np.random.default_rng(1).normal(size=50)
+    difference = paired_difference(
+        made_up(2.0 + shared + 0.25), made_up(2.0 + shared), "mean_radius_ratio"
+    )
+    assert difference.value == pytest.approx(0.25, rel=1e-13)
+    assert difference.error < 1e-15
+
+
+def test_samples_that_failed_on_either_side_have_no_pair():
+    ours = made_up([1.0, 2.0, 3.0, 4.0], failed=[1])
+    theirs = made_up([0.5, 0.0, 0.0, 3.0, 9.0], failed=[2])
+    difference = paired_difference(ours, theirs, "mean_radius_ratio")
+    assert (difference.value, difference.samples) == (0.75, 2)
+
+
+def test_a_long_reference_is_no_mismatch():
+    difference = paired_difference(made_up([1.0, 1.0]), made_up([0.0] * 9), "mean_radius_ratio")
+    assert difference.samples == 2

@@ -5,8 +5,10 @@ import pytest
 from accuracy_rows import made_up
 
 from agglom_mpi.accuracy import time_integration as module
-from agglom_mpi.accuracy.section import Section
+from agglom_mpi.accuracy.document import Section
+from agglom_mpi.accuracy.study import paired_difference
 from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.formatting import format_seconds
 
 COUNT = 400
 
@@ -27,15 +29,15 @@ def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> Section:
         own = shared + bias(stepper.step / end_time) + noise * random.normal(size=COUNT)
         cost = seconds * (0.1 + 1e-3 * end_time / stepper.step)
         samples[module.name_of(stepper)] = made_up(own, cost, **extra)
-    return module.time_integration(campaign, parameters, samples, quick=False)
+    return module.time_integration_section(campaign, parameters, samples, quick=False)
 
 
-def test_every_trial_is_on_the_samples_of_the_event_engine(campaign):
-    trials = module.trials(campaign, campaign.parameters(), 7, quick=False)
-    assert len(trials) == 1 + len(module.STEPS) + len(module.CAPS) * len(module.FLOORS)
-    assert {trial.first_sample for trial in trials.values()} == {0}
-    assert len({trial.parameters.tobytes() for trial in trials.values()}) == 1
-    assert {trial.campaign.seed for trial in trials.values()} == {campaign.seed}
+def test_every_setup_is_on_the_samples_of_the_event_engine(campaign):
+    setups = module.setups(campaign, campaign.parameters(), 7, quick=False)
+    assert len(setups) == 1 + len(module.STEPS) + len(module.CAPS) * len(module.FLOORS)
+    assert {setup.first_sample for setup in setups.values()} == {0}
+    assert len({setup.parameters.tobytes() for setup in setups.values()}) == 1
+    assert {setup.campaign.seed for setup in setups.values()} == {campaign.seed}
 
 
 def test_a_bias_of_first_order_reaches_each_tolerance_where_it_should(campaign):
@@ -63,10 +65,7 @@ def test_a_coarse_step_that_is_right_by_accident_does_not_count(campaign):
     found = section(campaign, lambda share: 0.0 if share > 0.015 else (0.2 if share > 3e-3 else 0))
     at_one_percent = found.conclusions[1]
     end_time = module.end_time_of(campaign, campaign.parameters())
-    assert (
-        f"fixed {module.format_seconds(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)"
-        in at_one_percent
-    )
+    assert f"fixed {format_seconds(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)" in at_one_percent
 
 
 def test_noise_is_not_taken_for_accuracy(campaign):
@@ -87,7 +86,7 @@ def test_the_coverage_of_the_bias_interval_is_95_percent(campaign):
     for _ in range(repetitions):
         shared = random.normal(size=20)
         own = shared + 0.1 + 0.5 * random.normal(size=20)
-        bias = module.paired_difference(made_up(own), made_up(shared), "mean_radius_ratio")
+        bias = paired_difference(made_up(own), made_up(shared), "mean_radius_ratio")
         covered += abs(bias.value - 0.1) <= bias.half_width
     error = np.sqrt(0.95 * 0.05 / repetitions)
     assert abs(covered / repetitions - 0.95) <= 4.0 * error

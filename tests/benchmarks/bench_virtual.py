@@ -71,7 +71,7 @@ def forecast(campaign, rehearsal, ranks, costs=FREE, used=None):
         cluster = ClusterSimulator(
             lambda observer: work.inversion(None, observer), rehearsal, ranks, costs
         )
-        return cluster.run(), cluster.chain.used
+        return cluster.run(), cluster.path.used
 
 
 def print_shares(job, seconds=MEASURE):

@@ -15,6 +15,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
 
@@ -99,7 +100,7 @@ def test_a_string_without_pictures_is_simulated_though_others_have_some(agglom, 
 
 
 def test_a_sample_that_comes_out_otherwise_is_told(agglom, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "is_same", lambda stored, computed: False)
+    monkeypatch.setattr(module, "is_same", lambda stored, computed, version: False)
     words = ["--paraview", tmp_path / "out.vtkhdf", "--frames", 2]
     assert (
         "simulated again, differs from the recorded" in agglom("export", "tiny.h5", *words).stdout
@@ -120,7 +121,7 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
 
 
 def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
-    file = open_campaign(finished / "tiny.h5").snapshot()
+    file = read_campaign(finished / "tiny.h5")
     none = file.result_rows()[:0]
     monkeypatch.setattr(file, "result_rows", lambda: none)
     with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):

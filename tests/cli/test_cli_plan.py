@@ -14,7 +14,8 @@ def test_a_plan_says_how_long_it_would_take_and_what_that_rests_on(agglom):
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert lines[0].startswith("Quickstart - double the mean grain size: at most 2 generations, 20")
-    assert "simulated here, one after the other: mean" in lines[1]
+    assert "samples of" in lines[1]
+    assert "mean" in lines[1]
     table = [line.split()[0] for line in lines[3:7]]
     assert table == ["ranks", "1", "10", "100"]
     last = lines[8] if lines[7].startswith("rough: ") else lines[7]  # of few samples on a slow one
@@ -65,13 +66,14 @@ def test_a_plan_ends_with_the_command_that_submits_it(agglom):
 def test_what_is_no_list_of_ranks_is_said_in_one_message(agglom, ranks):
     done = agglom("plan", "tiny.yaml", "--ranks", ranks)
     assert done.exit_code == 2
-    assert f"{ranks!r} is no list of numbers of ranks; allowed: numbers from 1 to" in done.stderr
+    assert f"{ranks!r}" in done.stderr
+    assert "allowed: numbers from 1 to" in done.stderr
 
 
 def test_a_forecast_that_would_take_too_long_is_refused_and_the_others_shown(agglom, monkeypatch):
     from agglom_mpi.planning import cluster_simulator as virtual
 
-    monkeypatch.setattr(virtual, "MOST_SIMULATED", 3)
+    monkeypatch.setattr(virtual, "MAX_SIMULATED", 3)
     words = ("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,2")
     refused = json.loads(agglom(*words, "--json").stdout)
     assert (refused["not_forecast"], refused["forecasts"]) == ([1, 2], [])

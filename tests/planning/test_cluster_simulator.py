@@ -14,7 +14,7 @@ from agglom_mpi.planning.cluster_simulator import (
     MessageCosts,
     TooManySamples,
 )
-from agglom_mpi.planning.saturation import Forecast
+from agglom_mpi.planning.forecast import Forecast
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
@@ -116,8 +116,8 @@ def test_the_number_of_ranks_decides_nothing():
         for ranks, costs in ((1, FREE), (7, MessageCosts()), (500, FREE))
     ]
     forecasts = [run.run() for run in runs]
-    assert len(runs[0].chain.used) == 20 + 2 * 10
-    assert all(run.chain.used == runs[0].chain.used for run in runs)
+    assert len(runs[0].path.used) == 20 + 2 * 10
+    assert all(run.path.used == runs[0].path.used for run in runs)
     assert forecasts[2].simulated > forecasts[0].simulated
 
 
@@ -145,7 +145,7 @@ def test_ranks_that_need_not_finish_what_is_judged_are_sooner_done(monkeypatch):
     forecasts = [runs[0].run()]
     monkeypatch.setattr(virtual.Scheduler, "withdrawals", lambda scheduler: [])
     forecasts.append(runs[1].run())
-    assert runs[0].chain.used == runs[1].chain.used
+    assert runs[0].path.used == runs[1].path.used
     assert forecasts[0].seconds < forecasts[1].seconds
     assert forecasts[0].wasted < forecasts[1].wasted
 
@@ -163,7 +163,7 @@ def test_a_thousand_ranks_are_limited_by_the_longest_samples():
 
 
 def test_a_forecast_is_given_up_when_it_takes_too_many_samples(monkeypatch):
-    monkeypatch.setattr(virtual, "MOST_SIMULATED", 50)
+    monkeypatch.setattr(virtual, "MAX_SIMULATED", 50)
     with pytest.raises(TooManySamples):
         cluster(3).run()
 

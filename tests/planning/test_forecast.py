@@ -1,8 +1,7 @@
 import pytest
 
 from agglom_mpi.planning.cluster_simulator import MessageCosts
-from agglom_mpi.planning.forecast import ForecastReport
-from agglom_mpi.planning.saturation import Forecast
+from agglom_mpi.planning.forecast import Forecast, ForecastReport
 
 
 def planned(*forecasts):

@@ -2,7 +2,15 @@ import math
 
 import pytest
 
-from agglom_mpi.formatting import forecast_time, format_duration, value_with_error
+from agglom_mpi.formatting import (
+    format_digits,
+    format_duration,
+    format_mean,
+    format_percent,
+    format_seconds,
+    value_with_error,
+)
+from agglom_mpi.statistics import mean_of
 
 
 @pytest.mark.parametrize(
@@ -29,15 +37,8 @@ def test_a_value_has_two_digits_of_its_error(value, error, text):
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.04, "0.0 s"), (119.0, "119.0 s"), (120.0, "2.0 min"), (7200.0, "2.0 h")],
-)
-def test_a_duration_has_the_unit_that_suits_it(seconds, text):
-    assert format_duration(seconds) == text
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
     [
+        (0.0, "0 s"),
         (40e-6, "40 µs"),
         (1e-3, "1 ms"),
         (0.8312, "831 ms"),
@@ -48,5 +49,27 @@ def test_a_duration_has_the_unit_that_suits_it(seconds, text):
         (1e9, "11,574.1 days"),
     ],
 )
-def test_a_forecast_time_has_three_digits_in_any_unit(seconds, text):
-    assert forecast_time(seconds) == text
+def test_a_duration_has_three_digits_in_the_unit_that_suits_it(seconds, text):
+    assert format_duration(seconds) == text
+
+
+def test_no_sample_is_no_measurement():
+    assert format_mean(mean_of([])) == "none"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(4.5e-4, "450 µs"), (9.4e-3, "9.4 ms"), (12.34, "12 s"), (3e-8, "30 ns"), (math.nan, "none")],
+)
+def test_times_are_in_the_unit_that_suits_them(value, text):
+    assert format_seconds(value) == text
+
+
+def test_numbers_have_so_many_digits_and_no_exponent():
+    assert [format_digits(value) for value in (0.0456, 1.26, 12.6, 1234.0)] == [
+        "0.046",
+        "1.3",
+        "13",
+        "1200",
+    ]
+    assert format_percent(0.0478) == "4.8 %"

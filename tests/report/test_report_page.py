@@ -13,9 +13,10 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
+from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
-from agglom_mpi.report.requirements import ExportError
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
@@ -241,7 +242,7 @@ def test_without_a_library_one_message_says_what_to_install(
     without = lambda name, *rest: None if name == library else find(name, *rest)  # noqa: E731
     monkeypatch.setattr(importlib.util, "find_spec", without)
     message = rf"need {library}: pip install 'agglom_mpi\[report\]'"
-    with pytest.raises(ExportError, match=message):
+    with pytest.raises(MissingLibraryError, match=message):
         report(finished, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

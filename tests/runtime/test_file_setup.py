@@ -80,7 +80,7 @@ def test_more_generations_make_room_for_more_strings(campaign, tmp_path):
     longer = campaign.with_generations(9)
     prepare(tmp_path / "x.h5", InversionExperiment(longer), accept_code_change=False)
     again = prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
-    assert again.attributes["strings"] == longer.most_strings
+    assert again.attributes["strings"] == longer.max_strings
 
 
 def test_a_leg_records_what_it_ran_with():

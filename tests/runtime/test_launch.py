@@ -3,7 +3,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from agglom_mpi.launcher import is_first_rank, launched_size, warms_first
+from agglom_mpi.launcher import compiles_for_node, is_first_rank, launched_size
 from agglom_mpi.runtime.launch import LaunchError, connect
 
 MPICH = {"PMI_SIZE": "4", "PMI_RANK": "3", "MPI_LOCALNRANKS": "4", "MPI_LOCALRANKID": "3"}
@@ -46,10 +46,10 @@ def test_the_launcher_is_known_by_its_variables(variables, size, first):
 
 
 def test_the_first_rank_of_each_node_compiles():
-    assert warms_first(0, {})
-    assert not warms_first(1, {})
-    assert warms_first(5, {"SLURM_LOCALID": "0"})
-    assert not warms_first(5, {"MPI_LOCALRANKID": "1"})
+    assert compiles_for_node(0, {})
+    assert not compiles_for_node(1, {})
+    assert compiles_for_node(5, {"SLURM_LOCALID": "0"})
+    assert not compiles_for_node(5, {"MPI_LOCALRANKID": "1"})
 
 
 @pytest.fixture

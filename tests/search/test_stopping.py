@@ -10,7 +10,15 @@ from search_fakes import PARTICLES, completed, of_radii
 from agglom_mpi.config.ensemble import ENSEMBLE
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import Moments, StandardError, SuccessiveDifference
+from agglom_mpi.search.stopping import (
+    COMPARED_RULES,
+    STUDIED_RULES,
+    EnsembleState,
+    FixedNumber,
+    Moments,
+    StandardError,
+    SuccessiveDifference,
+)
 
 
 def samples_until_end(rule, outcomes, objective, min_samples=2):
@@ -164,3 +172,49 @@ def test_a_campaign_names_its_rule():
     assert built(**published) == SuccessiveDifference(1e-5, "objective")
     assert built(rule="moments", tolerance=1e-3, order=3) == Moments(1e-3, 3)
     assert built(rule="standard_error", tolerance=0.01, min_samples=6) == StandardError(0.01, 6)
+
+
+RULES = (
+    *(make(tolerance) for _, make in STUDIED_RULES for tolerance in (1e-3, 0.1, 2.0)),
+    *(rule for _, rule in COMPARED_RULES),
+    Moments(0.1, 1),
+    StandardError(0.5, 3),
+    FixedNumber(),
+)
+EDGES = st.sampled_from([0.0, -0.0, 1.0, np.inf, -np.inf, np.nan, 1e-308, 1e308, -1e308])
+NUMBERS = st.one_of(EDGES, st.floats(), st.floats(0.99, 1.01))
+# mean radius, objective, standard error, three central moments of 2 ensembles after 6 samples
+PATHS = st.lists(NUMBERS, min_size=72, max_size=72)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.label)
+@given(numbers=PATHS)
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_decisions_on_whole_paths_are_those_after_each_sample(rule, numbers):
+    values = np.array(numbers).reshape(6, 6, 2)
+    mean, objective, error, *central = values
+    paths = EnsembleState(np.arange(1, 7)[:, None], mean, objective, error, tuple(central))
+    decided = rule.satisfied_paths(paths)
+    assert decided.shape == (6, 2)
+    assert not decided[0].any()
+    for ensemble in range(2):
+        states = []
+        for k in range(6):
+            mean, objective, error, *central = values[:, k, ensemble].tolist()
+            states.append(EnsembleState(k + 1, mean, objective, error, tuple(central)))
+        one_by_one = [rule.satisfied(*pair) for pair in itertools.pairwise(states)]
+        assert decided[1:, ensemble].tolist() == one_by_one
+
+
+def test_an_objective_that_stays_at_infinity_has_settled():
+    same = EnsembleState(2, 2.0, np.inf, np.nan, None)
+    assert SuccessiveDifference(1e-5).satisfied(same, same)
+    columns = (np.array([[number], [number]]) for number in (2.0, np.inf, np.nan))
+    paths = EnsembleState(np.array([[1], [2]]), *columns, None)
+    assert SuccessiveDifference(1e-5).satisfied_paths(paths).ravel().tolist() == [False, True]
+
+
+def test_an_objective_that_is_not_a_number_never_settles():
+    unknown = EnsembleState(2, np.nan, np.nan, np.nan, (np.nan,) * 3)
+    for rule in RULES:
+        assert not rule.satisfied(unknown, unknown), rule

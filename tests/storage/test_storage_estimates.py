@@ -8,7 +8,7 @@ from scipy import stats
 from storage_helpers import make, put_result, put_strings, sample_rows
 
 from agglom_mpi.analysis.estimates import interval, objective_of
-from agglom_mpi.analysis.ranking import ranking
+from agglom_mpi.analysis.ranking import order_by_estimates
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.storage.writer import CampaignWriter
@@ -189,4 +189,4 @@ def test_where_the_search_has_gone_on_the_order_is_its_own(path):
         put_result(writer, 4, 0.05)
     file = open_campaign(path)
     assert file.best(5)["string"].tolist() == [4, 0, 1, 2, 3]
-    assert ranking([], []) == []
+    assert order_by_estimates([], []) == []

@@ -249,7 +249,7 @@ def run_and_kill(monkeypatch, job, when):
         try:
             monkeypatch.setattr(CheckedFile, "write", counted(CheckedFile.write))
             monkeypatch.setattr(os, "fsync", counted(os.fsync))
-            monkeypatch.setattr(os, "rename", counted(os.rename))
+            monkeypatch.setattr(os, "replace", counted(os.replace))
             job()
             os._exit(count)
         finally:

@@ -13,13 +13,7 @@ from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, styl
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
-from agglom_mpi.search.stopping import (
-    FixedNumber,
-    Moments,
-    StandardError,
-    StoppingRule,
-    SuccessiveDifference,
-)
+from agglom_mpi.search.stopping import COMPARED_RULES, FixedNumber, StoppingRule
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -32,14 +26,6 @@ LOGARITHMIC_COUNT: Final = 60
 """Samples from which their axis is logarithmic."""
 BINS: Final = 30
 MARKERS: Final = "osD^vP"
-
-RULES: Final[tuple[tuple[str, StoppingRule], ...]] = (
-    ("mean radius within 1e-5 [A 27]", SuccessiveDifference(1e-5, "mean_radius")),
-    ("objective within 5e-4 [B 8.1]", SuccessiveDifference(5e-4, "objective")),
-    ("four moments within 1e-3 [A 25]", Moments(1e-3, 4)),
-    ("half-width ≤ 0.01", StandardError(0.01)),
-)
-"""Rules to compare: the papers' own with their tolerances, and two that look at more."""
 
 
 class RunningEstimate(NamedTuple):
@@ -101,13 +87,13 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
-    """Return where the campaign's own rule, and each of `RULES`, ends the samples of a string."""
+    """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
     samples = summaries(data.sample_rows(string))
     own, own_minimum = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
     particles = int(data.identity["scene.particles"])
-    compared = [(name, rule, 2) for name, rule in RULES if rule != own]
+    compared = [(name, rule, 2) for name, rule in COMPARED_RULES if rule != own]
     if not isinstance(own, FixedNumber):
-        compared.insert(0, (f"this campaign's: {rule_label(own)}", own, own_minimum))
+        compared.insert(0, (f"this campaign's: {own.label}", own, own_minimum))
     return [
         StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles, minimum))
         for name, rule, minimum in compared
@@ -147,20 +133,6 @@ def samples_until(
         if ensemble.finished:
             return ensemble.completed
     return None
-
-
-def rule_label(rule: StoppingRule) -> str:
-    """Return a stopping rule in a few words, with its tolerance."""
-    match rule:
-        case SuccessiveDifference():
-            label = f"{rule.quantity.replace('_', ' ')} within {rule.tolerance:g}"
-        case Moments():
-            label = f"{rule.order} moments within {rule.tolerance:g}"
-        case StandardError():
-            label = f"half-width ≤ {rule.tolerance:g}"
-        case _:
-            label = "a fixed number of samples"
-    return label.replace("e-0", "e-")
 
 
 def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:

@@ -1,26 +1,22 @@
-"""The control volume and the end time: what the published objective makes of them."""
+"""How growth and the published objective change with the control volume and the end time."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.curves import Curve, draw_curves
-from agglom_mpi.accuracy.section import Section, Shown, Table
-from agglom_mpi.accuracy.statistics import completed
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
-from agglom_mpi.accuracy.trials import Trial, with_scene
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_digits, format_mean, format_seconds
+from agglom_mpi.formatting import format_mean, format_seconds
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
-
-Rows = NDArray[np.void]
 
 SIZES: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
 """Numbers of particles to compare, over the scene's own."""
@@ -29,29 +25,30 @@ TIMES: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
 """End times to compare, over the scene's own."""
 QUICK_TIMES: Final = (0.5, 2.0)
 FEWEST_PARTICLES: Final = 8
+"""Smaller numbers of particles are left out."""
 
 
 def numbers(campaign: Campaign, quick: bool) -> list[int]:
-    """Numbers of particles to compare with the scene's own."""
+    """Return the numbers of particles to compare with the scene's own, ascending."""
     own = campaign.scene.particles
     wanted = {round(own * factor) for factor in (QUICK_SIZES if quick else SIZES)}
     return sorted(number for number in wanted if number >= FEWEST_PARTICLES and number != own)
 
 
 def name_of_number(number: int) -> str:
-    """Name of the trial with so many particles."""
+    """Return the name of the set-up with `number` particles."""
     return f"{number} particles"
 
 
 def name_of_time(factor: float) -> str:
-    """Name of the trial that runs so many times as long."""
+    """Return the name of the set-up whose end time is `factor` times the scene's."""
     return f"{factor:g} × end time"
 
 
-def trials(
+def setups(
     campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
-) -> dict[str, Trial]:
-    """Return the trials of the section.
+) -> dict[str, Setup]:
+    """Return the set-ups of the section, by name.
 
     With another number of particles the box is as much larger, so that grains, volume fraction and
     end time stay what they are, and only the control volume changes.
@@ -64,38 +61,40 @@ def trials(
         larger = with_scene(
             campaign, particles=number, half_width=half_width, end_time=end_time, engine=engine
         )
-        chosen[name_of_number(number)] = Trial(larger, parameters, samples)
+        chosen[name_of_number(number)] = Setup(larger, parameters, samples)
     for factor in QUICK_TIMES if quick else TIMES:
         longer = with_scene(campaign, end_time=factor * end_time, engine=engine)
-        chosen[name_of_time(factor)] = Trial(longer, parameters, samples)
+        chosen[name_of_time(factor)] = Setup(longer, parameters, samples)
     return chosen
 
 
-def box(
+def control_volume_section(
     campaign: Campaign,
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> Section:
-    """Section on the number of particles and the end time; `samples` as for `trials`."""
+    """Return the section on number of particles and end time; arguments as for `measure`."""
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
     end_time = end_time_of(campaign, parameters)
+    sentences = Sentences(
+        "control_volume",
+        particles=own,
+        end_time=end_time,
+        changes=[
+            *_changes(sizes, own, "particles", unit="particles", what="the number of particles"),
+            *_changes(times, end_time, "end time (s)", unit="s", what="the end time"),
+        ],
+        failed=[
+            row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
+        ],
+    )
     return Section(
         title="Control volume and end time",
-        problem=(
-            "[A] calls its results very sensitive to the control volume. How much of the published "
-            "objective is the number of particles N that was chosen, and the time T?"
-        ),
-        reference=(
-            f"The scene itself, N = {own} and T = {end_time:.4g} s, with the event engine. There "
-            "is no right N or T: the table shows what the choice is worth."
-        ),
-        setups=(
-            "With another N the box is larger or smaller in proportion, so grains, volume fraction "
-            "and T stay the same; with another T everything else does. Samples of different N "
-            "start from different configurations, so differences are not paired there."
-        ),
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "box_particles",
@@ -109,14 +108,11 @@ def box(
             ),
         ),
         tables=(
-            Table("box_particles", "One row is one number of particles.", sizes, SHOWN),
-            Table("box_end_time", "One row is one end time.", times, SHOWN),
+            Table("box_particles", "One row is one number of particles.", sizes, COLUMNS),
+            Table("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
-        failures=tuple(_failures(sizes)) + tuple(_failures(times)),
-        conclusions=(
-            *_conclusions(sizes, own, "particles", "particles", "the number of particles"),
-            *_conclusions(times, end_time, "end time (s)", "s", "the end time"),
-        ),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -126,7 +122,17 @@ def measure(
     samples: Mapping[str, Rows],
     quick: bool,
 ) -> "tuple[pd.DataFrame, pd.DataFrame]":
-    """Growth, objective and cost against N, and against T."""
+    """Return growth, objective and cost against N, and against T: two frames.
+
+    Parameters
+    ----------
+    campaign, parameters
+        The scene and the string, shape (10,), SI units.
+    samples
+        Rows of each of `setups`, and of the event engine.
+    quick
+        Whether the quick set-ups ran.
+    """
     import pandas as pd
 
     own, end_time = campaign.scene.particles, end_time_of(campaign, parameters)
@@ -162,24 +168,24 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     }
 
 
-SHOWN: Final = (
-    Shown("N", lambda row: f"{row['particles']:.0f}"),
-    Shown("T", lambda row: f"{row['end time (s)']:.3g} s"),
-    Shown("samples", lambda row: f"{row['samples']:.0f}"),
-    Shown(
+COLUMNS: Final = (
+    TableColumn("N", lambda row: f"{row['particles']:.0f}"),
+    TableColumn("T", lambda row: f"{row['end time (s)']:.3g} s"),
+    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
+    TableColumn(
         "mean b/b⁰",
         lambda row: format_mean(
             MeanEstimate(row["mean b/b0"], row["standard error"], row["samples"])
         ),
     ),
-    Shown("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
-    Shown(
+    TableColumn("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
+    TableColumn(
         "objective",
         lambda row: format_mean(
             MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
         ),
     ),
-    Shown("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
 )
 
 
@@ -193,34 +199,28 @@ def _draw(
     axes.minorticks_off()
 
 
-def _failures(frame: "pd.DataFrame") -> Iterator[str]:
-    for _, row in frame[frame["failed"] > 0].iterrows():
-        yield (
-            f"N = {row['particles']:.0f}, T = {row['end time (s)']:.3g} s: {row['failed']:.0f} of "
-            f"{row['samples']:.0f} samples failed."
-        )
-
-
-def _conclusions(
-    frame: "pd.DataFrame", own: float, column: str, unit: str, what: str
-) -> Iterator[str]:
+def _changes(
+    frame: "pd.DataFrame", own: float, column: str, **words: str
+) -> Iterator[dict[str, Any]]:
+    """Yield what the smallest and the largest value of a column change, against the scene's own."""
     home = frame[frame[column] == own].iloc[0]
-    for place in (frame.iloc[0], frame.iloc[-1]):
+    for row in (frame.iloc[0], frame.iloc[-1]):
         change = MeanEstimate(
-            place["mean b/b0"] - home["mean b/b0"],
-            float(np.hypot(place["standard error"], home["standard error"])),
-            int(place["samples"]),
+            row["mean b/b0"] - home["mean b/b0"],
+            float(np.hypot(row["standard error"], home["standard error"])),
+            int(row["samples"]),
         )
-        beyond = abs(change.value) > change.half_width
-        yield (
-            f"{place[column] / own:.3g} times {what} ({_plain(place[column])} {unit}) changes mean "
-            f"b/b⁰ by {format_mean(change)} ({100 * change.value / home['mean b/b0']:+.1f} %), "
-            f"{'beyond' if beyond else 'within'} the error, and the objective from "
-            f"{home['objective']:.3f} to {place['objective']:.3f}, at "
-            f"{format_digits(place['seconds per sample (s)'] / home['seconds per sample (s)'])} "
-            f"times the "
-            "time of a sample."
-        )
+        yield {
+            **words,
+            "factor": row[column] / own,
+            "value": _plain(row[column]),
+            "change": change,
+            "percentage": 100 * change.value / home["mean b/b0"],
+            "beyond": abs(change.value) > change.half_width,
+            "own_objective": home["objective"],
+            "objective": row["objective"],
+            "cost": row["seconds per sample (s)"] / home["seconds per sample (s)"],
+        }
 
 
 def _plain(value: float) -> str:

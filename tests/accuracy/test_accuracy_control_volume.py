@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy import box as module
+from agglom_mpi.accuracy import control_volume as module
 from agglom_mpi.accuracy.time_integration import EVENT
 from agglom_mpi.config.campaign import load_campaign
 
@@ -16,10 +16,10 @@ def campaign():
 
 def test_another_number_of_particles_changes_nothing_but_the_control_volume(campaign):
     own = campaign.scene.build(campaign.parameters())
-    trials = module.trials(campaign, campaign.parameters(), 9, quick=False)
+    setups = module.setups(campaign, campaign.parameters(), 9, quick=False)
     for number in module.numbers(campaign, quick=False):
-        trial = trials[module.name_of_number(number)]
-        scene = trial.campaign.scene.build(trial.parameters, trial.engine)
+        setup = setups[module.name_of_number(number)]
+        scene = setup.campaign.scene.build(setup.parameters, setup.engine)
         assert scene.particles == number
         assert scene.radius == pytest.approx(own.radius, rel=1e-14)
         assert scene.mass == pytest.approx(own.mass, rel=1e-14)
@@ -30,19 +30,19 @@ def test_another_number_of_particles_changes_nothing_but_the_control_volume(camp
 
 def test_another_end_time_changes_nothing_but_the_end(campaign):
     own = campaign.scene.build(campaign.parameters())
-    trials = module.trials(campaign, campaign.parameters(), 9, quick=True)
+    setups = module.setups(campaign, campaign.parameters(), 9, quick=True)
     for factor in module.QUICK_TIMES:
-        trial = trials[module.name_of_time(factor)]
-        scene = trial.campaign.scene.build(trial.parameters, trial.engine)
+        setup = setups[module.name_of_time(factor)]
+        scene = setup.campaign.scene.build(setup.parameters, setup.engine)
         assert scene == own._replace(end_time=factor * own.end_time)
 
 
 def test_differences_are_judged_by_their_errors(campaign):
     random = np.random.default_rng(2)
-    names = [EVENT, *module.trials(campaign, campaign.parameters(), 1, quick=True)]
+    names = [EVENT, *module.setups(campaign, campaign.parameters(), 1, quick=True)]
     samples = {name: made_up(2.0 + 0.1 * random.normal(size=100)) for name in names}
     samples[module.name_of_time(2.0)] = made_up(2.5 + 0.1 * random.normal(size=100), 3e-3)
-    found = module.box(campaign, campaign.parameters(), samples, quick=True)
+    found = module.control_volume_section(campaign, campaign.parameters(), samples, quick=True)
     changes = {text.split(" times ")[0]: text for text in found.conclusions[2:]}
     assert "within the error" in changes["0.5"]
     assert "beyond the error" in changes["2"]

@@ -5,8 +5,7 @@ from typing import Any
 
 import click
 
-from agglom_mpi.cli.launch import connected
-from agglom_mpi.cli.options import (
+from agglom_mpi.cli.common import (
     ALLOW_CODE,
     DATABASE,
     GENERATIONS,
@@ -14,6 +13,7 @@ from agglom_mpi.cli.options import (
     QUIET,
     accept_code_change,
     examples,
+    run_connected,
 )
 from agglom_mpi.version import __version__
 
@@ -25,7 +25,10 @@ from agglom_mpi.version import __version__
 )
 @click.argument("campaign")
 @click.option(
-    "--output", "-o", metavar="FILE.h5", help="Campaign file [default: CAMPAIGN's stem.h5]."
+    "--output",
+    "-o",
+    metavar="FILE.h5",
+    help="Campaign file to write. [default: stem of CAMPAIGN + .h5]",
 )
 @GENERATIONS
 @MAX_WALLTIME
@@ -35,10 +38,10 @@ from agglom_mpi.version import __version__
 @ALLOW_CODE
 @click.version_option(__version__)
 def invert_command(**options: Any) -> None:
-    """Run the inversion that CAMPAIGN (a YAML file) describes, or continue it.
+    """Run the inversion that the YAML file CAMPAIGN describes, or continue it.
 
-    Started by mpirun it uses all ranks; without, this process. Exit codes: 0 finished, 2 bad input,
-    75 stopped early (signal or --max-walltime; run the same command again), 1 anything else.
+    Uses all ranks when started by mpirun, else one process. Exit codes: 0 finished, 2 bad input, 75
+    stopped early by a signal or --max-walltime (run again to continue), 1 any other failure.
     """
 
     def run(world: Any) -> int:
@@ -46,4 +49,4 @@ def invert_command(**options: Any) -> None:
 
         return invert(Options(**options), world)
 
-    sys.exit(connected(run))
+    sys.exit(run_connected(run))

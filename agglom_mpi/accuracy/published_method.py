@@ -1,0 +1,141 @@
+"""The papers' numerical method for any scene, and its error in whole samples, end to end."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
+from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference, with_scene
+from agglom_mpi.accuracy.time_integration import EVENT, event_engine
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.scene import AdaptiveEngine, Engine, FixedEngine, SceneSection
+from agglom_mpi.config.submodels import IterationSolver
+from agglom_mpi.formatting import format_mean, format_percent, format_seconds
+from agglom_mpi.statistics import MeanEstimate, mean_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FLOOR: Final = 1e-4
+CEILING: Final = 0.1
+"""Shortest and longest step of [B 6.14] over the end time: 1e-6 and 1e-3 s of 0.01 s."""
+
+
+def as_published(scene: SceneSection) -> SceneSection:
+    """Return the same physics, box and start with the published numerical method.
+
+    - Impacts: the fixed point e ← G(e) from e = 0, to 1e-6, at most 100 times  [A 20] [B 6b]. A
+      constant restitution has nothing to solve.
+    - Cooling: one forward Euler step per time step  [A 19] [B 6.21].
+    - Time: 200 equal steps where the impact lasts as in [A 12]; otherwise [B 6.14]'s adaptive
+      steps. Their limits are [B]'s in proportion to the end time, so that a scene of nanoseconds or
+      of years gets as many steps as the paper's; as printed where the end time is `characteristic`,
+      which [B] does not have.
+
+    What the papers model otherwise (escape, heating, whose energy breaks) stays as the scene has
+    it: the methods are compared on the same equations.
+    """
+    changes: dict[str, object] = {"engine": _published_engine(scene)}
+    if scene.restitution.law == "pressure":
+        changes["solver"] = IterationSolver(law="iteration")
+    if scene.cooling.law != "none":
+        changes["cooling"] = scene.cooling.model_copy(update={"integration": "euler"})
+    return scene.model_copy(update=changes)
+
+
+def _published_engine(scene: SceneSection) -> Engine:
+    """Return the paper's time steps for a scene; see `as_published`."""
+    if scene.restitution.law == "pressure" and scene.duration.law == "mean_speed":
+        return FixedEngine(steps=200)
+    if isinstance(scene.end_time, str):
+        return AdaptiveEngine()
+    return AdaptiveEngine(floor=FLOOR * scene.end_time, ceiling=CEILING * scene.end_time)
+
+
+ITERATION: Final = "published impact iteration, exact times"
+WHOLE: Final = "published iteration, cooling and time steps"
+
+
+def setups(campaign: Campaign, parameters: NDArray[np.float64], samples: int) -> dict[str, Setup]:
+    """Return the set-ups of the section; only those that differ from the scene."""
+    published = as_published(campaign.scene)
+    chosen = {}
+    if published.solver != campaign.scene.solver:
+        iterated = with_scene(campaign, solver=published.solver)
+        chosen[ITERATION] = Setup(iterated, parameters, samples, event_engine(campaign))
+    if published != campaign.scene:
+        chosen[WHOLE] = Setup(with_scene(campaign, **dict(published)), parameters, samples)
+    return chosen
+
+
+def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
+    """Return the section on the published method.
+
+    Parameters
+    ----------
+    campaign
+    samples
+        Rows of each of `setups`, and of the event engine.
+    """
+    frame = measure(samples)
+    reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
+    sentences = Sentences(
+        "published_method",
+        growth=reference,
+        engine=as_published(campaign.scene).engine,
+        rows=[row for _, row in frame.iterrows()],
+    )
+    return Section(
+        title="The published method as a whole",
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
+        figures=(),
+        tables=(Table("whole_method", "One row is one method.", frame, COLUMNS),),
+        failures=sentences.items("failures"),
+        conclusions=sentences.items("conclusions"),
+    )
+
+
+def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
+    """Return bias, failures and cost of each method that ran, one row each."""
+    import pandas as pd
+
+    rows = []
+    for name in (ITERATION, WHOLE):
+        if name not in samples:
+            continue
+        own = samples[name]
+        good = completed(own)
+        bias = paired_difference(own, samples[EVENT], "mean_radius_ratio")
+        collisions = max(1.0, float(np.sum(good["collisions"])))
+        rows.append(
+            {
+                "method": name,
+                "samples": len(own),
+                "failed": len(own) - len(good),
+                "bias of b/b0": bias.value,
+                "standard error": bias.error,
+                "half width": bias.half_width,
+                "pairs": bias.samples,
+                "unsolved impacts": float(np.sum(good["capped_iterations"])) / collisions,
+                "seconds per sample (s)": float(np.mean(own["seconds"])),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+COLUMNS: Final = (
+    TableColumn("method", lambda row: row["method"]),
+    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
+    TableColumn(
+        "bias of b/b⁰",
+        lambda row: format_mean(
+            MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
+        ),
+    ),
+    TableColumn("unsolved impacts", lambda row: format_percent(row["unsolved impacts"])),
+    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+)

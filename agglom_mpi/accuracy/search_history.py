@@ -1,0 +1,170 @@
+"""The best strings of a finished campaign: the search's objectives and fresh, unbiased ones."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.study import Rows, Setup, completed
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.user_function import UserFunction, recorded_function
+from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.formatting import format_digits, format_mean
+from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.statistics import MeanEstimate, t_95
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+    import pandas as pd
+
+
+def name_of(string: int) -> str:
+    """Return the name of the set-up that estimates a string again."""
+    return f"string {string} again"
+
+
+def best_strings(history: CampaignData) -> list[int]:
+    """Return the strings that were the best after some generation, in the order they became so."""
+    best = [int(row["best_string"]) for row in history.generation_rows()]
+    return list(dict.fromkeys(best))
+
+
+def campaign_of(history: CampaignData) -> Campaign:
+    """Return the campaign of a file; if its objective is a function, without the code."""
+    code = recorded_function(history.identity)
+    return Campaign.from_text(history.campaign_text, str(history.path), code)
+
+
+def setups(
+    history: CampaignData, samples: int, allowed: UserFunction | None = None
+) -> dict[str, Setup]:
+    """Return a set-up for every string that was ever the best, on configurations not seen before.
+
+    Raises
+    ------
+    CampaignError
+        If the objective is a function and `allowed` is none or another one.
+    """
+    campaign = campaign_of(history)
+    if campaign.user_function is not None:
+        if allowed is None or allowed.without_source != campaign.user_function:
+            message = "is a function that is not run from a file: give its unchanged campaign, too"
+            raise CampaignError(Problem(campaign.name, None, "objective.call", message))
+        campaign = replace(campaign, user_function=allowed)
+    parameters = {int(row["string"]): row for row in history.string_rows()}
+    return {
+        name_of(string): Setup(
+            campaign,
+            np.array([parameters[string][name] for name in NAMES]),
+            samples,
+            first_sample=history.max_samples,
+        )
+        for string in best_strings(history)
+    }
+
+
+def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
+    """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
+    frame = measure(history, samples)
+    changes = frame[frame["string"] != frame["string"].shift()]
+    again = len(samples[name_of(int(frame["string"].iloc[-1]))])
+    sentences = Sentences(
+        "search_history",
+        file=history.path.name,
+        again=again,
+        generations=len(frame),
+        last=frame.iloc[-1],
+        best=frame.iloc[int(frame["estimated again"].argmin())],
+        bests=len(changes),
+        optimism=(changes["estimated again"] - changes["objective"]).mean(),
+        estimate=_again,
+    )
+    return Section(
+        title="Inversion",
+        problem=sentences.paragraph("problem"),
+        reference=sentences.paragraph("reference"),
+        setups=sentences.paragraph("setups"),
+        figures=(
+            Drawing(
+                "inversion",
+                sentences.paragraph("caption"),
+                lambda figure: _draw(figure, frame),
+            ),
+        ),
+        tables=(
+            Table(
+                "inversion", "One row is one generation that changed the best.", changes, COLUMNS
+            ),
+            Table("inversion_history", "One row is one generation.", frame),
+        ),
+        failures=(),
+        conclusions=sentences.items("conclusions"),
+    )
+
+
+def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame":
+    """Return for each generation its best string as the search had it, and estimated again."""
+    import pandas as pd
+
+    campaign = campaign_of(history)
+    objective = campaign.objective.build(campaign.scene.particles)
+    used = {int(row["string"]): int(row["samples_used"]) for row in history.result_rows()}
+    rows = []
+    for row in history.generation_rows():
+        string = int(row["best_string"])
+        good = completed(samples[name_of(string)])
+        value, error = objective.of_rows(good)
+        rows.append(
+            {
+                "generation": int(row["generation"]),
+                "seconds (s)": float(row["seconds"]),
+                "samples simulated": int(row["samples_simulated"]),
+                "string": string,
+                "its samples": used[string],
+                "objective": float(row["best_objective"]),
+                "standard error": float(row["best_standard_error"]),
+                "estimated again": value,
+                "standard error of that": error,
+                "samples of that": len(good),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _again(row: Any) -> MeanEstimate:
+    """Return the fresh estimate of a row of `measure`."""
+    return MeanEstimate(row["estimated again"], row["standard error of that"], 2)
+
+
+COLUMNS: Final = (
+    TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
+    TableColumn("seconds", lambda row: format_digits(row["seconds (s)"])),
+    TableColumn("string", lambda row: f"{row['string']:.0f}"),
+    TableColumn("its samples", lambda row: f"{row['its samples']:.0f}"),
+    TableColumn(
+        "objective, as searched",
+        lambda row: format_mean(MeanEstimate(row["objective"], row["standard error"], 2)),
+    ),
+    TableColumn(
+        "estimated again",
+        lambda row: format_mean(_again(row)),
+    ),
+)
+
+
+def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
+    seconds = frame["seconds (s)"]
+    own = t_95(1000) * frame["standard error"]
+    again = t_95(1000) * frame["standard error of that"]
+    value, truth = frame["objective"], frame["estimated again"]
+    curves = [
+        Curve("as the search had it", seconds, value, value - own, value + own),
+        Curve("estimated again", seconds, truth, truth - again, truth + again),
+    ]
+    draw_curves(
+        figure, curves, "wall-clock time (s)", "objective of the best", scales=("linear", "linear")
+    )

@@ -1,0 +1,163 @@
+"""What all commands share: launching on ranks, exit codes, options and how their texts are read."""
+
+import functools
+import sys
+from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from agglom_mpi.errors import BAD_INPUT, FAILURE, STOPPED, UserError, error_text
+from agglom_mpi.formatting import replace_unencodable
+from agglom_mpi.launcher import is_first_rank
+
+
+def launch(command: click.Command) -> None:
+    """Run a command and end the process; under MPI only the first rank prints help and errors."""
+    replace_unencodable()
+    try:
+        with nullcontext() if is_first_rank() else redirect_stdout(None):
+            code = command(standalone_mode=False)
+    except click.ClickException as error:
+        if is_first_rank():
+            error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted; run the same command again to continue", err=True)
+        code = STOPPED
+    except OSError as error:
+        click.echo(f"{command.name}: {error}", err=True)
+        code = FAILURE
+    sys.exit(code)
+
+
+def run_connected(run: Callable[[Any], int]) -> int:
+    """Return the exit code of `run`, called with the MPI world, or None for a plain run.
+
+    If the ranks that the launcher started do not find each other, the first one prints why.
+    """
+    from agglom_mpi.runtime.launch import LaunchError, connect
+
+    try:
+        world = connect()
+    except LaunchError as error:
+        if is_first_rank():
+            click.echo(str(error), err=True)
+        return error.exit_code
+    return run(world)
+
+
+def exit_with(command: Callable[..., int]) -> Callable[..., None]:
+    """Return a function that ends the process with the exit code that `command` returns.
+
+    A UserError or an OSError becomes one message on standard error and its exit code.
+    """
+
+    @functools.wraps(command)
+    def run(**options: Any) -> None:
+        try:
+            code = command(**options)
+        except (UserError, OSError) as error:
+            click.echo(error_text(error), err=True)
+            code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
+        sys.exit(code)
+
+    return run
+
+
+PATH: Final = click.Path(path_type=Path)
+
+
+def examples(*commands: str) -> str:
+    """Return the end of a command's help: examples to copy, one a line."""
+    heading = "Examples:" if len(commands) > 1 else "Example:"
+    return "\n  ".join([f"\b\n{heading}", *commands])  # \b: click does not wrap what follows
+
+
+def read_duration(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> float | None:
+    """Return a duration in s: `90`, `90s`, `30m`, `2h`, `1:30:00` or Slurm's `1-12:00:00`."""
+    if text is None:
+        return None
+    try:
+        days, dash, clock = text.rpartition("-")
+        if dash or ":" in clock:
+            parts = [float(part) for part in clock.split(":")]
+            if dash:  # Slurm's D-H, D-H:M and D-H:M:S
+                parts += [0.0] * (3 - len(parts))
+            if len(parts) > 3 or (dash and not days):
+                raise ValueError
+            seconds = sum(part * 60.0**power for power, part in enumerate(reversed(parts)))
+        else:
+            scale = {"s": 1.0, "m": 60.0, "h": 3600.0}.get(clock[-1:], 0.0)
+            seconds = float(clock[:-1]) * scale if scale else float(clock)
+        seconds += 86400.0 * float(days or 0)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 < seconds < float("inf"):
+        raise click.BadParameter(
+            f"{text!r} is no duration; allowed: 90, 90s, 30m, 2h, 1:30:00, 1-12:00:00"
+        )
+    return seconds
+
+
+def read_assignments(
+    context: click.Context, parameter: click.Parameter, settings: tuple[str, ...]
+) -> dict[str, float | str]:
+    """Return `NAME=VALUE` settings by name; a value is a number or a text with a unit."""
+    values: dict[str, float | str] = {}
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{setting!r} is not NAME=VALUE", param_hint="--set")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            values[name.strip()] = value.strip()
+    return values
+
+
+ALLOW_CODE: Final = click.option(
+    "--allow-code",
+    is_flag=True,
+    help="Allow the Python function named by the campaign's objective to run.",
+)
+DATABASE: Final = click.option(
+    "--database",
+    type=click.Choice(["gathered", "parallel"]),
+    help="Who writes samples to the campaign file: rank 0 for all (gathered), or every rank its "
+    "own (parallel). [default: parallel where h5py was built with MPI]",
+)
+GENERATIONS: Final = click.option(
+    "--generations",
+    type=click.IntRange(1),
+    help="Maximum number of generations, instead of the campaign's.",
+)
+JSON: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+MAX_WALLTIME: Final = click.option(
+    "--max-walltime",
+    callback=read_duration,
+    metavar="TIME",
+    help="Stop cleanly after this time (90, 30m, 2h, 1:30:00); run again to continue.",
+)
+QUIET: Final = click.option("--quiet", "-q", is_flag=True, help="Print errors only.")
+SETTINGS: Final = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    callback=read_assignments,
+    metavar="NAME=VALUE",
+    help="Set a variable, with or without unit; may be repeated.",
+)
+
+
+def accept_code_change(what: str) -> Callable[[Any], Any]:
+    """Return the option that allows continuing `what`, a file or a study, with other sources."""
+    return click.option(
+        "--accept-code-change",
+        is_flag=True,
+        help=f"Continue {what} computed with other simulation sources.",
+    )

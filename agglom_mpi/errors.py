@@ -1,0 +1,52 @@
+"""Errors that the user can mend, exit codes, and the check for optional libraries."""
+
+import importlib.util
+from typing import ClassVar, Final
+
+FINISHED: Final = 0
+FAILURE: Final = 1
+"""Anything else than the others: an unexpected error, a damaged file, a failed sample."""
+BAD_INPUT: Final = 2
+STOPPED: Final = 75
+"""Stopped early; running the same command again continues it."""
+INTERRUPTED: Final = 130
+"""Ctrl-C ended a command that only reads."""
+
+
+class UserError(Exception):
+    """An error that the user can mend; its text is all that is shown, without a traceback.
+
+    Attributes
+    ----------
+    exit_code : int
+        What the command ends with.
+    """
+
+    exit_code: ClassVar[int] = BAD_INPUT
+
+
+class MissingLibraryError(UserError, ImportError):
+    """An optional library is not installed."""
+
+
+def require_library(name: str, extra: str, purpose: str) -> None:
+    """Raise a MissingLibraryError unless an optional library is installed; import nothing.
+
+    Parameters
+    ----------
+    name
+        The library's name as it is imported.
+    extra
+        The extra of this package that installs it.
+    purpose
+        What needs it, a plural that begins the message: `figures`.
+    """
+    if importlib.util.find_spec(name) is None:
+        raise MissingLibraryError(f"{purpose} need {name}: pip install 'agglom_mpi[{extra}]'")
+
+
+def error_text(error: Exception) -> str:
+    """Return an error as one message; the operating system's as `FILE: REASON`."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

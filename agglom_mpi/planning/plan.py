@@ -1,0 +1,126 @@
+"""Forecasting the run time of a campaign: pilot samples, then the scheduler on simulated ranks."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+
+from agglom_mpi.analysis.warm_start import warm_start_strings
+from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.outcome import FAILED
+from agglom_mpi.planning.cluster_simulator import (
+    ClusterSimulator,
+    MessageCosts,
+    TooManySamples,
+    Workload,
+)
+from agglom_mpi.planning.forecast import ForecastReport, PilotSummary
+from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
+from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.proposals import Proposals
+
+
+class Options(NamedTuple):
+    """Options of `agglom plan`; `source` is a campaign file with samples, or None."""
+
+    campaign: str
+    ranks: tuple[int, ...]
+    source: str | None = None
+    seconds: float = 20.0
+    generations: int | None = None
+    allow_code: bool = False
+
+
+def plan(options: Options) -> ForecastReport:
+    """Return the forecasts for a campaign; a terminal shows the progress.
+
+    Raises
+    ------
+    CampaignError, NotACampaign, OSError
+        If the campaign or the file with samples cannot be used.
+    """
+    campaign = load_campaign(options.campaign, options.allow_code)
+    if options.generations is not None:
+        campaign = campaign.with_generations(options.generations)
+    campaign.check_searchable()
+    campaign.check_libraries()
+    with Console(stderr=True).status("") as status:  # only a terminal shows it
+        samples = pilot_samples(campaign, options, status.update)
+        return forecast_all(campaign, samples, options, status.update)
+
+
+def pilot_samples(
+    campaign: Campaign, options: Options, show: Callable[[str], None]
+) -> PilotSamples:
+    """Return samples read from the file `options.source`, or else simulated now."""
+    if options.source is not None:
+        show("reading samples")
+        return read_recorded_samples(options.source, campaign)
+    from agglom_mpi.planning.pilot import run_pilot  # loads the kernels
+
+    return run_pilot(campaign, options.seconds, show)
+
+
+def forecast_all(
+    campaign: Campaign, samples: PilotSamples, options: Options, show: Callable[[str], None]
+) -> ForecastReport:
+    """Return the forecasts for all numbers of ranks in `options`."""
+    work = InversionExperiment(campaign, warm_start_strings(campaign))
+    workload, costs = EmpiricalWorkload(samples, campaign), MessageCosts()
+    pilot = pilot_summary(samples, options.source)
+    report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
+    for ranks in options.ranks:
+        show(f"forecasting {ranks} ranks")
+        cluster = ClusterSimulator(
+            lambda observer: work.inversion(_as_proposed, observer),
+            workload,
+            ranks,
+            costs,
+            campaign.search.lag,
+        )
+        try:
+            forecast = cluster.run()
+            again = reestimation_seconds(work, cluster.inversion, workload, ranks)
+            report.forecasts.append(forecast._replace(again=again))
+        except TooManySamples:
+            report.not_forecast.append(ranks)
+    return report
+
+
+def reestimation_seconds(
+    work: Experiment, inversion: Inversion, workload: Workload, ranks: int
+) -> float:
+    """Return the time for the fresh samples of the best strings after the search, s.
+
+    All of them are known then, so that their sum and the longest of them bound it.
+    """
+    strings, samples = work.finalists(inversion)
+    first = work.room.max_samples
+    seconds = [
+        workload.sample(string, inversion.parameters(string), sample)[1]
+        for string in strings
+        for sample in range(first, first + samples)
+    ]
+    return max(sum(seconds) / ranks, max(seconds, default=0.0))
+
+
+def _as_proposed(batch: Proposals, first: int) -> Proposals:
+    """Return proposals unchanged: no earlier leg has stored any."""
+    return batch
+
+
+def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:
+    """Return number and times of pilot samples; `source` is the file they were read from."""
+    rows = pilot.rows
+    seconds = rows["seconds"]
+    return PilotSummary(
+        source,
+        len(rows),
+        len(np.unique(rows["string"])),
+        int((rows["state"] == FAILED).sum()),
+        float(seconds.mean()),
+        float(seconds.max()),
+        pilot.differences,
+    )

@@ -1,0 +1,59 @@
+"""Bounds of slopes, by which the solver knows that an interval holds no root."""
+
+import pytest
+from contact_pairs import encounter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglom_mpi.physics.friction import (
+    ConstantFriction,
+    RestitutionScaledFriction,
+    impulse_slopes,
+    tangential_impulse,
+)
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit, impact_heats, least_heat_slopes
+
+SETTINGS = settings(max_examples=300, deadline=None, derandomize=True)
+SPEEDS = st.floats(1e-3, 1e3)
+RADII = st.tuples(st.floats(1e-4, 1e-2), st.floats(1e-4, 1e-2))
+FRAMES = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0))
+DEFICITS = st.lists(st.floats(1e-6, 1.0), min_size=4, max_size=4, unique=True).map(sorted)
+FRICTION = (None, ConstantFriction, RestitutionScaledFriction)
+# Round-off of a difference, relative to the larger value.
+ROUNDING = 1e-13
+
+
+def law(kind, coefficient):
+    return None if kind is None else kind(coefficient)
+
+
+@pytest.mark.parametrize("kind", FRICTION)
+@SETTINGS
+@given(SPEEDS, SPEEDS, RADII, st.floats(0.0, 2.0), DEFICITS)
+def test_the_tangential_impulse_changes_as_its_slopes_allow(
+    kind, approach, slip, radii, coefficient, deficits
+):
+    pair, friction = encounter(approach, slip, radii), law(kind, coefficient)
+    lower, a, b, upper = deficits
+    least, most = impulse_slopes(friction, pair, lower, upper)
+    at_a, at_b = (tangential_impulse(friction, pair, deficit) for deficit in (a, b))
+    rounding = ROUNDING * (abs(at_a) + abs(at_b))
+    assert least * (b - a) - rounding <= at_b - at_a <= most * (b - a) + rounding
+
+
+@pytest.mark.parametrize("kind", FRICTION)
+@pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
+@SETTINGS
+@given(SPEEDS, SPEEDS, RADII, FRAMES, st.floats(0.0, 2.0), DEFICITS)
+def test_heats_rise_with_the_deficit_at_least_as_fast_as_their_slopes_say(
+    kind, heating, approach, slip, radii, frame, coefficient, deficits
+):
+    pair, friction = encounter(approach, slip, radii, frame=frame), law(kind, coefficient)
+    lower, a, b, upper = deficits
+    slopes = least_heat_slopes(heating, friction, pair, lower, upper)
+    at_a, at_b = (impact_heats(heating, friction, pair, deficit) for deficit in (a, b))
+    # A sphere's loss is a difference of works, which are larger in a frame that moves.
+    speed = sum(map(abs, (approach, slip, *frame)))
+    rounding = ROUNDING * max(pair.mass_i, pair.mass_j) * speed**2
+    for before, after, slope in zip(at_a, at_b, slopes, strict=True):
+        assert after - before >= slope * (b - a) - rounding
