@@ -1,15 +1,15 @@
-"""The public campaign file: rows, tables, the best strings, and plots."""
+"""The public campaign file: rows, tables, the best strings and plots."""
 
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from agglom_mpi.analysis import tables
 from agglom_mpi.analysis.estimates import estimates_of
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
-from agglom_mpi.report.plots import Plots
+from agglom_mpi.errors import require_library
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 
@@ -21,11 +21,16 @@ T = TypeVar("T")
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
 
-class CampaignFile(Plots, CampaignData):
+class CampaignFile(CampaignData):
     """What is in a campaign file now: every call reads it anew.
 
-    Methods give numpy rows as they are stored (columns in `storage.schema`); properties give pandas
-    tables with units in `.attrs["units"]`; `plot_*` draw on axes of matplotlib.
+    Methods return numpy rows as they are stored (columns in `storage.schema`); properties are
+    pandas tables with units in `.attrs["units"]`.
+
+    Each `plot_*` takes matplotlib axes to draw into, or makes a new pyplot figure, and returns the
+    axes; those with several panels take a figure or subfigure and return an array of axes. Where
+    there is nothing to show yet, the axes say so. An ImportError says how to install matplotlib
+    where it is missing.
     """
 
     def snapshot(self) -> CampaignData:
@@ -104,11 +109,11 @@ class CampaignFile(Plots, CampaignData):
         return tables.table_of(self.snapshot(), "variables")
 
     def best(self, k: int = 1) -> "pd.DataFrame":
-        """Best k judged strings, as they are known best.
+        """Best k judged strings, by their re-estimates on fresh samples where there are any.
 
-        Those that were estimated again come in the order of that, and all others after them in
-        the order of the search's own `objective`, which is biased; ties by number. If the search
-        has gone on, and its best was not estimated yet, the order is its own.
+        Strings without a re-estimate follow in the order of the search's own `objective`, which
+        is biased; ties are broken by number. If the search has gone on, and its best string is
+        not estimated again yet, the order is the search's own.
 
         Examples
         --------
@@ -129,6 +134,205 @@ class CampaignFile(Plots, CampaignData):
         frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]
         frame.attrs["units"] = table.attrs["units"] | {"estimate": "1"}
         return frame
+
+    def plot_convergence(self, ax: Any = None) -> Any:
+        """Draw best and mean-of-top objective against generation, with 95 % bands.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; by default a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Notes
+        -----
+        As [A] fig. 4 and [B] fig. 4a–b.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> file = agglom_mpi.open_campaign("quickstart.h5")
+        >>> ax = file.plot_convergence()
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('generation', 'objective Λ (1)')
+
+        Into axes of your own:
+
+        >>> from matplotlib import pyplot
+        >>> figure, (left, right) = pyplot.subplots(1, 2, figsize=(12, 5), layout="constrained")
+        >>> file.plot_convergence(left) is left
+        True
+        >>> ax = file.plot_cost(right)
+        >>> figure.savefig("search.png")
+        """
+        return self._plot("convergence", ax)
+
+    def plot_cost(self, ax: Any = None) -> Any:
+        """Draw the error of the best objective against run time; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_cost()
+        >>> ax.get_xlabel()
+        'wall-clock time, all legs (s)'
+        """
+        return self._plot("cost", ax)
+
+    def plot_radii(self, string: int | None = None, ax: Any = None) -> Any:
+        """Draw how the final radii of a string are distributed, with their moments ([A] fig. 5).
+
+        Radii that are not stored are resimulated, for a second of processor time at most; if no
+        sample is that fast, the mean radii of the samples are shown, and the axis says so.
+
+        Parameters
+        ----------
+        string : int, optional
+            Number of a judged string; by default the best.
+        ax : matplotlib.axes.Axes, optional
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        ValueError
+            If the string is not judged.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_radii()
+        >>> ax.get_title().startswith("mean ")
+        True
+        """
+        return self._plot("radii", ax, string)
+
+    def plot_cloud(self, string: int | None = None, figure: Any = None) -> Any:
+        """Draw the particles of a sample at successive times ([B] fig. 5).
+
+        Frames that are not stored are resimulated; the first time, the kind of scene is compiled,
+        which takes 20 s or more.
+
+        Parameters
+        ----------
+        string : int, optional
+            Number of a judged string; by default the best.
+        figure : matplotlib.figure.Figure or SubFigure, optional
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, one for each time.
+
+        Raises
+        ------
+        ValueError
+            If the string is not judged, or its samples are too long to be simulated again.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> axes = agglom_mpi.open_campaign("quickstart.h5").plot_cloud()
+        >>> axes[0].get_title()
+        't = 0 s, 100 particles'
+        """
+        return self._plot("cloud", figure, string)
+
+    def plot_search_paths(self, figure: Any = None) -> Any:
+        """Draw each variable of the best strings against generation, one panel each.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure or SubFigure, optional
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, one for each variable that is searched.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> axes = agglom_mpi.open_campaign("quickstart.h5").plot_search_paths()
+        >>> [ax.get_ylabel() for ax in axes]
+        ['relative speed (m/s)', 'size ratio (1)', 'hardness (MPa)']
+        """
+        return self._plot("search_paths", figure)
+
+    def plot_best(self, ax: Any = None) -> Any:
+        """Draw the best strings as lines over the search box; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_best()
+        >>> [label.get_text().split() for label in ax.get_xticklabels()][0]
+        ['relative', 'speed', '(m/s)']
+        """
+        return self._plot("best_strings", ax)
+
+    def plot_ensembles(self, ax: Any = None) -> Any:
+        """Draw running objectives of the best strings and where stopping rules end them.
+
+        See `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_ensembles()
+        >>> ax.get_xlabel()
+        'completed samples of the string'
+        """
+        return self._plot("ensembles", ax)
+
+    def plot_finalists(self, ax: Any = None) -> Any:
+        """Draw the best strings as searched and on fresh samples; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_finalists()
+        >>> len(ax.get_yticks())
+        6
+        """
+        return self._plot("finalists", ax)
+
+    def plot_samples(self, ax: Any = None) -> Any:
+        """Draw how many samples strings took; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_samples()
+        >>> ax.get_xlabel()
+        'samples of a string'
+        """
+        return self._plot("samples_per_string", ax)
+
+    def plot_busy(self, ax: Any = None) -> Any:
+        """Draw the share of the time in which the ranks simulated; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_busy()
+        >>> ax.get_ylabel()
+        'time in which ranks simulate (%)'
+        """
+        return self._plot("busy", ax)
+
+    def _plot(self, name: str, target: Any, string: int | None = None) -> Any:
+        """Draw a figure of the report into axes or a figure, and return the axes."""
+        require_library("matplotlib", "report", "figures")
+        from agglom_mpi.report.figures import FIGURES
+        from agglom_mpi.report.figures.figure import FigureOptions
+
+        return FIGURES[name].plot(self.snapshot(), target, FigureOptions(string))
 
 
 def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:

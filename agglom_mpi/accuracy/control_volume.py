@@ -11,7 +11,7 @@ from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.formatting import format_mean, format_seconds
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -96,12 +96,12 @@ def control_volume_section(
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(
-            Picture(
+            Drawing(
                 "box_particles",
                 "Mean growth against the number of particles, with 95 % bands.",
                 lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
             ),
-            Picture(
+            Drawing(
                 "box_end_time",
                 "Mean growth against the end time, with 95 % bands.",
                 lambda figure: _draw(figure, times, "end time (s)", "end time T (s)"),

@@ -19,7 +19,7 @@ from agglom_mpi.accuracy.cooling_methods import (
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.formatting import format_seconds
 from agglom_mpi.physics.cooling import QuarticCooling
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.scene import Scene
 
 if TYPE_CHECKING:
@@ -59,12 +59,12 @@ def cooling_section(scene: Scene, quick: bool = False) -> Section:
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(
-            Picture(
+            Drawing(
                 "cooling",
                 sentences.paragraph("end_time_caption"),
                 lambda figure: _draw(figure, errors[errors["run"] == "end time"], "step (s)"),
             ),
-            Picture(
+            Drawing(
                 "cooling_stiff",
                 sentences.paragraph("stiff_caption"),
                 lambda figure: _draw(

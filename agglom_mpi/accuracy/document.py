@@ -23,7 +23,7 @@ from agglom_mpi.formatting import (
     format_percent,
     format_seconds,
 )
-from agglom_mpi.report.picture import COLOURS, Picture, write_picture
+from agglom_mpi.report.drawing import COLOURS, Drawing, write_drawing
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.version import __version__
 
@@ -72,7 +72,7 @@ class Section(NamedTuple):
     title : str
     problem, reference, setups : str
         What is asked, what errors are measured against, and what was run; Markdown paragraphs.
-    figures : tuple of Picture
+    figures : tuple of Drawing
     tables : tuple of Table
     failures : tuple of str
         What did not work, one sentence each, computed from the data.
@@ -84,7 +84,7 @@ class Section(NamedTuple):
     problem: str
     reference: str
     setups: str
-    figures: tuple[Picture, ...]
+    figures: tuple[Drawing, ...]
     tables: tuple[Table, ...]
     failures: tuple[str, ...]
     conclusions: tuple[str, ...]
@@ -168,7 +168,7 @@ def write_document(directory: Path, header: Header, chapters: Sequence[Chapter])
     """
     for section in (section for chapter in chapters for section in chapter.sections):
         for figure in section.figures:
-            write_picture(directory, figure)
+            write_drawing(directory, figure)
         for table in section.tables:
             replace_file(directory / f"{table.name}.csv", table.frame.to_csv(index=False).encode())
     template = _templates().get_template("report.md.j2")

@@ -32,7 +32,7 @@ from agglom_mpi.accuracy.stopping_study import (
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import search_stream
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def _flaws(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
 
 def _figures(
     frame: "pd.DataFrame", truth: Truth, most: int, sentences: Sentences
-) -> tuple[Picture, ...]:
+) -> tuple[Drawing, ...]:
     rules = of_rules(frame)
 
     def error(figure: "matplotlib.figure.Figure") -> None:
@@ -238,9 +238,9 @@ def _figures(
         axes.axhline(0.95, color="0.5", linewidth=0.8)
 
     return (
-        Picture("ensemble_error", sentences.paragraph("error_caption"), error),
-        Picture("ensemble_belief", sentences.paragraph("belief_caption"), belief),
-        Picture("ensemble_coverage", sentences.paragraph("coverage_caption"), coverage),
+        Drawing("ensemble_error", sentences.paragraph("error_caption"), error),
+        Drawing("ensemble_belief", sentences.paragraph("belief_caption"), belief),
+        Drawing("ensemble_coverage", sentences.paragraph("coverage_caption"), coverage),
     )
 
 

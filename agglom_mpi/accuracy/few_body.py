@@ -34,7 +34,7 @@ from agglom_mpi.accuracy.few_body_study import (
     orders,
     study,
 )
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate
 
 if TYPE_CHECKING:
@@ -186,8 +186,8 @@ def _order(row: Any, what: str) -> str:
     return f"{row[f'{what}, order']:.3f} ± {row[f'{what}, order, standard error']:.3f}"
 
 
-def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Picture, ...]:
-    def against_step(engine: str, label: str) -> Picture:
+def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Drawing, ...]:
+    def against_step(engine: str, label: str) -> Drawing:
         def draw(figure: "matplotlib.figure.Figure") -> None:
             rows = frame[frame["engine"] == engine]
             curves = [
@@ -196,7 +196,7 @@ def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Picture, ...]
             ]
             draw_curves(figure, curves, label, ERROR)
 
-        return Picture(f"few_{engine}", sentences.paragraph("step_caption", engine=engine), draw)
+        return Drawing(f"few_{engine}", sentences.paragraph("step_caption", engine=engine), draw)
 
     def cost(figure: "matplotlib.figure.Figure") -> None:
         shown = frame[frame["scene"].isin((TYPICAL, UNSEEN))]
@@ -209,7 +209,7 @@ def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Picture, ...]
     return (
         against_step("fixed", "time step (s)"),
         against_step("adaptive", "shortest step (s)"),
-        Picture("few_cost", sentences.paragraph("cost_caption"), cost),
+        Drawing("few_cost", sentences.paragraph("cost_caption"), cost),
     )
 
 

@@ -29,7 +29,7 @@ from agglom_mpi.accuracy.impact_methods import (
     summary,
 )
 from agglom_mpi.formatting import format_seconds
-from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.report.drawing import COLOURS, Drawing
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -54,12 +54,12 @@ def impact_solver_section(quick: bool = False) -> Section:
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(
-            Picture(
+            Drawing(
                 "impact_solver",
                 sentences.paragraph("work_caption"),
                 lambda figure: _draw_work(figure, frame),
             ),
-            Picture(
+            Drawing(
                 "impact_solver_map",
                 sentences.paragraph("map_caption"),
                 lambda figure: _draw_map(figure, impacts),

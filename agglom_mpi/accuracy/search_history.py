@@ -12,7 +12,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
@@ -89,7 +89,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(
-            Picture(
+            Drawing(
                 "inversion",
                 sentences.paragraph("caption"),
                 lambda figure: _draw(figure, frame),

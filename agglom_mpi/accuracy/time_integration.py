@@ -12,7 +12,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.formatting import format_mean, format_seconds
 from agglom_mpi.outcome import summaries
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -114,12 +114,12 @@ def time_integration_section(
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(
-            Picture(
+            Drawing(
                 "time_integration",
                 sentences.paragraph("bias_caption"),
                 lambda figure: _draw_signed(figure, frame, cost),
             ),
-            Picture(
+            Drawing(
                 "time_integration_error",
                 sentences.paragraph("error_caption"),
                 lambda figure: _draw_error(figure, frame),

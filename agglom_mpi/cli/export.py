@@ -64,11 +64,11 @@ def export(
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
     from agglom_mpi.report.export import export
 
-    choice = None
+    selection = None
     if paraview is not None:
-        from agglom_mpi.report.paraview import Choice
+        from agglom_mpi.report.paraview import FrameSelection
 
-        choice = Choice(paraview, string, samples, frames)
-    for line in export(Path(file), compact, csv, choice):
+        selection = FrameSelection(paraview, string, samples, frames)
+    for line in export(Path(file), compact, csv, selection):
         click.echo(line)
     return 0

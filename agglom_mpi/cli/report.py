@@ -47,9 +47,9 @@ def report(
     """Print the best strings of a campaign FILE.h5, also while it is being written.
 
     Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
-    are compared by their best strings. The web page is self-contained; existing files are replaced
-    only if they have the names of its own. With --follow the exit code is that of the run, or 130
-    after Ctrl-C, which does not affect the run.
+    are compared by their best strings. The web page is a single file; in DIR, only files with the
+    names of the page and its figures are replaced. With --follow the exit code is that of the run,
+    or 130 after Ctrl-C, which does not affect the run.
     """
     options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
     for option, given in options.items():
@@ -63,7 +63,7 @@ def report(
     if code == INTERRUPTED:
         return code
     if out is not None:
-        _page(files[0], out, not stored_only, sensitivity)
+        _write_page(files[0], out, not stored_only, sensitivity)
         return code
     from agglom_mpi.display.display import print_wide
 
@@ -81,8 +81,8 @@ def _follow(file: str) -> int:
     return follow(read_inversion(file))
 
 
-def _page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
-    """Write the web page of a file, and print what was written."""
+def _write_page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
+    """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
     from agglom_mpi.storage.reader import read_inversion
 

@@ -62,10 +62,19 @@ def simulate(
         raise click.UsageError("--frames F and --out DIR belong together")
     if frames is not None and samples is not None:
         raise click.UsageError("--frames shows one sample; choose it with --sample, not --samples")
-    from agglom_mpi.report.forward import Request, forward
+    from agglom_mpi.report.simulate import SimulationRequest, simulate_string
 
-    output = (allow_code, frames, out)
-    request = Request(Path(source), settings, samples or 10, engine, string, sample, *output)
-    text, code = forward(request, as_json)
+    request = SimulationRequest(
+        source=Path(source),
+        settings=settings,
+        samples=samples or 10,
+        engine=engine,
+        string=string,
+        sample=sample,
+        allow_code=allow_code,
+        frames=frames,
+        out=out,
+    )
+    text, code = simulate_string(request, as_json)
     click.echo(text)
     return code

@@ -1,1 +1,1 @@
-"""What a run shows on a terminal while it runs."""
+"""Progress of a run on the terminal or as log lines."""

@@ -1,4 +1,4 @@
-"""Progress of a run, in place or as log lines."""
+"""What a run shows: progress in place or as log lines, messages, its result."""
 
 import time
 from functools import cached_property
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 from rich.console import Console, RenderableType
 
-from agglom_mpi.display.progress import Progress, in_words, per_second
-from agglom_mpi.display.terminal import STDOUT, Live, Terminal, find_terminal
+from agglom_mpi.display.progress import Progress, format_rate, log_line
+from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.launcher import launched_size
 
@@ -16,29 +16,29 @@ if TYPE_CHECKING:
     from agglom_mpi.search.decisions import GenerationSummary
 
 
-WIDEST: Final = 88
-"""Columns that a table of six strings takes; files and pipes get them all."""
+TABLE_WIDTH: Final = 88
+"""Columns of a table of six strings, which files and pipes get in full."""
 
-INTERVAL: Final = 20.0
-"""Seconds without a log line after which one says how it goes."""
+LOG_INTERVAL: Final = 20.0
+"""Time without a log line after which the progress is logged, s."""
 
-PATIENCE: Final = 0.02
-"""Share of the time since the start that may pass without one: a long run says less often."""
+LOG_SHARE: Final = 0.02
+"""Share of the time since the start that passes between log lines in a long run."""
 
 
 def print_wide(content: RenderableType) -> None:
-    """Print a table to standard output, not squeezed where that is no terminal."""
+    """Print a table to standard output, at its full width where that is no terminal."""
     launched = launched_size() is not None
-    # Open MPI gives its ranks a terminal, whatever it then does with what they print there.
-    terminal = False if launched else None
-    # Titles and paths are the user's: neither [markup] nor :emoji: is meant.
-    console = Console(markup=False, emoji=False, highlight=False, force_terminal=terminal)
-    seen = find_terminal(launched, STDOUT)
-    if seen is not None:
-        console.width = seen.columns
+    # Open MPI gives its ranks a terminal of its own, wherever their output really goes.
+    force_terminal = False if launched else None
+    # Titles and paths are the user's: [brackets] and :colons: in them are plain text.
+    console = Console(markup=False, emoji=False, highlight=False, force_terminal=force_terminal)
+    terminal = find_terminal(launched, STDOUT)
+    if terminal is not None:
+        console.width = terminal.columns
     elif not console.is_terminal:
-        console.width = max(WIDEST, console.width)
-    console.print(content, soft_wrap=seen is None)
+        console.width = max(TABLE_WIDTH, console.width)
+    console.print(content, soft_wrap=terminal is None)
 
 
 class Display:
@@ -47,76 +47,87 @@ class Display:
     Parameters
     ----------
     quiet
-        Show nothing but errors.
+        Whether to show nothing but errors.
     """
 
     def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
         self._log = Console(stderr=True, highlight=False, emoji=False, markup=False)
-        self._live: Live | None = None
-        self._began = self._said = time.monotonic()
+        self._live: LiveLines | None = None
+        self._began = self._last_output = time.monotonic()
 
     @cached_property
     def _terminal(self) -> Terminal | None:
         return find_terminal(launched_size() is not None)
 
     def error(self, text: str) -> None:
-        """Show a mistake, also if quiet."""
-        self._say(text, "bold red")
+        """Show an error, also if quiet."""
+        self._print(text, "bold red")
 
     def message(self, text: str) -> None:
-        """Show one line."""
+        """Show one line, unless quiet."""
         if not self._quiet:
-            self._say(text)
+            self._print(text)
 
-    def _say(self, text: str, style: str | None = None) -> None:
+    def _print(self, text: str, style: str | None = None) -> None:
         if self._live is not None:
-            self._live.say(text, style)
+            self._live.print_above(text, style)
         else:
             if self._terminal is not None:
                 self._log.width = self._terminal.columns
             self._log.print(text, style=style, soft_wrap=self._terminal is None)
-        self._said = time.monotonic()
+        self._last_output = time.monotonic()
 
     def table(self, content: RenderableType) -> None:
-        """Show a result."""
+        """Show a result on standard output."""
         print_wide(content)
 
     def begin(
         self, what: str, path: str, ranks: int, database: str, judged: int, progress: Progress
     ) -> None:
-        """Say what runs; called when there is a place to show it.
+        """Show what is run, and the first live lines.
 
-        `judged` strings are known from earlier legs.
+        Parameters
+        ----------
+        what
+            The campaign in a few words.
+        path
+            Of the campaign file.
+        ranks
+        database
+            Who writes samples: `gathered` or `parallel`.
+        judged
+            Strings with results of earlier legs.
+        progress
         """
-        continued = f", {judged} of them judged before" if judged else ""
+        earlier = f", {judged} of them judged before" if judged else ""
         who = f"{ranks} ranks, {database} database" if ranks > 1 else "1 rank"
-        self.message(f"{what}{continued}, {who}, into {path}")
+        self.message(f"{what}{earlier}, {who}, into {path}")
         if self._live is not None:
-            self._live.show(progress)
+            self._live.draw(progress)
 
     def generation(
         self, summary: "GenerationSummary", total: int, samples: int, rate: float
     ) -> None:
-        """Log a finished generation; live lines say as much."""
+        """Log a finished generation, unless live lines show it."""
         if self._live is None and not self._quiet:
             self.message(generation_line(summary, total, samples, rate))
 
     def tick(self, progress: Progress) -> None:
-        """Refresh the live lines, or log one if nothing was for a while."""
+        """Update the live lines, or log the progress if nothing was logged for a while."""
         if self._quiet:
             return
         if self._live is not None:
-            self._live.show(progress)
+            self._live.draw(progress)
             return
         now = time.monotonic()
-        if now - self._said > max(INTERVAL, PATIENCE * (now - self._began)):
-            self.message(in_words(progress))
+        if now - self._last_output > max(LOG_INTERVAL, LOG_SHARE * (now - self._began)):
+            self.message(log_line(progress))
 
     def __enter__(self) -> Self:
         if self._terminal is not None and not self._quiet:
-            self._live = Live(self._terminal)
-        self._began = self._said = time.monotonic()
+            self._live = LiveLines(self._terminal)
+        self._began = self._last_output = time.monotonic()
         return self
 
     def __exit__(
@@ -126,15 +137,15 @@ class Display:
         trace: TracebackType | None,
     ) -> None:
         if self._live is not None:
-            self._live.stop()
+            self._live.erase()
             self._live = None
 
 
 def generation_line(summary: "GenerationSummary", total: int, samples: int, rate: float) -> str:
-    """Say what a generation found."""
+    """Return the result of a generation in one line."""
     best = value_with_error(summary.objective, summary.standard_error)
     return (
         f"generation {summary.generation + 1}/{total}: best {best} (string {summary.best}), "
         f"mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings, "
-        f"{samples} samples, {per_second(rate)}"
+        f"{samples} samples, {format_rate(rate)}"
     )

@@ -1,4 +1,4 @@
-"""How far a run is, and the lines that say so."""
+"""Progress of a run, as a log line and as lines on a terminal."""
 
 import math
 from itertools import chain
@@ -11,12 +11,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-WIDEST_BAR: Final = 40
-
-NARROWEST_BAR: Final = 8
-
-BETWEEN: Final = "  "
-"""What separates phrases on a terminal."""
+MAX_BAR_WIDTH: Final = 40
+MIN_BAR_WIDTH: Final = 8
+SEPARATOR: Final = "  "
+"""Between phrases on a terminal."""
 
 
 class Best(NamedTuple):
@@ -29,28 +27,28 @@ class Best(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What is known now of a run; None where nothing is.
+    """The state of a run; None stands for what is not known.
 
     Attributes
     ----------
     done, total, unit
-        How far it is: `12` of `100` `generations`, or of another phase.
+        Work done in this phase, such as `12` of `100` `generations`.
     elapsed
-        Seconds of this leg.
+        Wall-clock time of this leg, s.
     samples
         Samples simulated so far, of all legs.
     rate, busy
         Samples per second of this leg, and share of its ranks' time spent on them.
     strings_open
-        Strings that wait for more samples to be judged.
+        Strings that need more samples.
     in_flight
-        Samples that ranks simulate or have waiting; the campaign file does not know.
+        Samples that ranks simulate or have queued; the campaign file does not have this number.
     failed
         Samples that failed, of all legs.
-    left, at_most
-        Time that this phase takes; whether it may end sooner.
+    remaining, may_end_sooner
+        Time that this phase still takes, and whether a target may end it sooner.
     note
-        What else there is to say.
+        Anything else to show.
     """
 
     done: int
@@ -64,89 +62,113 @@ class Progress(NamedTuple):
     in_flight: int | None = None
     failed: int = 0
     best: Best | None = None
-    left: RemainingTime | None = None
-    at_most: bool = False
+    remaining: RemainingTime | None = None
+    may_end_sooner: bool = False
     note: str = ""
 
 
 Phrase = tuple[str, str]
-"""Words, and the style they are shown in."""
+"""Some words and their rich style."""
 
 
 def phrases(progress: Progress) -> tuple[list[Phrase], list[Phrase], list[Phrase]]:
-    """Say what is known: how far and how long, how good, how fast."""
-    far = [(f"{progress.done}/{progress.total} {progress.unit}", "bold")]
+    """Return three groups of phrases: progress and time, quality of the best, rate."""
+    return _time_phrases(progress), _quality_phrases(progress), _rate_phrases(progress)
+
+
+def _time_phrases(progress: Progress) -> list[Phrase]:
+    found = [(f"{progress.done}/{progress.total} {progress.unit}", "bold")]
     if progress.elapsed:
-        far.append((clock(progress.elapsed), ""))
-    if progress.left is not None:
-        far.append((f"left {'at most ' if progress.at_most else ''}{progress.left}", ""))
-    good: list[Phrase] = []
+        found.append((format_clock(progress.elapsed), ""))
+    if progress.remaining is not None:
+        bound = "at most " if progress.may_end_sooner else ""
+        found.append((f"left {bound}{progress.remaining}", ""))
+    return found
+
+
+def _quality_phrases(progress: Progress) -> list[Phrase]:
+    found: list[Phrase] = []
     if (best := progress.best) is not None:
         value = value_with_error(best.objective, best.standard_error)
-        good = [(f"best {value} (string {best.string})", "green")]
+        found.append((f"best {value} (string {best.string})", "green"))
         if math.isfinite(best.mean_of_top):
-            good.append((f"mean of top {best.mean_of_top:.3g}", ""))
+            found.append((f"mean of top {best.mean_of_top:.3g}", ""))
     if progress.failed:
-        good.append((f"{pluralise(progress.failed, 'sample')} failed", "red"))
-    fast = [(pluralise(progress.samples, "sample"), "")] if progress.samples else []
+        found.append((f"{pluralise(progress.failed, 'sample')} failed", "red"))
+    return found
+
+
+def _rate_phrases(progress: Progress) -> list[Phrase]:
+    found: list[Phrase] = []
+    if progress.samples:
+        found.append((pluralise(progress.samples, "sample"), ""))
     if progress.rate is not None:
-        fast.append((per_second(progress.rate), ""))
+        found.append((format_rate(progress.rate), ""))
     if progress.busy is not None:
-        fast.append((f"{progress.busy:.0%} busy", ""))
+        found.append((f"{progress.busy:.0%} busy", ""))
     if progress.strings_open:
-        fast.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
+        found.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
     if progress.in_flight is not None:
-        fast.append((f"{progress.in_flight} in flight", ""))
+        found.append((f"{progress.in_flight} in flight", ""))
     if progress.note:
-        fast.append((progress.note, "yellow"))
-    return far, good, fast
+        found.append((progress.note, "yellow"))
+    return found
 
 
-def in_words(progress: Progress) -> str:
-    """Say what is known in one line, for a log."""
+def log_line(progress: Progress) -> str:
+    """Return all phrases in one line."""
     return ", ".join(words for words, _ in chain(*phrases(progress)))
 
 
-def lines(progress: Progress, width: int, encoding: str = "utf-8") -> "list[Text]":
-    """Say what is known in lines of less than so many columns, with a bar where there is room."""
+def terminal_lines(progress: Progress, width: int, encoding: str = "utf-8") -> "list[Text]":
+    """Return all phrases in lines for a terminal, with a bar where there is room.
+
+    Parameters
+    ----------
+    progress
+    width
+        Columns of the terminal; all lines are shorter.
+    encoding
+        Of the terminal; characters that it lacks are spelled out.
+    """
     room = max(1, width - 1)
-    far, good, fast = (
+    time, quality, rate = (
         [(encodable(words, encoding), style) for words, style in group]
         for group in phrases(progress)
     )
-    used = len(BETWEEN.join(words for words, _ in far)) + len(BETWEEN)
-    if room - used >= NARROWEST_BAR:
-        far[2:2] = bar(progress, min(WIDEST_BAR, room - used), encoding)
-    return [line for group in (far, good, fast) for line in flowed(group, room)]
+    used = len(SEPARATOR.join(words for words, _ in time)) + len(SEPARATOR)
+    if room - used >= MIN_BAR_WIDTH:
+        time[2:2] = _bar(progress, min(MAX_BAR_WIDTH, room - used), encoding)
+    return [line for group in (time, quality, rate) for line in _wrapped(group, room)]
 
 
-def bar(progress: Progress, width: int, encoding: str) -> list[Phrase]:
-    """Draw how much is done."""
+def _bar(progress: Progress, width: int, encoding: str) -> list[Phrase]:
+    """Return a bar whose full part shows the share that is done."""
     full = round(width * min(1.0, progress.done / max(1, progress.total)))
     return [(encodable("━" * full, encoding) + encodable("─" * (width - full), encoding), "cyan")]
 
 
-def flowed(group: list[Phrase], room: int) -> "list[Text]":
-    """Break between phrases only; what is longer than a line is cut."""
-    from rich.text import Text  # which the recorder of a run, and who reads it, does without
+def _wrapped(group: list[Phrase], room: int) -> "list[Text]":
+    """Return phrases in lines that break between phrases only; a longer phrase is cut."""
+    from rich.text import Text  # not needed by the recorder of a run and what reads it
 
     found: list[Text] = []
     for words, style in group:
-        if found and len(found[-1]) + len(BETWEEN) + len(words) <= room:
-            found[-1].append(BETWEEN)
+        if found and len(found[-1]) + len(SEPARATOR) + len(words) <= room:
+            found[-1].append(SEPARATOR)
         else:
             found.append(Text())
         found[-1].append(words[:room].rstrip(), style)
     return found
 
 
-def per_second(rate: float) -> str:
-    """Say a rate: `705/s`, `1.3/s`, `0.025/s`."""
+def format_rate(rate: float) -> str:
+    """Return a rate per second: `705/s`, `1.3/s`, `0.025/s`."""
     return f"{rate:.0f}/s" if rate >= 10.0 else f"{rate:.2g}/s"
 
 
-def clock(seconds: float) -> str:
-    """Say a time as a clock does: `0:07`, `1:02:03`."""
+def format_clock(seconds: float) -> str:
+    """Return a time as a clock shows it: `0:07`, `1:02:03`."""
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,4 +1,4 @@
-"""How long something will take that is done in many similar turns, and how sure that is."""
+"""Forecast of the remaining time of repeated work, with its error."""
 
 import math
 from collections.abc import Iterable
@@ -6,10 +6,11 @@ from typing import Final, NamedTuple
 
 from agglom_mpi.statistics import t_95
 
-LEAST_LAPS: Final = 3
-"""Turns before anything is said: of two the 95 % interval is hundreds of times their scatter."""
+MIN_DURATIONS: Final = 3
+"""Durations before there is a forecast: of two the 95 % interval is hundreds of times wider than
+they differ."""
 
-STEPS: Final = tuple(
+ROUNDING_STEPS: Final = tuple(
     size * step
     for size, steps in (
         (1, (1, 2, 5, 10, 20, 30)),
@@ -19,30 +20,33 @@ STEPS: Final = tuple(
     )
     for step in steps
 )
-"""Seconds that a time is rounded to."""
+"""Steps that a time is rounded to, s."""
 
 UNITS: Final = ((86400, "d"), (3600, "h"), (60, "min"), (1, "s"))
 
 
 class RemainingTime(NamedTuple):
-    """Time left, and half its 95 % interval, both in s."""
+    """A forecast of the remaining time, and half of its 95 % interval, s."""
 
     seconds: float
-    error: float
+    half_width: float
 
     def __str__(self) -> str:
-        """Say both, rounded to what the error leaves of them: `3 min 20 s ± 20 s`."""
-        step = max((step for step in STEPS if step <= self.error), default=STEPS[0])
-        return f"{in_units(self.seconds, step)} ± {in_units(max(self.error, step), step)}"
+        """Return both, rounded to what the error leaves of them: `3 min 20 s ± 20 s`."""
+        step = max(
+            (step for step in ROUNDING_STEPS if step <= self.half_width), default=ROUNDING_STEPS[0]
+        )
+        error = max(self.half_width, step)
+        return f"{format_rounded(self.seconds, step)} ± {format_rounded(error, step)}"
 
 
 class DurationStatistics:
-    """Mean and scatter of durations, s, taken one by one (Welford).
+    """Mean and standard deviation of durations that are added one by one (Welford).
 
     Attributes
     ----------
     count
-        Durations taken.
+        Number of durations.
     mean
         Their mean, s.
     """
@@ -55,70 +59,80 @@ class DurationStatistics:
             self.add(duration)
 
     def add(self, duration: float) -> None:
-        """Take one more."""
+        """Add a duration, s."""
         self.count += 1
-        off = duration - self.mean
-        self.mean += off / self.count
-        self._squares += off * (duration - self.mean)
+        deviation = duration - self.mean
+        self.mean += deviation / self.count
+        self._squares += deviation * (duration - self.mean)
 
     @property
     def deviation(self) -> float:
-        """Standard deviation, s; nan of fewer than two."""
+        """Standard deviation, s; nan of fewer than two durations."""
         return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan
 
 
 def remaining_in_turns(
-    laps: DurationStatistics, turns: int, elapsed: float = 0.0
+    durations: DurationStatistics, turns: int, elapsed: float = 0.0
 ) -> RemainingTime | None:
-    """Forecast how long so many more turns take, from how long each took so far.
+    """Forecast the duration of the remaining turns of work that is done one turn after another.
 
     If durations are independent and normal, with the mean d of n of them and their standard
     deviation s, the sum of m more is m d ± t s √(m + m²/n), the t of n - 1 degrees of freedom:
-    scatter of what is to come, and of what the mean was taken from.
+    the scatter of the remaining turns, and of the mean.
 
     Parameters
     ----------
-    laps
-        How long turns took.
+    durations
+        Of the finished turns.
     turns
-        Turns to come, the one that is under way included.
+        Number of remaining turns, the present one included.
     elapsed
-        Seconds that the one under way has taken; what it takes beyond the mean is unforeseen.
+        Time that the present turn has taken, s; beyond the mean duration it is not foreseen.
 
     Returns
     -------
-    Left or None
-        With its 95 % interval; None while too few turns are known.
+    RemainingTime or None
+        None if fewer than three turns are finished, or none remains.
     """
-    if laps.count < LEAST_LAPS or turns < 1:
+    if durations.count < MIN_DURATIONS or turns < 1:
         return None
-    spread = laps.deviation * math.sqrt(turns + turns**2 / laps.count)
-    return RemainingTime(turns * laps.mean - min(elapsed, laps.mean), t_95(laps.count - 1) * spread)
+    deviation = durations.deviation * math.sqrt(turns + turns**2 / durations.count)
+    return RemainingTime(
+        turns * durations.mean - min(elapsed, durations.mean),
+        t_95(durations.count - 1) * deviation,
+    )
 
 
 def remaining_by_work(
     costs: DurationStatistics, done: int, rest: int, elapsed: float
 ) -> RemainingTime | None:
-    """Forecast how long the rest of many pieces takes that are done by several at a time.
+    """Forecast the duration of the remaining pieces of work that is done by several ranks.
 
-    It goes on at the pace so far; how sure that is follows from how much the pieces differ.
+    The rate stays what it was; its error follows from how much the pieces differ.
 
     Parameters
     ----------
     costs
-        What single pieces cost, s, done by one; only their relative scatter counts.
+        Durations of single pieces on one rank; only their relative deviation counts.
     done, rest
-        Pieces done in `elapsed` seconds, and pieces to do.
+        Number of pieces done in `elapsed` seconds, and of remaining pieces.
+    elapsed
+        s.
+
+    Returns
+    -------
+    RemainingTime or None
+        None if fewer than three pieces are done, or none remains.
     """
-    if min(costs.count, done) < LEAST_LAPS or rest < 1 or costs.mean <= 0.0:
+    if min(costs.count, done) < MIN_DURATIONS or rest < 1 or costs.mean <= 0.0:
         return None
     seconds = elapsed * rest / done
-    spread = costs.deviation / costs.mean * math.sqrt(1.0 / rest + 1.0 / done)
-    return RemainingTime(seconds, t_95(costs.count - 1) * seconds * spread)
+    relative = costs.deviation / costs.mean * math.sqrt(1.0 / rest + 1.0 / done)
+    return RemainingTime(seconds, t_95(costs.count - 1) * seconds * relative)
 
 
-def in_units(seconds: float, step: int) -> str:
-    """Say a time in its two largest units, rounded to multiples of `step` s."""
+def format_rounded(seconds: float, step: int) -> str:
+    """Return a time in its two largest units, rounded to multiples of `step` s: `1 h 2 min`."""
     rest = round(max(0.0, seconds) / step) * step
     words: list[str] = []
     for size, unit in UNITS:

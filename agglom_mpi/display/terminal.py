@@ -1,13 +1,14 @@
-"""Which terminal there is, and lines that are drawn again in place.
+"""The terminal of a process, found through an MPI launcher too, and live lines on it.
 
 MPI's launchers start ranks in sessions of their own, with a pipe as standard error and no terminal.
 What is written into the pipe ends on the launcher's standard error; if that is a terminal of this
 machine, rank 0 can ask its size and write to it.
 
-The cursor waits at the beginning of the first of them, so that nothing needs to be known of what
-is on the screen: whatever became of the lines, by a resize or by what others wrote, they are
-overwritten from there, and what follows is erased. It is never hidden: a run that is killed leaves
-a terminal as it was. Two empty lines come first, for what shells and launchers say of a Ctrl-C.
+Live lines are drawn again in place. The cursor waits at the beginning of the first of them, so that
+the contents of the screen need not be known: whatever became of the lines, by a resize or by the
+output of others, they are overwritten from there, and what follows is erased. The cursor is never
+hidden, so that a killed run leaves the terminal as it was. Two empty lines come first, for what
+shells and launchers print after a Ctrl-C.
 """
 
 import os
@@ -22,29 +23,29 @@ from typing import Final, NamedTuple, TextIO
 from rich.console import Console, RenderableType
 from rich.text import Text
 
-from agglom_mpi.display.progress import Progress, lines
+from agglom_mpi.display.progress import Progress, terminal_lines
 
 LAUNCHERS: Final = {"mpirun", "mpiexec", "mpiexec.hydra", "orterun", "prterun", "prun"}
-"""Programs, as Linux calls their processes, whose standard error is where ranks' own ends."""
+"""Process names of the launchers on whose standard error that of the ranks ends."""
 
-ELSEWHERE: Final = re.compile(r"-{1,2}(errfile|output-filename|output$|stdout|stderr)")
-"""Options of launchers that send what ranks write to files, or tag it."""
+REDIRECTION: Final = re.compile(r"-{1,2}(errfile|output-filename|output$|stdout|stderr)")
+"""Options of launchers that send the output of ranks to files, or tag it."""
 
-DUMB: Final = {"", "dumb", "unknown"}
+DUMB_TERMINALS: Final = {"", "dumb", "unknown"}
 STDOUT: Final = 1
 STDERR: Final = 2
 PROC: Final = Path("/proc")
 
 
 class Terminal(NamedTuple):
-    """Somewhere to draw, and whether it is ours to draw on now: shells put jobs in background."""
+    """A terminal to draw on, and whether this process is in its foreground now."""
 
     stream: TextIO
     in_foreground: Callable[[], bool]
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and lines now; 80 by 24 if it does not say."""
+        """Columns and rows at present; 80 by 24 if they are unknown."""
         with suppress(OSError, ValueError):
             columns, rows = os.get_terminal_size(self.stream.fileno())
             if columns and rows:
@@ -53,39 +54,40 @@ class Terminal(NamedTuple):
 
     @property
     def columns(self) -> int:
-        """Columns now."""
+        """Columns at present."""
         return self.size[0]
 
 
 def find_terminal(launched: bool, output: int = STDERR) -> Terminal | None:
-    """Find the terminal that our standard output or error is or ends on; None if there is none.
+    """Return the terminal on which standard output or error ends; None if there is none.
 
     Parameters
     ----------
     launched
-        Whether an MPI launcher started us: it may give ranks a terminal of its own making.
+        Whether an MPI launcher started this process: it may give ranks a terminal of its own.
     output
         `STDOUT` or `STDERR`.
     """
-    if os.environ.get("TERM", "") in DUMB:
+    if os.environ.get("TERM", "") in DUMB_TERMINALS:
         return None
     with suppress(OSError, ValueError):
         if launched:
-            return _of_launcher(output)
+            return _launcher_terminal(output)
         stream = sys.stdout if output == STDOUT else sys.stderr
-        return Terminal(stream, lambda: _ours(stream)) if stream.isatty() else None
+        return Terminal(stream, lambda: _in_foreground(stream)) if stream.isatty() else None
     return None
 
 
-def _ours(stream: TextIO) -> bool:
+def _in_foreground(stream: TextIO) -> bool:
+    """Return whether this process is in the foreground of its terminal."""
     try:
         return os.tcgetpgrp(stream.fileno()) == os.getpgrp()
-    except (OSError, ValueError):  # not the terminal of this session: nobody else's, either
+    except (OSError, ValueError):  # a terminal of no session, which nobody else draws on
         return True
 
 
-def _of_launcher(output: int) -> Terminal | None:
-    """Open the launcher's terminal, if what we write ends there."""
+def _launcher_terminal(output: int) -> Terminal | None:
+    """Open the launcher's terminal, if the output of this process ends there."""
     below = os.getpid()
     for process in _ancestors():
         if (PROC / str(process) / "comm").read_text().strip() in LAUNCHERS:
@@ -93,19 +95,20 @@ def _of_launcher(output: int) -> Terminal | None:
         below = process
     else:
         return None
-    if _sends_elsewhere(process) or not _reads_from_us({process, below} - {os.getpid()}, output):
+    if _redirects_output(process) or not _is_read_by({process, below} - {os.getpid()}, output):
         return None
     path = os.readlink(PROC / str(process) / "fd" / str(output))
-    # We lead a session: opening a terminal must not make it ours.
+    # This process leads a session: opening a terminal must not make it the session's.
     descriptor = os.open(path, os.O_WRONLY | os.O_NOCTTY)
     if not os.isatty(descriptor):
         os.close(descriptor)
         return None
     stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="ascii_replacement")  # noqa: SIM115
-    return Terminal(stream, lambda: _leads(process))
+    return Terminal(stream, lambda: _process_in_foreground(process))
 
 
 def _ancestors() -> Iterator[int]:
+    """Yield the parent of this process, its parent and so on."""
     process = os.getppid()
     while process > 1:
         yield process
@@ -113,26 +116,26 @@ def _ancestors() -> Iterator[int]:
 
 
 def _stat(process: int) -> list[str]:
-    """Return what Linux says of a process after its name: state, parent, group, session, …."""
+    """Return the fields of `/proc/PID/stat` after the name: state, parent, group, session, …."""
     return (PROC / str(process) / "stat").read_text().rpartition(")")[2].split()
 
 
-def _sends_elsewhere(process: int) -> bool:
-    """Whether a launcher was asked to send what ranks write to another place."""
+def _redirects_output(process: int) -> bool:
+    """Return whether a launcher was asked to redirect the output of its ranks."""
     command = (PROC / str(process) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     own = takewhile(lambda word: not Path(word).name.startswith("agglom"), command)
-    return any(map(ELSEWHERE.match, own))
+    return any(map(REDIRECTION.match, own))
 
 
-def _reads_from_us(processes: set[int], output: int) -> bool:
-    """Whether one of them holds the other end of what we have as an output."""
+def _is_read_by(processes: set[int], output: int) -> bool:
+    """Return whether one of the processes holds the other end of an output of this process."""
     ours = os.readlink(PROC / "self" / "fd" / str(output))
     held = (link for process in processes for link in (PROC / str(process) / "fd").iterdir())
     return any(os.readlink(link) == ours for link in held)
 
 
-def _leads(process: int) -> bool:
-    """Whether a process is in the foreground of its terminal."""
+def _process_in_foreground(process: int) -> bool:
+    """Return whether another process is in the foreground of its terminal."""
     try:
         _, _, group, _, _, foreground = _stat(process)[:6]
     except (OSError, ValueError):  # it is gone
@@ -143,13 +146,13 @@ def _leads(process: int) -> bool:
 ERASE_LINE: Final = "\x1b[K"
 ERASE_BELOW: Final = "\x1b[J"
 CUT: Final = "\x1b[?7l"
-"""What is too long for a line is lost: the terminal may be narrower by now than it just said."""
+"""Cuts lines that are too long: the terminal may have become narrower since it was asked."""
 WRAP: Final = "\x1b[?7h"
-EMPTY: Final = (Text(), Text())
+EMPTY_LINES: Final = (Text(), Text())
 
 
-class Live:
-    """Lines of a `Progress` on a terminal, and messages above them."""
+class LiveLines:
+    """Lines of a `Progress` on a terminal, drawn in place, and messages above them."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -163,32 +166,33 @@ class Live:
             emoji=False,
         )
 
-    def show(self, progress: Progress) -> None:
-        """Draw, unless somebody else has the terminal now."""
+    def draw(self, progress: Progress) -> None:
+        """Draw the lines, unless the process is in the background."""
         self._shown = progress
         if self._terminal.in_foreground():
             self._write(self._drawn(progress))
 
-    def say(self, content: RenderableType, style: str | None = None) -> None:
-        """Print something that stays, above the lines."""
+    def print_above(self, content: RenderableType, style: str | None = None) -> None:
+        """Print something above the lines, where it stays."""
         self._console.width = self._terminal.columns
         with self._console.capture() as capture:
             self._console.print(content, style=style)
-        again = ""
+        lines = ""
         if self._shown is not None and self._terminal.in_foreground():
-            again = self._drawn(self._shown)
-        self._write(f"\r{ERASE_BELOW}{capture.get()}{again}")
+            lines = self._drawn(self._shown)
+        self._write(f"\r{ERASE_BELOW}{capture.get()}{lines}")
 
-    def stop(self) -> None:
+    def erase(self) -> None:
         """Erase the lines."""
         if self._shown is not None and self._terminal.in_foreground():
             self._write(f"\r{ERASE_BELOW}")
         self._shown = None
 
     def _drawn(self, progress: Progress) -> str:
+        """Return the control sequences and texts that draw the lines."""
         columns, rows = self._terminal.size
         encoding = self._terminal.stream.encoding or "utf-8"
-        found = [*EMPTY, *lines(progress, columns, encoding)][: max(1, rows - 1)]
+        found = [*EMPTY_LINES, *terminal_lines(progress, columns, encoding)][: max(1, rows - 1)]
         drawn = f"{ERASE_LINE}\r\n".join(map(self._styled, found))
         up = f"\x1b[{len(found) - 1}A" if len(found) > 1 else ""
         return f"{CUT}\r{drawn}{ERASE_BELOW}{WRAP}\r{up}"
@@ -206,5 +210,5 @@ class Live:
         try:
             self._terminal.stream.write(text)
             self._terminal.stream.flush()
-        except (OSError, ValueError):  # the terminal was closed; the run goes on
+        except (OSError, ValueError):  # the terminal was closed, which does not concern the run
             self._shown = None

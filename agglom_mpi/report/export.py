@@ -1,4 +1,4 @@
-"""What `agglom export` writes of a campaign file: a compact copy, tables, files for ParaView."""
+"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -14,47 +14,58 @@ from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversio
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.report.paraview import Choice
+    from agglom_mpi.report.paraview import FrameSelection, SelectedSample
 
 TABLES: Final = ("generations", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
 
 
 class ExportError(UserError, ValueError):
-    """The export is not possible; one line says why."""
+    """A report or an export that cannot be made, with the reason in one line."""
 
 
 def export(
     source: Path,
     compact: Path | None,
     directory: Path | None,
-    paraview: "Choice | None" = None,
+    selection: "FrameSelection | None" = None,
 ) -> Iterator[str]:
-    """Write what is asked for, yielding a line on each file that is there; see `agglom export`.
+    """Write a campaign file in other forms, and yield a line on each file that is written.
+
+    Parameters
+    ----------
+    source
+        The campaign file.
+    compact
+        Path of the compressed copy; None: do not write it.
+    directory
+        Directory of the tables, which is made; None: do not write them.
+    selection
+        Samples to write for ParaView; None: write none.
 
     Raises
     ------
     CampaignError
-        If the samples to show in ParaView cannot be, as from `chosen` and `write_samples`.
+        If the samples for ParaView cannot be shown, as from `select_samples`, `write_samples`.
     ExportError, MissingLibraryError
         If a name that is to be a directory is none, or pandas is missing.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
-    file = read_campaign(source) if paraview is None else read_inversion(source)
+    file = read_campaign(source) if selection is None else read_inversion(source)
     if directory is not None:
         require_library("pandas", "report", "tables")
-        check_directory(directory)
+        require_directory(directory)
     targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
     if compact is not None:
         targets.insert(0, compact)
-    shown = []
-    if paraview is not None:
-        from agglom_mpi.report.paraview import chosen, write_samples
+    samples: list[SelectedSample] = []
+    if selection is not None:
+        # Imported here: the campaign's text and the compiler are of no use to the other forms.
+        from agglom_mpi.report.paraview import select_samples, write_samples
 
-        shown = chosen(file, paraview)
-        targets += [each.path for each in shown]
-    for target in targets:
+        samples = select_samples(file, selection)
+    for target in [*targets, *(sample.path for sample in samples)]:
         require_absent(target)
     if compact is not None:
         copied = write_compact(source, compact)
@@ -64,29 +75,43 @@ def export(
             yield f"{compact}: {copied.damaged} damaged rows, copied as they are"
     if directory is not None:
         yield from write_tables(file, directory)
-    if paraview is not None:
-        yield from write_samples(file, shown, paraview.frames)
+    if selection is not None:
+        yield from write_samples(file, samples, selection.frames)
 
 
-def check_directory(path: Path) -> None:
-    """Raise an ExportError if there is something else under the name of a directory."""
+def require_directory(path: Path) -> None:
+    """Check that a path is a directory or absent.
+
+    Raises
+    ------
+    ExportError
+        If something else has this name.
+    """
     if path.exists() and not path.is_dir():
         raise ExportError(f"{path}: is no directory")
 
 
 def _sizes(copy: Path, original: Path) -> str:
-    """Bytes of a copy, and those that the original takes, without its holes."""
+    """Return the size of a copy, and the space that the original takes without its holes."""
     taken = original.stat().st_blocks * 512
     return f"{copy.stat().st_size / 1e6:.3g} MB of {taken / 1e6:.3g} MB on disc"
 
 
 def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
-    """Write the three tables into a directory, which is made; no name appears before all are whole.
+    """Write the three tables as CSV into a directory, and yield a line on each.
 
-    Numbers are written with as many digits as tell them apart, so that they read back to the same
-    float64, by Python's `float` and by whatever else rounds correctly.
+    The directory is made; no table has its name before all are complete. Numbers are written with
+    as many digits as tell them apart, so that they read back to the same float64, by Python's
+    `float` and by whatever else rounds correctly.
+
+    Raises
+    ------
+    FileExistsError
+        If there is such a table already.
+    OSError
+        If they cannot be written.
     """
-    tables = {directory / f"{name}.csv": as_columns(table_of(file, name)) for name in TABLES}
+    tables = {directory / f"{name}.csv": with_units(table_of(file, name)) for name in TABLES}
     directory.mkdir(parents=True, exist_ok=True)
     with ExitStack() as files:
         for path, table in tables.items():
@@ -96,8 +121,8 @@ def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
         yield f"{path}: {len(table)} rows"
 
 
-def as_columns(table: "pd.DataFrame") -> "pd.DataFrame":
-    """Name the columns with their units, and write a population as numbers with spaces between."""
+def with_units(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Return a table with units in its column names, and populations as spaced numbers."""
     table = table.copy()
     if "population" in table:
         table["population"] = [" ".join(map(str, ids)) for ids in table["population"]]

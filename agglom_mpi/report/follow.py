@@ -1,4 +1,4 @@
-"""A campaign that runs elsewhere, followed by looking at its file."""
+"""Progress of a campaign that another process runs, read from its file."""
 
 import time
 from typing import Final
@@ -11,7 +11,7 @@ from agglom_mpi.display.progress import Best, Progress
 from agglom_mpi.display.remaining_time import (
     DurationStatistics,
     RemainingTime,
-    in_units,
+    format_rounded,
     remaining_by_work,
     remaining_in_turns,
 )
@@ -20,66 +20,68 @@ from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import CampaignData
 
-CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
-"""Exit codes by how the run ended, the same as its own."""
-
-SHORTEST: Final = 1.0
-"""Seconds between looks."""
-
-SHARE: Final = 0.05
-"""Share of the time that looking may take."""
+EXIT_CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
+"""Exit codes by the state at the end of the run, the same as the run's own."""
 
 SAMPLE_COLUMNS: Final = ("string", "sample", "state", "seconds", "finished")
 """Columns of `/samples` that are kept, a fifth of a row."""
 
-PATIENCE: Final = 10.0
-"""Seconds, beyond three times the longest sample, that a run may write nothing."""
+MIN_INTERVAL: Final = 1.0
+"""Time between readings of the file, s, at least."""
+
+READING_SHARE: Final = 0.05
+"""Share of the time that reading may take."""
+
+SILENCE: Final = 10.0
+"""Time, beyond three times the longest sample, for which a run may write nothing, s."""
 
 
 def follow(file: CampaignData) -> int:
-    """Show how a campaign goes until its run ends; the exit code, that of the run.
+    """Show the progress of a campaign until its run ends, and return the exit code of the run.
 
-    A run that was killed says nothing: it is told since when nothing has changed, and waited for
-    another one to go on with it.
+    After Ctrl-C it is `INTERRUPTED`. The file does not say that a run was killed: then this shows
+    since when nothing has changed, and waits for another run to continue the campaign.
     """
     display = Display()
     try:
         with display:
-            follower = Follower(file)
-            data = follower.data
+            source = FileProgress(file)
             while True:
-                looked = time.monotonic()
-                progress = follower.look(time.time())
-                for summary in follower.new_generations():
+                begun = time.monotonic()
+                progress = source.read(time.time())
+                for summary in source.new_generations():
                     display.generation(
-                        summary, data.generation_capacity, progress.samples, progress.rate or 0.0
+                        summary,
+                        source.data.generation_capacity,
+                        progress.samples,
+                        progress.rate or 0.0,
                     )
-                if len(data.legs()) and data.status().state in CODES:
-                    return CODES[data.status().state]
+                if len(source.data.legs()) and source.data.status().state in EXIT_CODES:
+                    return EXIT_CODES[source.data.status().state]
                 display.tick(progress)
-                time.sleep(max(SHORTEST, (time.monotonic() - looked) / SHARE))
+                time.sleep(max(MIN_INTERVAL, (time.monotonic() - begun) / READING_SHARE))
     except KeyboardInterrupt:
         return INTERRUPTED
 
 
-class Follower:
-    """What a campaign file says of the run that writes it, look by look.
+class FileProgress:
+    """Progress of a run as its campaign file shows it.
 
     Attributes
     ----------
     data
-        What is in the file, of which each look reads little more than what is new.
+        Rows of the file as they were read last; each reading takes little more than new rows.
     """
 
     def __init__(self, file: CampaignData) -> None:
         self.data = CampaignData(file.path, file.attributes, SAMPLE_COLUMNS)
         self._campaign = recorded_campaign(file)
-        self._told = max(0, len(self.data.generation_rows()) - 1)
+        self._shown = max(0, len(self.data.generation_rows()) - 1)
 
     def new_generations(self) -> list[GenerationSummary]:
-        """Return generations not told yet; of those there were at the beginning the last."""
-        new = self.data.generation_rows()[self._told :]
-        self._told += len(new)
+        """Return the generations since the last call; at first the last generation alone."""
+        new = self.data.generation_rows()[self._shown :]
+        self._shown += len(new)
         return [
             GenerationSummary(
                 int(row["generation"]),
@@ -94,8 +96,8 @@ class Follower:
             for row in new
         ]
 
-    def look(self, now: float) -> Progress:
-        """Read what is new at the Unix time `now`, and tell how far the run is."""
+    def read(self, now: float) -> Progress:
+        """Read new rows at the Unix time `now`, s, and return the progress of the run."""
         data = self.data
         data.refresh()
         legs, samples, status = data.legs(), data.all_sample_rows(), data.status()
@@ -105,7 +107,7 @@ class Follower:
         leg = legs[-1]
         ours = samples[samples["finished"] >= leg["started"]]
         changed = max(status.updated, leg["started"], samples["finished"].max(initial=0.0))
-        silent = now - changed > PATIENCE + 3.0 * ours["seconds"].max(initial=0.0)
+        silent = now - changed > SILENCE + 3.0 * ours["seconds"].max(initial=0.0)
         ongoing = changed if silent else now
         end = ongoing if status.state == "running" else status.updated
         elapsed = max(1e-9, end - leg["started"])
@@ -123,19 +125,18 @@ class Follower:
             progress = progress._replace(rate=len(ours) / elapsed, busy=busy)
         progress = self._in_phase(progress, ours, elapsed)
         if silent and status.state == "running":
-            progress = progress._replace(note=silence(changed, now), left=None)
+            progress = progress._replace(note=silence_note(changed, now), remaining=None)
         return progress
 
     def _best(self) -> Best | None:
-        generations = self.data.generation_rows()
-        if not len(generations):
+        if not len(self.data.generation_rows()):
             return None
-        row = generations[-1]
+        row = self.data.generation_rows()[-1]
         names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
         return Best(*(row[name].item() for name in names))
 
     def _in_phase(self, progress: Progress, ours: np.ndarray, elapsed: float) -> Progress:
-        """Say how far the search is or, once it is over, what comes after it."""
+        """Return the progress of the search or, once it is over, of the stage after it."""
         final, frames = self._campaign.final, self._campaign.output.frames
         fresh = self.data.all_sample_rows()["sample"] >= self.data.fresh_from
         if not self._searched(fresh):
@@ -145,16 +146,16 @@ class Follower:
             room = self.data.max_samples - self.data.fresh_from
             total = final.strings * min(final.samples, room)
         if done < total or frames is None:
-            left = self._of_fresh(ours, total - done)
+            remaining = self._remaining_fresh(ours, total - done)
             return progress._replace(
-                done=min(done, total), total=total, unit="fresh samples", left=left
+                done=min(done, total), total=total, unit="fresh samples", remaining=remaining
             )
         strings, samples = self._campaign.max_framed
         total = strings * samples * frames.count
         return progress._replace(done=self.data.frame_count, total=total, unit="pictures")
 
     def _searched(self, fresh: np.ndarray) -> bool:
-        """Whether the search is over; if --generations ended it, only fresh samples say so."""
+        """Return whether the search is over; after --generations, only fresh samples show it."""
         generations, samples = self.data.generation_rows(), self.data.all_sample_rows()
         if not len(generations):
             return False
@@ -166,25 +167,26 @@ class Follower:
         return bool(later) or len(generations) == self.data.generation_capacity
 
     def _in_search(self, progress: Progress, elapsed: float) -> Progress:
-        generations, room = self.data.generation_rows(), self.data.generation_capacity
-        done, whole = len(generations), self.data.legs()[:-1]
-        before = float(np.nansum(whole["stopped"] - whole["started"]))
+        """Return the progress of the search after `elapsed` seconds of this leg."""
+        generations, capacity = self.data.generation_rows(), self.data.generation_capacity
+        done, earlier = len(generations), self.data.legs()[:-1]
+        before = float(np.nansum(earlier["stopped"] - earlier["started"]))
         ends = generations["seconds"][generations["seconds"] > before]
-        laps = DurationStatistics(np.diff(ends, prepend=before).tolist())
-        lap = elapsed - (float(ends[-1]) - before if len(ends) else 0.0)
+        durations = DurationStatistics(np.diff(ends, prepend=before).tolist())
+        present = elapsed - (float(ends[-1]) - before if len(ends) else 0.0)
         strings = self.data.string_rows()
         proposed = strings["string"][strings["generation"] == done]
         return progress._replace(
             done=done,
-            total=room,
+            total=capacity,
             unit="generations",
             strings_open=len(np.setdiff1d(proposed, self.data.result_rows()["string"])),
-            left=remaining_in_turns(laps, room - done, max(0.0, lap)),
-            at_most=self._campaign.stopping.target is not None,
+            remaining=remaining_in_turns(durations, capacity - done, max(0.0, present)),
+            may_end_sooner=self._campaign.stopping.target is not None,
         )
 
-    def _of_fresh(self, ours: np.ndarray, rest: int) -> RemainingTime | None:
-        """Forecast the rest of the fresh samples, in the leg's own pace."""
+    def _remaining_fresh(self, ours: np.ndarray, rest: int) -> RemainingTime | None:
+        """Forecast the remaining fresh samples by the rate of this leg."""
         mine = ours[ours["sample"] >= self.data.fresh_from]
         if not len(mine):
             return None
@@ -195,9 +197,10 @@ class Follower:
         )
 
 
-def silence(since: float, now: float) -> str:
-    """Say since when nothing has changed."""
+def silence_note(since: float, now: float) -> str:
+    """Return the note that nothing has changed between two Unix times, s."""
     clock = time.strftime(
         "%H:%M:%S" if now - since < 43200.0 else "%Y-%m-%d %H:%M", time.localtime(since)
     )
-    return f"nothing has changed since {clock}, for {in_units(now - since, 1)}: was it killed?"
+    duration = format_rounded(now - since, 1)
+    return f"nothing has changed since {clock}, for {duration}: was it killed?"

@@ -1,147 +1,246 @@
-"""What `agglom report --out DIR` writes: one web page that needs nothing else, and its figures."""
+"""The web page `report.html` with its figures, which `agglom report --out DIR` writes."""
 
+import base64
 import time
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from agglom_mpi.analysis import sensitivity as sensitivities
+from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.summary import describe_bias, selection_bias
+from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import require_library
-from agglom_mpi.report import page_answer, page_run, sample_frames
-from agglom_mpi.report.export import check_directory
-from agglom_mpi.report.figures import (
-    busy,
-    convergence,
-    cost,
-    counts,
-    ensembles,
-    finalists,
-    matters,
-    parallel,
-    paths,
-    radii,
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.outcome import COMPLETED, FAILED
+from agglom_mpi.report import page_tables, published_results
+from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.export import require_directory
+from agglom_mpi.report.figures import FIGURES
+from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.sample_particles import (
+    RESIMULATION_SECONDS,
+    FramesUnavailableError,
+    all_stored,
 )
-from agglom_mpi.report.figures.radii import target_ratio
-from agglom_mpi.report.html import Section, figure, figures, page, paragraph
-from agglom_mpi.report.picture import Picture, write_picture
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 NAME: Final = "report.html"
+TEMPLATE: Final = "report.html.j2"
+PROVENANCE: Final = ("seed", "created", "code_version", "campaign_sha256", "sources_sha256")
+"""Attributes of the file that the page names."""
 
-WAIT: Final = (
-    "simulating the best string again for pictures of its particles, which are not stored; a kind "
-    "of scene that was never looked at here is compiled first, once"
-)
-NO_CLOUD: Final = (
-    "No cloud of particles: pictures are not stored, and to simulate a sample again takes too long "
-    "or was not wanted. The campaign's output.frames stores some."
+MAX_SVG_BYTES: Final = 400_000
+"""Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
+PIXELS_PER_INCH: Final = 120
+"""Of a figure on the page, at most."""
+WIDE: Final = 8.0
+"""Width from which a figure takes the whole width of the page, inches."""
+
+RESIMULATION_MESSAGE: Final = (
+    "simulating the best string again for pictures of its particles, which are not stored; the "
+    "first time, its kind of scene is compiled"
 )
 
 
 def write_report(
     file: CampaignData, directory: Path, simulate: bool = True, sensitivity: bool = False
 ) -> Iterator[str]:
-    """Write the page and its figures into a directory, which is made; yield lines on progress.
+    """Write the page and its figures into a directory, and yield lines on progress.
 
-    Every file is whole under its name or what it was before, and the page comes last.
+    The directory is made. Each file is complete under its name or as it was before; the page is
+    written last.
 
     Parameters
     ----------
+    file
+        Of a campaign, finished or not.
+    directory
     simulate
-        Whether particles that are not stored may be simulated again.
+        Whether particles that are not stored may be resimulated.
     sensitivity
-        Whether to find out which variables matter, which takes seconds.
+        Whether to show the sensitivities of the objective, which take seconds.
 
     Raises
     ------
     ExportError, MissingLibraryError
-        If the directory's name is that of something else, or matplotlib is missing.
+        If the directory's name is that of something else, or a library is missing.
     OSError
         If it cannot be written.
     """
     begun = time.perf_counter()
     require_library("matplotlib", "report", "figures")
-    check_directory(directory)
+    require_library("jinja2", "report", "web pages")
+    require_directory(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    writer, sections = Writer(file, directory), []
-    for part in writer.sections(simulate, sensitivity):
-        if isinstance(part, str):
-            yield part
-        else:
-            sections.append(part)
-    title = str(file.attributes["title"]) or file.path.stem
-    whole = page(title, page_answer.head(writer.data), sections)
-    replace_file(directory / NAME, whole.encode())
+    options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
+    page = PageBuilder(file, directory, options, sensitivity)
+    for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
+        resimulates = section == "particles" and simulate and not all_stored(file)
+        if resimulates and rank_strings(file).order:
+            yield RESIMULATION_MESSAGE
+        page.draw(section)
+    replace_file(directory / NAME, page.render().encode())
     seconds = time.perf_counter() - begun
-    yield f"{directory / NAME}: {writer.count} figures as PNG and SVG, {seconds:.1f} s"
+    yield f"{directory / NAME}: {page.figure_count} figures as PNG and SVG, {seconds:.1f} s"
 
 
-class Writer:
-    """Writes the figures of a campaign and makes the sections of its page."""
+class EmbeddedFigure(NamedTuple):
+    """A figure in the page.
 
-    def __init__(self, data: CampaignData, directory: Path) -> None:
-        self.data = data
-        self.count = 0
+    Attributes
+    ----------
+    name, caption
+    source
+        The image as a `data:` URI.
+    width
+        Largest width on the page, pixels.
+    wide
+        Whether it takes the whole width of the page.
+    """
+
+    name: str
+    caption: str
+    source: str
+    width: int
+    wide: bool
+
+
+def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
+    """Return a figure that was written into a directory as the page holds it."""
+    content, kind = (directory / f"{drawing.name}.svg").read_bytes(), "svg+xml"
+    if len(content) > MAX_SVG_BYTES:
+        content, kind = (directory / f"{drawing.name}.png").read_bytes(), "png"
+    source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    width = drawing.size[0]
+    return EmbeddedFigure(
+        drawing.name, drawing.caption, source, round(PIXELS_PER_INCH * width), width >= WIDE
+    )
+
+
+class PageBuilder:
+    """Writes the figures of a campaign into a directory, and makes its page of them.
+
+    Attributes
+    ----------
+    figure_count
+        Figures written so far.
+    """
+
+    def __init__(
+        self, data: CampaignData, directory: Path, options: FigureOptions, sensitivity: bool
+    ) -> None:
+        self.figure_count = 0
+        self._data = data
         self._directory = directory
+        self._options = options
+        self._sensitivity = sensitivity
+        self._figures: dict[str, list[EmbeddedFigure]] = {}
+        self._frames_unavailable = ""
 
-    def sections(self, simulate: bool, sensitivity: bool) -> Iterator[Section | str]:
-        """Yield the sections in order, and lines on what takes long."""
-        data = self.data
-        yield Section(
-            "answer",
-            "Best strings",
-            page_answer.best_strings(data) + self.draw(finalists.pictures(data)),
+    def draw(self, section: str) -> None:
+        """Write the figures of a section of the page that have something to show."""
+        shown = self._figures.setdefault(section, [])
+        for figure in FIGURES.values():
+            if figure.section != section or (figure.on_request and not self._sensitivity):
+                continue
+            try:
+                drawing = figure.drawing(self._data, self._options)
+            except FramesUnavailableError as error:
+                self._frames_unavailable = str(error)
+                continue
+            if drawing is not None:
+                write_drawing(self._directory, drawing)
+                shown.append(embedded(self._directory, drawing))
+                self.figure_count += 1
+
+    def render(self) -> str:
+        """Return the page with the figures drawn so far, as HTML."""
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+        environment = Environment(
+            loader=FileSystemLoader(Path(__file__).parent),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
         )
-        search = self._several(convergence, paths, parallel, cost)
-        if sensitivity:
-            search += self._sensitivity()
-        yield Section("search", "Search", search or paragraph("No generation is done yet."))
-        if simulate and rank_strings(data).order and not sample_frames.all_stored(data):
-            yield WAIT
-        yield Section("particles", "Particles", self._particles(simulate))
-        samples = self._several(ensembles, counts)
-        yield Section("samples", "Samples", samples or paragraph("No string is judged yet."))
-        yield Section("tables", *page_answer.tables_of_papers(data))
-        yield Section("run", "Run", self._several(busy) + page_run.legs(data))
-        yield Section("scene", "What the scene left out", page_run.left_out(data))
-        yield Section("ledger", "Worst samples of the ledger", page_run.ledger(data))
-        yield Section("failures", "Failures", page_run.failures(data))
-        yield Section("origin", "Where this is from", page_run.provenance(data))
+        environment.globals["pluralise"] = pluralise
+        return environment.get_template(TEMPLATE).render(self._content())
 
-    def draw(self, pictures: Iterable[Picture]) -> str:
-        """Write pictures, and return them as HTML, side by side where there is room."""
-        parts = []
-        for picture in pictures:
-            write_picture(self._directory, picture)
-            parts.append(figure(self._directory, picture))
-            self.count += 1
-        return figures(parts)
+    def _content(self) -> dict[str, Any]:
+        """Return the variables of the template."""
+        data, samples = self._data, self._data.all_sample_rows()
+        completed = int((samples["state"] == COMPLETED).sum())
+        return {
+            "title": str(data.attributes["title"]) or data.path.stem,
+            "file_name": data.path.name,
+            "status": data.status(),
+            "generations": len(data.generation_rows()),
+            "judged": len(data.result_rows()),
+            "samples_used": int(data.result_rows()["samples_used"].sum()),
+            "simulated": len(samples),
+            "figures": self._figures,
+            "frames_unavailable": self._frames_unavailable,
+            "sensitivity": self._sensitivity,
+            "best": page_tables.best_strings(data) if rank_strings(data).order else None,
+            "comparison": comparison_lines(data),
+            "estimated": bool(rank_strings(data).estimates),
+            "paper": published_results.matching_paper(data.identity),
+            "paper_tables": published_results.comparison_tables(data),
+            "legs": page_tables.legs(data) if len(data.legs()) else None,
+            "completed": completed,
+            "ledger": page_tables.ledger(data) if completed else None,
+            "damaged": data.damaged,
+            "provenance": {
+                name: data.attributes[name] for name in PROVENANCE if name in data.attributes
+            },
+            "campaign_text": data.campaign_text,
+            **scene_content(data),
+            **failure_content(data),
+        }
 
-    def _several(self, *modules: Any) -> str:
-        return self.draw(chain.from_iterable(each.pictures(self.data) for each in modules))
 
-    def _sensitivity(self) -> str:
-        names, found = sensitivities.sensitivity_of(self.data)
-        if found is None:
-            return paragraph("Sensitivity: too few strings, or all of them are worth the same.")
-        return self.draw([matters.picture_of(names, found)])
+def comparison_lines(data: CampaignData) -> list[str]:
+    """Return what may be said of the order of the best strings, a sentence a line."""
+    if not rank_strings(data).order:
+        return []
+    shown = rank_strings(data).order[: page_tables.BEST]
+    estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
+    paired = PairedSamples.behind(rank_strings(data).estimates, data)
+    return list(
+        describe_bias(selection_bias(rank_strings(data).estimates, paired), shown, len(estimated))
+    )
 
-    def _particles(self, simulate: bool) -> str:
-        data = self.data
-        if not rank_strings(data).order:
-            return paragraph("No string has a result yet.")
-        seconds = sample_frames.SECONDS if simulate else 0.0
-        best, film, why = rank_strings(data).order[0], None, NO_CLOUD
-        try:
-            film = sample_frames.frames_of(data, best, seconds)
-        except (CampaignError, RuntimeError) as error:
-            why = f"No pictures of a sample: {error}"
-        shown = sample_frames.final_radii(data, best, seconds)
-        both = chain(
-            radii.pictures(shown, target_ratio(data)), sample_frames.cloud_pictures(data, film)
-        )
-        return self.draw(both) + ("" if film else paragraph(why))
+
+def scene_content(data: CampaignData) -> dict[str, Any]:
+    """Return what the template says of the scene: its submodels, and what it leaves out."""
+    try:
+        first, *rest = sections(recorded_campaign(data))
+    except CampaignError as error:
+        return {"unreadable": str(error)}
+    headings = dict(rest)
+    left_out, submodels = headings.pop("Left out"), headings.pop("Submodels")
+    return {
+        "unreadable": "",
+        "left_out": left_out,
+        "submodels": submodels,
+        "campaign_sections": [first, *headings.items()],
+    }
+
+
+def failure_content(data: CampaignData) -> dict[str, Any]:
+    """Return what the template says of the samples that failed."""
+    failed = data.all_sample_rows()[data.all_sample_rows()["state"] == FAILED]
+    late = data.timed_out
+    return {
+        "failed": page_tables.failed_samples(data, failed),
+        "timed_out": len(late),
+        "failure_texts": len(data.failures()),
+        "failure_texts_full": len(data.failures()) == FAILURE_CAPACITY,
+    }

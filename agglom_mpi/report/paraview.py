@@ -1,8 +1,10 @@
-"""Chosen samples of a campaign file as files for ParaView, from its pictures or simulated again."""
+"""The particles of samples at successive times, as VTKHDF files that ParaView plays."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.resimulation import (
@@ -13,16 +15,36 @@ from agglom_mpi.analysis.resimulation import (
     recorded_sample,
 )
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.report.vtkhdf import SUFFIX, write_vtkhdf
 from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.reader import CampaignData
 
+if TYPE_CHECKING:
+    import h5py
+
+SUFFIX: Final = ".vtkhdf"
+"""Suffix by which ParaView knows such a file."""
+
+POINT_DATA: Final = {
+    "radius": ("radii", "m"),
+    "temperature": ("temperatures", "K"),
+    "velocity": ("velocities", "m/s"),
+    "grains": ("grains", "1"),
+    "label": ("labels", ""),
+}
+"""Point arrays: the field of `Frames` and the unit, an attribute of the dataset."""
+
+_VERSION: Final = (2, 0)
+_CELLS: Final = ("Vertices", "Lines", "Polygons", "Strips")
+_CHUNK: Final = 1 << 13
+"""Particles in a chunk: 64 KiB of each number."""
+
 FRAMES: Final = 101
-"""Pictures of a sample that there are none of; each hundredth of the time."""
+"""Frames of a sample that has none stored; each hundredth of its time."""
 
 
-class Choice(NamedTuple):
-    """What to show; see `agglom export`.
+class FrameSelection(NamedTuple):
+    """The samples to write for ParaView; see `agglom export`.
 
     Attributes
     ----------
@@ -31,9 +53,9 @@ class Choice(NamedTuple):
     string
         None: the best.
     samples
-        If empty: those that there are pictures of, or the first that was completed.
+        If empty: those with stored frames, or the first that was completed.
     frames
-        How many pictures to take by simulating again; None: those that are stored.
+        Number of frames to take by resimulation; None: those that are stored.
     """
 
     target: Path
@@ -42,48 +64,51 @@ class Choice(NamedTuple):
     frames: int | None = None
 
 
-class Shown(NamedTuple):
-    """A sample that is to be shown, and the file of it."""
+class SelectedSample(NamedTuple):
+    """A sample to write for ParaView, and the path of its file."""
 
     string: int
     sample: int
     path: Path
 
 
-def chosen(file: CampaignData, choice: Choice) -> list[Shown]:
-    """Find the samples that are meant; several get their numbers in the names of their files.
+def select_samples(file: CampaignData, selection: FrameSelection) -> list[SelectedSample]:
+    """Return the samples to write; several have their numbers in the names of their files.
 
     Raises
     ------
     CampaignError
         If there is no such sample, or the target has another suffix than `.vtkhdf`.
     """
-    target = choice.target
+    target = selection.target
     if target.suffix != SUFFIX:
         raise mistaken(target, "--paraview", f"must end in {SUFFIX}, by which ParaView knows it")
-    string = _best(file) if choice.string is None else choice.string
+    string = _best(file) if selection.string is None else selection.string
     recorded_parameters(file, string)  # raises if there are none
-    samples = list(dict.fromkeys(choice.samples))
+    samples = list(dict.fromkeys(selection.samples))
     for sample in samples:
         recorded_sample(file, string, sample)
-    samples = samples or _pictured(file, string) or [_first_completed(file, string)]
+    samples = samples or _with_frames(file, string) or [_first_completed(file, string)]
     if len(samples) == 1:
-        return [Shown(string, samples[0], target)]
-    return [Shown(string, k, target.with_stem(f"{target.stem}_{string}_{k}")) for k in samples]
+        return [SelectedSample(string, samples[0], target)]
+    stem = f"{target.stem}_{string}"
+    return [SelectedSample(string, k, target.with_stem(f"{stem}_{k}")) for k in samples]
 
 
 def _best(file: CampaignData) -> int:
+
     order = rank_strings(file).order
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]
 
 
-def _pictured(file: CampaignData, string: int) -> list[int]:
+def _with_frames(file: CampaignData, string: int) -> list[int]:
     return [sample for other, sample in file.framed() if other == string]
 
 
 def _first_completed(file: CampaignData, string: int) -> int:
+
     rows = file.sample_rows(string)
     completed = rows["sample"][rows["state"] == COMPLETED]
     if not len(completed):
@@ -92,18 +117,18 @@ def _first_completed(file: CampaignData, string: int) -> int:
 
 
 def write_samples(
-    file: CampaignData, samples: list[Shown], frames: int | None = None
+    file: CampaignData, samples: list[SelectedSample], frames: int | None = None
 ) -> Iterator[str]:
-    """Write a file for ParaView of each sample, yielding a line on each that is there.
+    """Write a file for ParaView of each sample, and yield a line on each that is written.
 
     Parameters
     ----------
     file
-        Whose samples these are.
+        The campaign file that has these samples.
     samples
-        From `chosen`.
+        From `select_samples`.
     frames
-        As in `Choice`.
+        As in `FrameSelection`.
 
     Raises
     ------
@@ -112,24 +137,24 @@ def write_samples(
     OSError
         As from `write_vtkhdf`.
     """
-    for shown in samples:
-        string, sample, path = shown
+    for selected in samples:
+        string, sample, path = selected
         stored = file.frames(string, sample) if frames is None else None
         if stored is None:
-            seen, source = _simulated(file, shown, frames or FRAMES)
+            shown, source = _resimulated(file, selected, frames or FRAMES)
         else:
-            seen, source = stored, "as stored"
-        write_vtkhdf(path, seen, f"{file.attributes['title']}: string {string}, sample {sample}")
+            shown, source = stored, "as stored"
+        write_vtkhdf(path, shown, f"{file.attributes['title']}: string {string}, sample {sample}")
         megabytes = f"{path.stat().st_size / 1e6:.3g} MB"
-        pictures = f"{len(seen.times)} pictures to {seen.times[-1]:.3g} s, {source}"
+        pictures = f"{len(shown.times)} pictures to {shown.times[-1]:.3g} s, {source}"
         yield f"{path}: string {string}, sample {sample}, {pictures}, {megabytes}"
 
 
-def _simulated(file: CampaignData, shown: Shown, frames: int) -> tuple[Frames, str]:
-    """Look at a sample again; its pictures, and whether it is the one that was recorded."""
-    campaign, row = recorded_campaign(file), recorded_sample(file, shown.string, shown.sample)
-    number = campaign.first_sample(shown.string) + shown.sample
-    parameters = recorded_parameters(file, shown.string)
+def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> tuple[Frames, str]:
+    """Return frames of a resimulated sample, and whether it equals the recorded one, in words."""
+    campaign, row = recorded_campaign(file), recorded_sample(file, selected.string, selected.sample)
+    number = campaign.first_sample(selected.string) + selected.sample
+    parameters = recorded_parameters(file, selected.string)
     try:
         outcome = campaign.simulate(parameters, number, frames=frames)
     except RuntimeError as error:
@@ -138,3 +163,82 @@ def _simulated(file: CampaignData, shown: Shown, frames: int) -> tuple[Frames, s
     agrees = is_same(row, outcome.record, file.format_version)
     same = "identical to" if agrees else "differs from"
     return outcome.frames, f"simulated again, {same} the recorded sample"
+
+
+def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
+    """Write frames as temporal VTKHDF `PolyData`, each particle a point and a vertex.
+
+    The time is in s, points in m, and the point arrays are those of `POINT_DATA`; a `label`
+    identifies a particle from frame to frame. The file has its name once it is complete.
+
+    Parameters
+    ----------
+    path
+        New file, `.vtkhdf`.
+    frames
+        F frames; each may have another number of particles.
+    title
+        What is shown, an attribute of the file.
+
+    Raises
+    ------
+    FileExistsError
+        If there is a file already.
+    OSError
+        If it cannot be written; nothing is left behind.
+    """
+    with atomic_file(path) as temporary, new_file(temporary) as (file, _):
+        file.attrs["title"] = title
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array(_VERSION)
+        root.attrs["Type"] = np.bytes_("PolyData")
+        present = np.arange(frames.radii.shape[1]) < frames.particles[:, None]
+        root["NumberOfPoints"] = frames.particles
+        _store(root, "Points", frames.positions[present], "m")
+        data = root.create_group("PointData")
+        for name, (field, unit) in POINT_DATA.items():
+            _store(data, name, getattr(frames, field)[present], unit)
+        for name in _CELLS:
+            count = frames.particles if name == "Vertices" else np.zeros_like(frames.particles)
+            _store_cells(root.create_group(name), count)
+        _store_steps(root.create_group("Steps"), frames)
+
+
+def _store(group: "h5py.Group", name: str, values: np.ndarray, unit: str | None = None) -> None:
+    """Store values, compressed, shape (n,) or (n, 3) over all frames."""
+    chunk = (min(len(values), _CHUNK), *values.shape[1:])
+    dataset = group.create_dataset(
+        name, data=values, chunks=chunk, compression="gzip", compression_opts=1, shuffle=True
+    )
+    if unit is not None:
+        dataset.attrs["unit"] = unit
+
+
+def _store_cells(group: "h5py.Group", count: np.ndarray) -> None:
+    """Store cells of one point each; `count`, shape (F,), is their number in each frame."""
+    group["NumberOfCells"] = count
+    group["NumberOfConnectivityIds"] = count
+    _store(group, "Offsets", np.concatenate([np.arange(n + 1) for n in count]))
+    points = np.concatenate([np.arange(n) for n in count])
+    if len(points):
+        _store(group, "Connectivity", points)
+    else:
+        group["Connectivity"] = points
+
+
+def _store_steps(group: "h5py.Group", frames: Frames) -> None:
+    """Store the times of F frames, and the offset of each frame in the other arrays."""
+    count = len(frames.times)
+    first = np.cumsum(frames.particles) - frames.particles
+    cells = np.zeros((count, len(_CELLS)), np.int64)
+    cells[:, _CELLS.index("Vertices")] = first
+    group.attrs["NSteps"] = count
+    group["Values"] = frames.times
+    group["PartOffsets"] = np.arange(count)
+    group["NumberOfParts"] = np.ones(count, np.int64)
+    group["PointOffsets"] = first
+    group["CellOffsets"] = cells
+    group["ConnectivityIdOffsets"] = cells
+    offsets = group.create_group("PointDataOffsets")
+    for name in POINT_DATA:
+        offsets[name] = first

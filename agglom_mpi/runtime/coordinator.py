@@ -275,14 +275,14 @@ class Coordinator:
     def _search_progress(self) -> Progress:
         recorder, stage = self.recorder, self._experiment.stage(self.inversion)
         rest = stage.total - stage.done
-        left = remaining_in_turns(recorder.generation_times, rest, recorder.generation_seconds)
+        remaining = remaining_in_turns(recorder.generation_times, rest, recorder.generation_seconds)
         return recorder.progress(self._pool.size, self._scheduler.in_flight)._replace(
             done=stage.done,
             total=stage.total,
             unit=stage.unit,
             strings_open=self.inversion.open_count,
-            left=left if stage.in_turns else None,
-            at_most=stage.may_end_sooner,
+            remaining=remaining if stage.in_turns else None,
+            may_end_sooner=stage.may_end_sooner,
         )
 
     def _stage_progress(self, post_stage: PostStage, begun: float) -> Progress:
@@ -294,7 +294,7 @@ class Coordinator:
             done=stage.done,
             total=stage.total,
             unit=stage.unit,
-            left=remaining_by_work(recorder.fresh_times, done, rest, elapsed),
+            remaining=remaining_by_work(recorder.fresh_times, done, rest, elapsed),
         )
 
 

@@ -14,7 +14,7 @@ from agglom_mpi.accuracy.document import (
     draw_curves,
     write_document,
 )
-from agglom_mpi.report.picture import Picture
+from agglom_mpi.report.drawing import Drawing
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
 
@@ -30,7 +30,7 @@ SECTION = Section(
     problem="What do steps cost?",
     reference="None.",
     setups="Two.",
-    figures=(Picture("steps", "Error against steps.", draw),),
+    figures=(Drawing("steps", "Error against steps.", draw),),
     tables=(
         Table(
             "steps",

@@ -112,12 +112,12 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
     rows = file.sample_rows(1).copy()
     rows["state"][:2] = COMPLETED + 1
     monkeypatch.setattr(file, "sample_rows", lambda string: rows)
-    choice = module.Choice(tmp_path / "out.vtkhdf", 1)
-    [shown] = module.chosen(file, choice)
+    selection = module.FrameSelection(tmp_path / "out.vtkhdf", 1)
+    [shown] = module.select_samples(file, selection)
     assert (shown.string, shown.sample) == (1, 2)
     rows["state"] = COMPLETED + 1
     with pytest.raises(CampaignError, match="--string: is 1, of which no sample was completed"):
-        module.chosen(file, choice)
+        module.select_samples(file, selection)
 
 
 def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
@@ -125,7 +125,7 @@ def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_p
     none = file.result_rows()[:0]
     monkeypatch.setattr(file, "result_rows", lambda: none)
     with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):
-        module.chosen(file, module.Choice(tmp_path / "out.vtkhdf"))
+        module.select_samples(file, module.FrameSelection(tmp_path / "out.vtkhdf"))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from campaign_runs import QUICKSTART, SMALL, write_campaign
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.analysis import resimulation
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.report import forward as module
+from agglom_mpi.report import simulate as module
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import NAMES
 

@@ -154,7 +154,7 @@ def test_the_2004_laws_conserve_momentum_and_only_lose_kinetic_energy(w, slip, r
 def test_a_merge_heats_like_a_bounce_after_which_nothing_moves_apart(
     heating, w, slip, radii, frame
 ):
-    pair = encounter(w, slip, radii, frame=frame)
+    pair = contact_pair(w, slip, radii, frame=frame)
     sticks = ConstantFriction(1.01 * slip / w)  # at e = 0 the Coulomb impulse just stops the slip
     bounce = sum(impact_heats(heating, sticks, pair, 1.0))
     # A sphere's own loss is a difference of kinetic energies, which grow with the frame's speed.

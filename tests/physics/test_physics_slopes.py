@@ -1,7 +1,7 @@
 """Bounds of slopes, by which the solver knows that an interval holds no root."""
 
 import pytest
-from contact_pairs import encounter
+from contact_pairs import contact_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,7 +33,7 @@ def law(kind, coefficient):
 def test_the_tangential_impulse_changes_as_its_slopes_allow(
     kind, approach, slip, radii, coefficient, deficits
 ):
-    pair, friction = encounter(approach, slip, radii), law(kind, coefficient)
+    pair, friction = contact_pair(approach, slip, radii), law(kind, coefficient)
     lower, a, b, upper = deficits
     least, most = impulse_slopes(friction, pair, lower, upper)
     at_a, at_b = (tangential_impulse(friction, pair, deficit) for deficit in (a, b))
@@ -48,7 +48,7 @@ def test_the_tangential_impulse_changes_as_its_slopes_allow(
 def test_heats_rise_with_the_deficit_at_least_as_fast_as_their_slopes_say(
     kind, heating, approach, slip, radii, frame, coefficient, deficits
 ):
-    pair, friction = encounter(approach, slip, radii, frame=frame), law(kind, coefficient)
+    pair, friction = contact_pair(approach, slip, radii, frame=frame), law(kind, coefficient)
     lower, a, b, upper = deficits
     slopes = least_heat_slopes(heating, friction, pair, lower, upper)
     at_a, at_b = (impact_heats(heating, friction, pair, deficit) for deficit in (a, b))

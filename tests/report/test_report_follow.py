@@ -1,4 +1,4 @@
-"""Runs that are followed from elsewhere, by their files alone."""
+"""Progress of runs as another process reads it from their files."""
 
 import os
 import re
@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from campaign_runs import (
     environment,
@@ -29,7 +30,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display import display
 from agglom_mpi.report import follow as module
-from agglom_mpi.report.follow import Follower, follow, silence
+from agglom_mpi.report.follow import FileProgress, follow, silence_note
 from agglom_mpi.runtime import coordinator as coordinator_module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
@@ -39,21 +40,32 @@ from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.writer import CampaignWriter
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
+SHOWN_BY_BOTH = (
+    "done",
+    "total",
+    "unit",
+    "samples",
+    "strings_open",
+    "failed",
+    "best",
+    "may_end_sooner",
+)
+"""Attributes of a progress that a file shows exactly."""
 AGGLOM = str(Path(sys.executable).parent / "agglom")
 
 
 @pytest.fixture(scope="module")
 def carried_out(tmp_path_factory):
-    """Run a campaign in this process, with somebody who follows it by its file.
+    """Run a campaign in this process, and read its progress from its file at the same time.
 
     In the folder is a copy of the file as a kill would have left it after the first generation.
-    The pairs are what rank 0 knew and what the follower read at the same time.
+    The pairs are the progress that rank 0 knew and the one that was read.
     """
     folder = tmp_path_factory.mktemp("carried_out")
     path = write(folder).with_suffix(".h5")
     work, pairs = InversionExperiment(load_campaign(folder / "brief.yaml")), []
 
-    class Watcher:
+    class Listener:
         def generation(self, *_): ...
         def message(self, text): ...
         def error(self, text):
@@ -61,24 +73,24 @@ def carried_out(tmp_path_factory):
 
         def tick(self, progress):
             writer.flush()
-            pairs.append((progress, follower.look(time.time())))
-            if len(follower.data.generation_rows()) == 1:
+            pairs.append((progress, reader.read(time.time())))
+            if len(reader.data.generation_rows()) == 1:
                 shutil.copy(path, folder / "killed.h5")
 
     file = prepare(path, work, accept_code_change=False)
     with pytest.MonkeyPatch.context() as patch, CampaignWriter(path) as writer:
         patch.setattr(coordinator_module, "TICK", 0.0)
-        patch.setattr(module, "PATIENCE", 1e9)
-        coordinator = coordinator_module.Coordinator(work, file, writer, Watcher())
+        patch.setattr(module, "SILENCE", 1e9)
+        coordinator = coordinator_module.Coordinator(work, file, writer, Listener())
         coordinator.replay()
-        simulator = SampleRunner(work, 0)
-        simulator.warm_up()
+        runner = SampleRunner(work, 0)
+        runner.warm_up()
         writer.begin_leg(**leg_fields(1, ""))
         writer.set_status("running")
-        follower = Follower(open_campaign(path))
-        pool = WorkerPool(simulator, None)
+        reader = FileProgress(open_campaign(path))
+        pool = WorkerPool(runner, None)
         coordinator.shut_down(pool, coordinator.run(pool, StopRequest(None)))
-    return folder, follower, pairs
+    return folder, reader, pairs
 
 
 @pytest.fixture
@@ -109,7 +121,7 @@ def generations_in(path):
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Return a function that follows a campaign, and calls another one after its first look."""
+    """Return a function that follows a campaign, and calls another one after its first reading."""
 
     def result(path, then):
         actions = [then]
@@ -120,7 +132,7 @@ def followed(monkeypatch):
             time.sleep(0.01)
 
         monkeypatch.setattr(module, "time", SimpleNamespace(**vars(time) | {"sleep": nap}))
-        monkeypatch.setattr(display, "INTERVAL", 1e9)
+        monkeypatch.setattr(display, "LOG_INTERVAL", 1e9)
         return CliRunner().invoke(main, ["report", str(path), "--follow"])
 
     return result
@@ -188,36 +200,36 @@ def test_a_run_that_is_told_to_stop_is_followed_to_its_exit_code(tmp_path, follo
     assert "stopped: received SIGUSR1" in watch.stdout
 
 
-def test_a_killed_run_is_told_since_when_it_is_silent_and_its_successor_is_followed(folder):
+def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_followed(folder):
     path = folder / "brief.h5"
     last = open_campaign(path).all_sample_rows()["finished"].max()
-    follower = Follower(open_campaign(path))
-    at_once, later = follower.look(last), follower.look(last + 300.0)
+    reader = FileProgress(open_campaign(path))
+    at_once, later = reader.read(last), reader.read(last + 300.0)
     assert at_once.note == ""
     clock = time.strftime("%H:%M:%S", time.localtime(last))
     assert re.match(
         rf"nothing has changed since {clock}, for [45] min( \d+ s)?: was it killed\?", later.note
     )
-    assert later.left is None
+    assert later.remaining is None
     assert later.rate == pytest.approx(at_once.rate), "silence is no time of work"
     finish(folder, "brief.yaml")
-    after = follower.look(time.time())
+    after = reader.read(time.time())
     assert after.note == ""
-    assert follower.data.status().state == "finished"
-    assert [summary.generation for summary in follower.new_generations()][-1] == 3
+    assert reader.data.status().state == "finished"
+    assert [summary.generation for summary in reader.new_generations()][-1] == 3
 
 
-def test_what_was_read_piece_by_piece_is_what_is_there(carried_out):
-    folder, follower, pairs = carried_out
+def test_rows_read_one_after_the_other_are_those_of_the_file(carried_out):
+    folder, reader, pairs = carried_out
     assert len({read.samples for _, read in pairs}) > 5
-    follower.look(time.time())
+    reader.read(time.time())
     rows = open_campaign(folder / "brief.h5").all_sample_rows()
-    found = follower.data.all_sample_rows()
+    found = np.sort(reader.data.all_sample_rows(), order=["string", "sample"])
     for name in found.dtype.names:
         assert found[name].tolist() == rows[name].tolist()
 
 
-def test_the_file_tells_what_rank_0_knew(carried_out):
+def test_the_file_shows_the_progress_that_rank_0_shows(carried_out):
     """What rank 0 shows at the end of a generation, and what its file says then."""
     *_, pairs = carried_out
     assert {(known.unit, known.total) for known, _ in pairs} == {
@@ -228,26 +240,25 @@ def test_the_file_tells_what_rank_0_knew(carried_out):
     for known, read in pairs:
         if known.unit == "fresh samples" and known.done == 0:
             continue  # that the search is over is not in the file before the first of them
-        names = ("done", "total", "unit", "samples", "strings_open", "failed", "best", "at_most")
-        for name in names:
+        for name in SHOWN_BY_BOTH:
             assert getattr(known, name) == getattr(read, name), name
-        assert (known.left is None) == (read.left is None)
+        assert (known.remaining is None) == (read.remaining is None)
 
 
-def test_a_finished_file_is_told_at_once(finished, capsys):
+def test_a_finished_file_is_shown_at_once(finished, capsys):
     assert follow(open_campaign(finished)) == 0
     logged = capsys.readouterr().err.splitlines()
     assert len(logged) == 1
     assert logged[0].startswith("generation 3/3: best ")
 
 
-def test_looks_take_a_small_share_of_the_time(finished, monkeypatch):
-    """A file that takes long to look at is looked at less often."""
+def test_reading_takes_a_small_share_of_the_time(finished, monkeypatch):
+    """A file that takes long to read is read less often."""
     clock, naps = [0.0], []
 
-    class Slow(Follower):
-        def look(self, now):
-            progress = super().look(now)
+    class Slow(FileProgress):
+        def read(self, now):
+            progress = super().read(now)
             clock[0] += 3.0
             status = self.data.status()._replace(state="running")
             self.data.status = lambda: status
@@ -259,16 +270,16 @@ def test_looks_take_a_small_share_of_the_time(finished, monkeypatch):
         if len(naps) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "Follower", Slow)
+    monkeypatch.setattr(module, "FileProgress", Slow)
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module.time, "sleep", nap)
     assert follow(open_campaign(finished)) == 130
     assert naps == [pytest.approx(60.0)] * 3
 
 
-def test_long_silence_is_told_with_its_day():
+def test_a_long_silence_is_shown_with_its_date():
     now = time.mktime((2026, 3, 4, 12, 0, 0, 0, 0, -1))
-    assert silence(now - 65.0, now) == (
+    assert silence_note(now - 65.0, now) == (
         "nothing has changed since 11:58:55, for 1 min 5 s: was it killed?"
     )
-    assert "since 2026-03-01 12:00, for 3 d:" in silence(now - 3 * 86400.0, now)
+    assert "since 2026-03-01 12:00, for 3 d:" in silence_note(now - 3 * 86400.0, now)

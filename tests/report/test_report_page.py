@@ -1,3 +1,5 @@
+import dataclasses
+import importlib.util
 import re
 import shutil
 
@@ -13,9 +15,9 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
-from agglom_mpi.report import sample_frames as again
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
+from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
@@ -37,7 +39,7 @@ FIGURES = {
 
 
 def report(path, directory, **options):
-    """Write the report of a file; its page."""
+    """Write the report of a file, and return its page."""
     options = {"simulate": False} | options
     lines = list(write_report(open_campaign(path), directory, **options))
     assert lines[-1].startswith(f"{directory / 'report.html'}: ")
@@ -99,16 +101,16 @@ def sketched(monkeypatch):
     """Draw all figures, and write something much smaller than them."""
     from matplotlib.figure import Figure
 
-    def write(directory, picture):
-        picture.draw(Figure(figsize=picture.size))
+    def write(directory, drawing):
+        drawing.draw(Figure(figsize=drawing.size))
         for suffix in ("png", "svg"):
-            (directory / f"{picture.name}.{suffix}").write_text(picture.name)
+            (directory / f"{drawing.name}.{suffix}").write_text(drawing.name)
 
-    monkeypatch.setattr(page_module, "write_picture", write)
+    monkeypatch.setattr(page_module, "write_drawing", write)
 
 
 @pytest.mark.parametrize("simulate", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_the_page_and_its_figures_are_complete_and_need_nothing_else(finished, tmp_path, simulate):
+def test_the_page_and_its_figures_are_complete_and_self_contained(finished, tmp_path, simulate):
     page = report(finished, tmp_path / "out", simulate=simulate)
     wanted = FIGURES if simulate else FIGURES - {"cloud"}
     assert figures(page) == wanted
@@ -124,7 +126,7 @@ def test_the_page_and_its_figures_are_complete_and_need_nothing_else(finished, t
 
 
 @pytest.mark.usefixtures("sketched")
-def test_without_particles_the_mean_radii_of_samples_are_shown_and_said(finished, tmp_path):
+def test_without_particles_the_mean_radii_of_samples_are_shown_instead(finished, tmp_path):
     page = report(finished, tmp_path / "out")
     assert "particles are not stored" in page
     assert "No cloud of particles" in page
@@ -183,7 +185,7 @@ def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_damaged_campaign_text_is_said(copy, tmp_path):
+def test_a_damaged_campaign_text_is_reported(copy, tmp_path):
     with h5py.File(copy, "r+") as file:
         file.attrs["campaign"] = "scene: [nonsense"
     page = report(copy, tmp_path / "out", simulate=True)
@@ -217,7 +219,9 @@ def test_a_report_that_fails_leaves_the_old_page_and_no_pieces(finished, tmp_pat
     def fail(*arguments):
         raise OSError(28, "No space left on device", "busy.png")
 
-    monkeypatch.setattr(page_module.busy, "draw_busy", fail)
+    figures = page_module.FIGURES
+    broken = {**figures, "busy": dataclasses.replace(figures["busy"], draw=fail)}
+    monkeypatch.setattr(page_module, "FIGURES", broken)
     with pytest.raises(OSError, match="No space left"):
         report(finished, out)
     assert (out / "report.html").read_text() == "old"
@@ -230,9 +234,15 @@ def test_what_is_no_directory_is_refused(finished, tmp_path):
         report(finished, tmp_path / "out")
 
 
-def test_without_matplotlib_one_message_says_what_to_install(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingLibraryError, match=re.escape("agglom_mpi[report]")):
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+def test_without_a_library_one_message_says_what_to_install(
+    finished, tmp_path, monkeypatch, library
+):
+    find = importlib.util.find_spec
+    without = lambda name, *rest: None if name == library else find(name, *rest)  # noqa: E731
+    monkeypatch.setattr(importlib.util, "find_spec", without)
+    message = rf"need {library}: pip install 'agglom_mpi\[report\]'"
+    with pytest.raises(MissingLibraryError, match=message):
         report(finished, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -264,7 +274,7 @@ def test_options_that_do_not_go_together_are_refused(finished, words, message):
     assert message in done.stderr
 
 
-def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
+def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     path = write_campaign(
         tmp_path / "kept.yaml", generations=1, max_samples=5, population=4, parents=2
     )
@@ -275,11 +285,11 @@ def test_stored_particles_and_pictures_are_shown_without_simulating(tmp_path):
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
     data = open_campaign(tmp_path / "kept.h5").snapshot()
-    stored = again.final_radii(data, rank_strings(data).order[0])
+    stored = final_radii(data, rank_strings(data).order[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = again.final_radii(open_campaign(plain).snapshot(), rank_strings(data).order[0])
+    simulated = final_radii(open_campaign(plain).snapshot(), rank_strings(data).order[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central

@@ -10,7 +10,7 @@ SAME = [
     ("search/ensemble.py", "its samples in order", "all samples in order"),
     ("physics/cooling.py", "\n\n\n", "\n\n\n# A remark.\n"),
     ("config/describe.py", "def ", "def other_"),
-    ("report/html.py", "def ", "def other_"),
+    ("report/page.py", "def ", "def other_"),
 ]
 OTHER = [
     ("physics/constants.py", "8.314462618", "8.314462619"),

@@ -1,4 +1,4 @@
-"""The cloud of particles at successive times ([B] fig. 5).
+"""Particles in their box at successive times ([B] fig. 5).
 
 The box is seen obliquely from far away: then every sphere is a circle of its own radius, to scale.
 """
@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.sample_particles import (
+    FramesUnavailableError,
+    SampleFrames,
+    frames_of,
+    informative_frames,
+)
+from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -20,14 +30,18 @@ Floats = NDArray[np.float64]
 COLUMNS: Final = 3
 """Panels in a row."""
 PANEL: Final = 2.8
-"""Inches of a panel, wide and high."""
+"""Width and height of a panel, inches."""
 COLOUR_MAP: Final = "viridis"
-MANY: Final = 5000
+MAX_CIRCLES: Final = 5000
 """Particles beyond which an SVG holds pixels instead of circles."""
+DIRECTION: Final = (-62.0, 22.0)
+"""Azimuth and elevation of the eye, degrees."""
+MARGIN: Final = 1.03
+"""Width of the axes over that of the box, so that no line is cut off."""
 
 
 def cloud_size(frames: int) -> tuple[float, float]:
-    """Width and height in inches of the figure of so many frames."""
+    """Return width and height in inches of a figure with one panel per frame."""
     columns = min(frames, COLUMNS)
     return PANEL * columns + 0.9, PANEL * -(-frames // COLUMNS) + 0.3
 
@@ -67,53 +81,54 @@ def draw_cloud(
 
     columns = min(len(times), COLUMNS)
     rows = -(-len(times) // columns)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for unused in grid[len(times) :]:
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for unused in axes[len(times) :]:
         unused.remove()
-    axes = grid[: len(times)]
-    colour = _colour(radii, temperature)
-    norm = _norm(colour.values)
-    reach = _reach(half_width, positions, radii)
-    for ax, time, place, radius, value in zip(
-        axes, times, positions, radii, colour.values, strict=True
+    axes = axes[: len(times)]
+    colouring = _colouring(radii, temperature)
+    norm = _normalisation(colouring.values)
+    extent = _extent(half_width, positions, radii)
+    for ax, time, position, radius, value in zip(
+        axes, times, positions, radii, colouring.values, strict=True
     ):
-        _draw_box(ax, half_width, reach)
-        _draw_spheres(ax, place, radius, value, norm)
+        _draw_box(ax, half_width, extent)
+        _draw_spheres(ax, position, radius, value, norm)
         ax.set_title(
             f"t = {value_with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9
         )
     _label_side(axes[0], half_width)
     scale = ScalarMappable(norm, COLOUR_MAP)
-    figure.colorbar(scale, ax=list(axes), label=colour.label, shrink=0.85 / rows, pad=0.02)
+    figure.colorbar(scale, ax=list(axes), label=colouring.label, shrink=0.85 / rows, pad=0.02)
     return axes
 
 
-class _Colour(NamedTuple):
-    """What colours the particles of each frame."""
+class _Colouring(NamedTuple):
+    """The values that colour the particles of each frame, and their name with unit."""
 
     label: str
     values: list[Floats]
 
 
-def _colour(radii: Sequence[Floats], temperature: Sequence[Floats] | None) -> _Colour:
+def _colouring(radii: Sequence[Floats], temperature: Sequence[Floats] | None) -> _Colouring:
+    """Return the temperatures, or the radii where temperatures are unknown or all the same."""
     if temperature is not None:
-        heat = [np.asarray(values, float) for values in temperature]
-        low, high = _range(heat)
+        values = [np.asarray(each, float) for each in temperature]
+        low, high = _range(values)
         if high - low > 1e-9 * abs(high):
-            return _Colour("temperature (K)", heat)
+            return _Colouring("temperature (K)", values)
     grain = _range([np.asarray(radii[0], float)])[0]
-    return _Colour("radius / smallest at first", [np.asarray(r, float) / grain for r in radii])
+    return _Colouring("radius / smallest at first", [np.asarray(r, float) / grain for r in radii])
 
 
 def _range(values: Sequence[Floats]) -> tuple[float, float]:
-    """Smallest and largest of all values; 1 and 1 if there are none."""
+    """Return the smallest and the largest of all values; 1 and 1 if there are none."""
     known = [part for part in values if len(part)]
     if not known:
         return 1.0, 1.0
     return min(float(part.min()) for part in known), max(float(part.max()) for part in known)
 
 
-def _norm(values: Sequence[Floats]) -> Any:
+def _normalisation(values: Sequence[Floats]) -> Any:
     from matplotlib.colors import Normalize
 
     low, high = _range(values)
@@ -122,9 +137,10 @@ def _norm(values: Sequence[Floats]) -> Any:
 
 def _view() -> Floats:
     """Return unit vectors to the right, up and towards the eye, as rows of a (3, 3) matrix."""
-    around, above = np.radians(-62.0), np.radians(22.0)
-    right = np.array([-np.sin(around), np.cos(around), 0.0])
-    eye = np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
+    azimuth, elevation = np.radians(DIRECTION)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    across = np.cos(elevation)
+    eye = np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
     return np.array([right, np.cross(eye, right), eye])
 
 
@@ -132,22 +148,22 @@ def _corners(half_width: float) -> Floats:
     return half_width * np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
-def _reach(half_width: float, positions: Sequence[Floats], radii: Sequence[Floats]) -> Floats:
-    """How far the box, and spheres that stick out of it, reach to the side and up, shape (2,).
+def _extent(half_width: float, positions: Sequence[Floats], radii: Sequence[Floats]) -> Floats:
+    """Return half the width and half the height of what is seen, m, shape (2,).
 
-    And a little farther, so that no line is cut off.
+    It holds the box, and spheres that stick out of it.
     """
     view = _view()[:2].T
-    reach = np.abs(_corners(half_width) @ view).max(axis=0)
-    for place, radius in zip(positions, radii, strict=True):
-        ends = np.abs(np.asarray(place, float).reshape(-1, 3) @ view)
+    extent = np.abs(_corners(half_width) @ view).max(axis=0)
+    for position, radius in zip(positions, radii, strict=True):
+        ends = np.abs(np.asarray(position, float).reshape(-1, 3) @ view)
         ends += np.asarray(radius, float)[:, None]
-        reach = np.maximum(reach, ends.max(axis=0, initial=0.0))
-    return 1.03 * reach
+        extent = np.maximum(extent, ends.max(axis=0, initial=0.0))
+    return MARGIN * extent
 
 
-def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
-    """Draw the twelve edges, those that the corner nearest to the eye ends in above all else."""
+def _draw_box(ax: Any, half_width: float, extent: Floats) -> None:
+    """Draw the twelve edges; the three that meet nearest to the eye cover the spheres."""
     view, corners = _view(), _corners(half_width)
     nearest = int(np.argmax(corners @ view[2]))
     for i, j in product(range(8), repeat=2):
@@ -155,14 +171,14 @@ def _draw_box(ax: Any, half_width: float, reach: Floats) -> None:
             x, y = (corners[[i, j]] @ view[:2].T).T
             front = nearest in (i, j)
             ax.plot(x, y, color="0.45", linewidth=0.7, zorder=3 if front else 1)
-    ax.set_xlim(-reach[0], reach[0])
-    ax.set_ylim(-reach[1], reach[1])
+    ax.set_xlim(-extent[0], extent[0])
+    ax.set_ylim(-extent[1], extent[1])
     ax.set_aspect("equal")
     ax.set_axis_off()
 
 
 def _label_side(ax: Any, half_width: float) -> None:
-    """Write how long the side is, along the lowest edge at the left and below all spheres."""
+    """Write the length of the side along the lowest edge at the left, below all spheres."""
     ends = half_width * np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]])
     (x0, y0), (x1, y1) = ends @ _view()[:2].T
     slope = float(np.degrees(np.arctan2(y1 - y0, x1 - x0)))
@@ -180,12 +196,12 @@ def _label_side(ax: Any, half_width: float) -> None:
     )
 
 
-def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: Any) -> None:
+def _draw_spheres(ax: Any, position: Floats, radius: Floats, value: Floats, norm: Any) -> None:
     """Draw spheres as circles of their radius, the far ones first."""
     from matplotlib.collections import EllipseCollection
 
     view = _view()
-    seen = np.asarray(place, float).reshape(-1, 3) @ view.T
+    seen = np.asarray(position, float).reshape(-1, 3) @ view.T
     order = np.argsort(seen[:, 2], kind="stable")
     width = 2.0 * np.asarray(radius, float)[order]
     spheres = EllipseCollection(
@@ -201,6 +217,67 @@ def _draw_spheres(ax: Any, place: Floats, radius: Floats, value: Floats, norm: A
         edgecolors="0.15",
         linewidths=0.25,
         zorder=2,
-        rasterized=len(order) > MANY,
+        rasterized=len(order) > MAX_CIRCLES,
     )
     ax.add_collection(spheres, autolim=False)
+
+
+def draw_frames(
+    figure: "matplotlib.figure.Figure", frames: Frames, shown: Sequence[int], half_width: float
+) -> Any:
+    """Draw some frames of a sample, one panel each, and return the axes.
+
+    Parameters
+    ----------
+    figure
+        An empty figure; `cloud_size(len(shown))` suits it.
+    frames
+    shown
+        Indices of the frames to draw.
+    half_width
+        D of the box from −D to D, m.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (len(shown),).
+    """
+    filled = [(f, slice(frames.particles[f])) for f in shown]
+    return draw_cloud(
+        figure,
+        frames.times[list(shown)],
+        [frames.positions[at] for at in filled],
+        [frames.radii[at] for at in filled],
+        half_width,
+        [frames.temperatures[at] for at in filled],
+    )
+
+
+def _cloud_data(data: CampaignData, options: FigureOptions) -> SampleFrames:
+    string = judged_string(data, options.string)
+    if string is None:
+        raise FramesUnavailableError("no string is judged yet")
+    return frames_of(data, string, options.seconds)
+
+
+def _draw_sample(figure: "matplotlib.figure.Figure", sample: SampleFrames) -> Any:
+    shown = informative_frames(sample.frames)
+    return draw_frames(figure, sample.frames, shown, sample.half_width)
+
+
+def _cloud_caption(sample: SampleFrames) -> str:
+    return (
+        f"Particles of sample {sample.sample} of string {sample.string} at successive times, "
+        f"{sample.source} ([B] fig. 5). The box is seen obliquely, spheres are to scale."
+    )
+
+
+CLOUD: Final = Figure(
+    "cloud",
+    "particles",
+    _cloud_data,
+    _draw_sample,
+    _cloud_caption,
+    lambda sample: cloud_size(len(informative_frames(sample.frames))),
+    panels=True,
+)

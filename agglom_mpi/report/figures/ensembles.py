@@ -1,208 +1,303 @@
-"""What the samples of a string amount to, one by one, and where a stopping rule would end them."""
+"""Objectives against the number of samples, where stopping rules end them, samples per string."""
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.outcome import SampleSummary, summaries
-from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, say
-from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
+from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
+from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.stopping import COMPARED_RULES, FixedNumber, StoppingRule
 from agglom_mpi.storage.reader import CampaignData
 
-if TYPE_CHECKING:
-    import matplotlib.figure
-
 Floats = NDArray[np.float64]
 
-TALL: Final = (7.2, 5.4)
-"""Inches."""
-SHOWN: Final = 3
-"""Strings in the picture."""
-WIDE: Final = 9
-"""First samples whose intervals need not fit."""
+STRINGS: Final = 3
+"""Strings in the figure of ensembles."""
+WIDE_INTERVALS: Final = 9
+"""First samples whose intervals need not fit into the axes."""
+LOGARITHMIC_COUNT: Final = 60
+"""Samples from which their axis is logarithmic."""
+BINS: Final = 30
 MARKERS: Final = "osD^vP"
 
 
-class Course(NamedTuple):
-    """The first 1 … n completed samples of a string: arrays of shape (n,).
+class RunningEstimate(NamedTuple):
+    """Objective of a string by its first 1 … n completed samples.
 
     Attributes
     ----------
     string
-    value, half
-        Objective of the samples so far, and half of its 95 % interval, nan for one sample.
-    seen
-        Completed samples that the search judged the string by; the rest ran ahead or is fresh.
+    objective, half_width
+        By the samples so far, and half of its 95 % interval, nan for one sample; shape (n,).
+    used
+        Completed samples that the search decided by; the rest was speculative or is fresh.
     """
 
     string: int
-    value: Floats
-    half: Floats
-    seen: int
+    objective: Floats
+    half_width: Floats
+    used: int
 
 
-class Stop(NamedTuple):
-    """Where a rule would have ended an ensemble; `samples` is None if it needs more than these."""
+class StoppingPoint(NamedTuple):
+    """Completed samples after which a rule ends an ensemble; None if it needs more of them."""
 
     rule: str
     samples: int | None
 
 
-def course(data: CampaignData, string: int) -> Course:
-    """Return how the objective of a string came about, over all its samples there are."""
+class EnsembleHistories(NamedTuple):
+    """Running estimates of the best strings, and where rules end the samples of the first.
+
+    Attributes
+    ----------
+    estimates
+    stopping_points
+    objective_label
+        Name of the objective, with its unit.
+    least
+        Lower bound of the objective, where intervals end.
+    """
+
+    estimates: Sequence[RunningEstimate]
+    stopping_points: Sequence[StoppingPoint]
+    objective_label: str = "objective (1)"
+    least: float = 0.0
+
+
+def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
+    """Return the objective of a string after each of its completed samples."""
     rows = data.sample_rows(string)
     used = int(rank_strings(data).results[string]["samples_used"])
-    completed = rows[rows["state"] == 1]
-    tally, values, errors = objective_of(data).accumulator(), [], []
-    for outcome in summaries(completed):
-        tally.add(outcome)
-        values.append(tally.value)
-        errors.append(tally.standard_error)
-    counts = np.arange(1, len(values) + 1)
-    seen = int((completed["sample"] < used).sum())
-    return Course(string, np.array(values), half_width(np.array(errors), counts), seen)
+    completed = rows[rows["state"] == COMPLETED]
+    accumulator, values, errors = objective_of(data).accumulator(), [], []
+    for summary in summaries(completed):
+        accumulator.add(summary)
+        values.append(accumulator.value)
+        errors.append(accumulator.standard_error)
+    half = half_width(np.array(errors), np.arange(1, len(values) + 1))
+    return RunningEstimate(string, np.array(values), half, int((completed["sample"] < used).sum()))
+
+
+def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
+    """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
+    samples = summaries(data.sample_rows(string))
+    own, own_minimum = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
+    particles = int(data.identity["scene.particles"])
+    compared = [(name, rule, 2) for name, rule in COMPARED_RULES if rule != own]
+    if not isinstance(own, FixedNumber):
+        compared.insert(0, (f"this campaign's: {own.label}", own, own_minimum))
+    return [
+        StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles, minimum))
+        for name, rule, minimum in compared
+    ]
 
 
 def own_rule(data: CampaignData) -> StoppingRule:
-    """Return the stopping rule of the campaign's ensembles."""
+    """Return the stopping rule of a campaign's ensembles."""
     from agglom_mpi.config.ensemble import ENSEMBLE
 
     return ENSEMBLE.validate_python(data.section("ensemble")).build()
 
 
-def stops(data: CampaignData, string: int) -> list[Stop]:
-    """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
-    outcomes = summaries(data.sample_rows(string))
-    own, fewest = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
-    particles = int(data.identity["scene.particles"])
-    tried = [(name, rule, 2) for name, rule in COMPARED_RULES if rule != own]
-    if not isinstance(own, FixedNumber):
-        tried.insert(0, (f"this campaign's: {own.label}", own, fewest))
-    return [
-        Stop(name, stop(outcomes, rule, objective_of(data), particles, fewest))
-        for name, rule, fewest in tried
-    ]
-
-
-def stop(
-    outcomes: Sequence[SampleSummary],
+def samples_until(
+    samples: Sequence[SampleSummary],
     rule: StoppingRule,
     objective: Objective,
     particles: int,
-    fewest: int,
+    min_samples: int,
 ) -> int | None:
-    """Completed samples after which a rule is satisfied; None if these are not enough."""
-    ensemble = Ensemble(rule, objective, particles, fewest, max(len(outcomes) + 1, fewest))
-    for outcome in outcomes:
-        ensemble.add(outcome)
+    """Return the completed samples after which a rule is satisfied; None if it never is.
+
+    Parameters
+    ----------
+    samples
+        Of one string, in order of their numbers.
+    rule
+    objective
+    particles
+        Grains of the scene.
+    min_samples
+        Samples before which the rule is not asked.
+    """
+    ensemble = Ensemble(rule, objective, particles, min_samples, max(len(samples) + 1, min_samples))
+    for sample in samples:
+        ensemble.add(sample)
         if ensemble.finished:
             return ensemble.completed
     return None
 
 
-def draw_ensembles(
-    ax: Any,
-    courses: Sequence[Course],
-    stopped: Sequence[Stop],
-    objective: str = "objective (1)",
-    least: float = 0.0,
-) -> Any:
-    """Draw running means with 95 % intervals, the first with the rules' ends; return the axes.
-
-    No objective is less than `least`, so intervals end there.
-    """
-    grid(ax)
+def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
+    """Draw running objectives with 95 % intervals and the stopping points; return the axes."""
+    estimates = histories.estimates
+    style_axes(ax)
     ax.set_xlabel("completed samples of the string")
-    ax.set_ylabel(f"running {objective}")
-    if not any(len(one.value) for one in courses):
-        say(ax, "no string has samples yet")
-        return ax
-    for place, (one, colour) in enumerate(zip(courses, COLOURS, strict=False)):
-        count = np.arange(1, len(one.value) + 1)
-        name = f"#{place + 1}, string {one.string}"
-        ax.plot(count, one.value, color=colour, linewidth=1.4 - 0.3 * (place > 0), label=name)
-        low, high = _interval(one, least)
+    ax.set_ylabel(f"running {histories.objective_label}")
+    for place, (estimate, colour) in enumerate(zip(estimates, COLOURS, strict=False)):
+        objective = estimate.objective
+        count = np.arange(1, len(objective) + 1)
+        name = f"#{place + 1}, string {estimate.string}"
+        ax.plot(count, objective, color=colour, linewidth=1.4 - 0.3 * (place > 0), label=name)
+        low, high = _interval(estimate, histories.least)
         ax.fill_between(count, low, high, color=colour, alpha=0.15, linewidth=0)
-        if 0 < one.seen < len(one.value):
-            ax.axvline(one.seen, color=colour, linewidth=0.8, linestyle=":")
-    _draw_stops(ax, courses[0], stopped)
-    _limit(ax, courses, least)
+        if 0 < estimate.used < len(objective):
+            ax.axvline(estimate.used, color=colour, linewidth=0.8, linestyle=":")
+    _draw_stopping_points(ax, estimates[0], histories.stopping_points)
+    _limit_axes(ax, histories)
     legend_below(ax)
     return ax
 
 
-def _draw_stops(ax: Any, one: Course, stopped: Sequence[Stop]) -> None:
-    for found, marker, colour in zip(stopped, MARKERS, COLOURS[2:], strict=False):
-        if found.samples is None or found.samples > len(one.value):
-            ax.plot([], [], " ", label=f"{found.rule}: not within {len(one.value)}")
+def _draw_stopping_points(
+    ax: Any, estimate: RunningEstimate, points: Sequence[StoppingPoint]
+) -> None:
+    available = len(estimate.objective)
+    for point, marker, colour in zip(points, MARKERS, COLOURS[2:], strict=False):
+        if point.samples is None or point.samples > available:
+            ax.plot([], [], " ", label=f"{point.rule}: not within {available}")
             continue
         ax.plot(
-            found.samples,
-            one.value[found.samples - 1],
+            point.samples,
+            estimate.objective[point.samples - 1],
             marker,
             color=colour,
             markeredgecolor="black",
             markersize=7,
             zorder=4,
-            label=f"{found.rule}: {found.samples}",
+            label=f"{point.rule}: {point.samples}",
         )
 
 
-def _interval(one: Course, least: float) -> tuple[Floats, Floats]:
-    return np.maximum(least, one.value - one.half), one.value + one.half
+def _interval(estimate: RunningEstimate, least: float) -> tuple[Floats, Floats]:
+    lower = np.maximum(least, estimate.objective - estimate.half_width)
+    return lower, estimate.objective + estimate.half_width
 
 
-def _limit(ax: Any, courses: Sequence[Course], least: float) -> None:
-    """Show all means, and intervals from the tenth sample on: those of fewer are wide."""
-    longest = max(len(one.value) for one in courses)
+def _limit_axes(ax: Any, histories: EnsembleHistories) -> None:
+    """Show all objectives, and intervals from the tenth sample on: those of fewer are wide."""
+    longest = max(len(estimate.objective) for estimate in histories.estimates)
     ends = [
         end[np.isfinite(end)]
-        for one in courses
-        for end in (one.value, *(end[WIDE:] for end in _interval(one, least)))
+        for estimate in histories.estimates
+        for end in (
+            estimate.objective,
+            *(end[WIDE_INTERVALS:] for end in _interval(estimate, histories.least)),
+        )
     ]
     values = np.concatenate(ends)
-    room = 0.05 * (float(np.ptp(values)) or 1.0)
-    ax.set_ylim(float(values.min()) - room, float(values.max()) + room)
-    if longest > 60:
+    margin = 0.05 * (float(np.ptp(values)) or 1.0)
+    ax.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
+    if longest > LOGARITHMIC_COUNT:
         ax.set_xscale("log")
         ax.set_xlim(1, longest * 1.05)
 
 
-def draw_campaign(ax: Any, data: CampaignData) -> Any:
-    """Draw those of the best strings of a campaign, and return the axes."""
-    shown = _shown(data)
-    courses = [course(data, string) for string in shown]
-    stopped = stops(data, shown[0]) if shown else []
-    return draw_ensembles(ax, courses, stopped, objective_label(data), objective_of(data).least)
+class SampleCounts(NamedTuple):
+    """Samples that each of n strings was judged by.
+
+    Attributes
+    ----------
+    used
+        Shape (n,).
+    at_maximum
+        Whether `max_samples` ended the ensemble and not its rule, shape (n,).
+    unused
+        Samples simulated ahead of decisions that did not need them.
+    """
+
+    used: NDArray[np.int64]
+    at_maximum: NDArray[np.bool_]
+    unused: int
 
 
-def _shown(data: CampaignData) -> list[int]:
-    """Best strings that have completed samples."""
-    return [i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == 1).any()][
-        :SHOWN
+def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
+    """Draw a histogram of the samples per string, and return the axes."""
+    used, at_maximum = counts.used, counts.at_maximum
+    style_axes(ax)
+    ax.set_xlabel("samples of a string")
+    ax.set_ylabel("strings")
+    low, high = int(used.min()), int(used.max())
+    width = max(1, -(-(high - low + 1) // BINS))
+    edges = np.arange(low, high + width + 1, width) - 0.5
+    parts = [
+        ("ended by the stopping rule", ~at_maximum, COLOURS[5]),
+        ("at max_samples", at_maximum, COLOURS[1]),
     ]
-
-
-def pictures(data: CampaignData) -> Iterator[Picture]:
-    """Yield the picture of a campaign's best strings, if they have samples."""
-    if not _shown(data):
-        return
-
-    def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_campaign(figure.subplots(), data)
-
-    yield Picture(
-        "ensembles",
-        "Running objective of the best strings with its 95 % interval. Marks: where each stopping "
-        "rule would have ended the samples of the best. Left of a dotted line are the samples that "
-        "the search saw, right of it those that ran ahead and fresh ones.",
-        draw,
-        TALL,
+    parts = [part for part in parts if part[1].any()]
+    ax.hist(
+        [used[chosen] for _, chosen, _ in parts],
+        bins=edges,
+        stacked=True,
+        color=[colour for *_, colour in parts],
+        label=[f"{name}: {int(chosen.sum())}" for name, chosen, _ in parts],
+        edgecolor="white",
+        linewidth=0.4,
     )
+    mean = float(used.mean())
+    ax.axvline(mean, color=COLOURS[6], linestyle="--", linewidth=1.2, label=f"mean {mean:.4g}")
+    integer_ticks(ax.xaxis)
+    integer_ticks(ax.yaxis)
+    legend_below(ax, 3)
+    return ax
+
+
+def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
+    completed = [
+        i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == COMPLETED).any()
+    ]
+    shown = completed[:STRINGS]
+    if not shown:
+        return None
+    return EnsembleHistories(
+        [running_estimate(data, string) for string in shown],
+        stopping_points(data, shown[0]),
+        objective_label(data),
+        objective_of(data).least,
+    )
+
+
+def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
+    used = data.result_rows()["samples_used"]
+    if not len(used):
+        return None
+    searched = int((data.all_sample_rows()["sample"] < data.fresh_from).sum())
+    return SampleCounts(
+        used, data.result_rows()["hit_maximum"] == 1, max(0, searched - int(used.sum()))
+    )
+
+
+def _counts_caption(counts: SampleCounts) -> str:
+    return (
+        f"Samples that the strings were judged by; {counts.unused} more were simulated ahead of a "
+        "decision and not needed. The papers took 125 [A] and 11.84 [B] on average."
+    )
+
+
+ENSEMBLES: Final = Figure(
+    "ensembles",
+    "samples",
+    _ensembles_data,
+    draw_ensembles,
+    "Running objective of the best strings with its 95 % interval. Marks: where each stopping "
+    "rule would have ended the samples of the best. Left of a dotted line are the samples that "
+    "the search saw, right of it those that ran ahead and fresh ones.",
+    (7.2, 5.4),
+    empty="no string has samples yet",
+)
+
+SAMPLES_PER_STRING: Final = Figure(
+    "samples_per_string",
+    "samples",
+    _counts_data,
+    draw_sample_counts,
+    _counts_caption,
+    empty="no string is judged yet",
+)

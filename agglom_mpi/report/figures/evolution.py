@@ -1,11 +1,11 @@
-"""How one run evolves: number and size of the particles, granular temperature, temperature."""
+"""Number and size of the particles of one run, granular temperature and temperature over time."""
 
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.picture import COLOURS
+from agglom_mpi.report.drawing import COLOURS
 from agglom_mpi.simulation.frames import Frames
 
 if TYPE_CHECKING:
@@ -13,23 +13,23 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-FEW: Final = 40
+MAX_MARKED: Final = 40
 """Frames up to which each is marked: between them nothing is known."""
-LOGARITHMIC: Final = 15.0
+LOGARITHMIC_RATIO: Final = 15.0
 """Ratio of the largest to the smallest granular temperature from which its axis is logarithmic."""
-PANEL: Final = 1.5
-"""Inches of a panel, high."""
+PANEL_HEIGHT: Final = 1.5
+"""Height of a panel, inches."""
 
 
 class Evolution(NamedTuple):
-    """A run at the times of its F frames, arrays of shape (F,).
+    """Averages over the particles of one run at F times, arrays of shape (F,).
 
     Attributes
     ----------
     times
         s.
     particles
-        Particles there are.
+        Number of particles.
     mean_radius_ratio
         Mean of b/b⁰ over them.
     granular_temperature
@@ -46,7 +46,7 @@ class Evolution(NamedTuple):
     mean_temperature: Floats
 
 
-_LABELS: Final = {
+AXIS_LABELS: Final = {
     "particles": "particles",
     "mean_radius_ratio": "mean radius\n$b/b^0$",
     "granular_temperature": "granular\ntemperature\n(m²/s²)",
@@ -55,15 +55,15 @@ _LABELS: Final = {
 
 
 def evolution(frames: Frames) -> Evolution:
-    """Return how the particles in frames evolve, of which the first shows the equal grains."""
-    there = frames.grains > 0
-    mass = np.where(there, frames.masses, 0.0)
+    """Return averages over the particles of frames, the first of which shows the equal grains."""
+    present = frames.grains > 0
+    mass = np.where(present, frames.masses, 0.0)
     total = mass.sum(axis=1)
-    velocity = np.where(there[..., None], frames.velocities, 0.0)
+    velocity = np.where(present[..., None], frames.velocities, 0.0)
     flow = np.einsum("fn,fnk->fk", mass, velocity) / total[:, None]
     square = np.sum((velocity - flow[:, None]) ** 2, axis=2)
     square[frames.particles == 1] = 0.0  # but for rounding
-    heat = mass * np.where(there, frames.temperatures, 0.0)
+    heat = mass * np.where(present, frames.temperatures, 0.0)
     return Evolution(
         times=frames.times,
         particles=frames.particles,
@@ -73,19 +73,19 @@ def evolution(frames: Frames) -> Evolution:
     )
 
 
-def changing(run: Evolution) -> list[str]:
-    """Name what to show: the temperature only where it changes by more than rounding."""
+def shown_quantities(run: Evolution) -> list[str]:
+    """Return the quantities to show: the temperature only if it changes by more than rounding."""
     low, high = run.mean_temperature.min(), run.mean_temperature.max()
-    return [name for name in _LABELS if name != "mean_temperature" or high - low > 1e-9 * high]
+    return [name for name in AXIS_LABELS if name != "mean_temperature" or high - low > 1e-9 * high]
 
 
 def evolution_size(run: Evolution) -> tuple[float, float]:
-    """Width and height in inches of the figure of a run."""
-    return 6.0, PANEL * len(changing(run)) + 0.5
+    """Return width and height in inches of the figure of a run."""
+    return 6.0, PANEL_HEIGHT * len(shown_quantities(run)) + 0.5
 
 
 def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
-    """Draw a run against time, one panel below the other.
+    """Draw averages over a run against time, one panel below the other.
 
     Parameters
     ----------
@@ -96,16 +96,16 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
     Returns
     -------
     numpy.ndarray
-        The axes, of as many panels as `changing` names.
+        The axes, one for each of `shown_quantities`.
     """
-    names = changing(run)
+    names = shown_quantities(run)
     axes = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
-    size, unit = _time_unit(run.times[-1])
-    mark = "o" if len(run.times) <= FEW else None
+    factor, unit = _time_unit(run.times[-1])
+    mark = "o" if len(run.times) <= MAX_MARKED else None
     for ax, name, colour in zip(axes, names, COLOURS, strict=False):
         values = getattr(run, name)
-        ax.plot(run.times / size, values, color=colour, marker=mark, markersize=4, clip_on=False)
-        ax.set_ylabel(_LABELS[name])
+        ax.plot(run.times / factor, values, color=colour, marker=mark, markersize=4, clip_on=False)
+        ax.set_ylabel(AXIS_LABELS[name])
         ax.grid(True, color="0.9", linewidth=0.6)
         ax.spines[["top", "right"]].set_visible(False)
         _scale(ax, name, values)
@@ -119,7 +119,7 @@ def _scale(ax: Any, name: str, values: Floats) -> None:
     from matplotlib.ticker import MaxNLocator
 
     positive = values[values > 0.0]
-    wide = len(positive) and positive.max() > LOGARITHMIC * positive.min()
+    wide = len(positive) and positive.max() > LOGARITHMIC_RATIO * positive.min()
     if name == "granular_temperature" and wide:
         ax.set_yscale("log")
         return
@@ -129,7 +129,7 @@ def _scale(ax: Any, name: str, values: Floats) -> None:
 
 
 def _time_unit(last: float) -> tuple[float, str]:
-    """Size in s and name of the multiple of a second that suits times up to the last."""
+    """Return the factor and the name of the multiple of a second that suits times up to `last`."""
     from matplotlib.ticker import EngFormatter
 
     power = int(np.clip(3 * np.floor(np.log10(last) / 3), -24, 0)) if last > 0.0 else 0

@@ -1,46 +1,48 @@
-"""The best strings as the search believed them, and on fresh samples."""
+"""The best strings by the samples that the search used, and on fresh samples."""
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.analysis.estimates import Estimate, half_width
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.report.figures.axes import grid, legend_below, objective_label, say
-from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.storage.reader import CampaignData
 
-if TYPE_CHECKING:
-    import matplotlib.figure
 
+class Finalists(NamedTuple):
+    """Estimates of n strings on fresh samples, and the errors of the search's own objectives.
 
-def draw_finalists(
-    ax: Any,
-    estimates: Sequence[Estimate],
-    searched_half: np.ndarray,
-    objective: str = "objective (1)",
-) -> Any:
-    """Draw n estimates beside the search's own values, with 95 % intervals; return the axes.
-
-    Parameters
+    Attributes
     ----------
-    searched_half
-        Half the interval of the search's own values, shape (n,).
+    estimates
+        In order of rank.
+    searched_half_width
+        Half of the 95 % interval of the search's own objectives, shape (n,).
+    objective_label
+        Name of the objective, with its unit.
     """
-    grid(ax)
-    ax.set_xlabel(objective)
-    if not estimates:
-        say(ax, "no string has been estimated again")
-        return ax
+
+    estimates: Sequence[Estimate]
+    searched_half_width: np.ndarray
+    objective_label: str = "objective (1)"
+
+
+def draw_finalists(ax: Any, finalists: Finalists) -> Any:
+    """Draw estimates beside the search's own objectives, with 95 % intervals; return the axes."""
+    estimates, half, label = finalists
+    style_axes(ax)
+    ax.set_xlabel(label)
     place = np.arange(len(estimates))
     value = np.array([e.objective for e in estimates])
     ends = np.array([(e.lower, e.upper) for e in estimates]).T
-    own = np.array([e.searched_objective for e in estimates])
+    searched = np.array([e.searched_objective for e in estimates])
     ax.errorbar(
-        own,
+        searched,
         place - 0.12,
-        xerr=np.abs([np.minimum(searched_half, own), searched_half]),
+        xerr=np.abs([np.minimum(half, searched), half]),
         fmt="o",
         color=COLOURS[1],
         markerfacecolor="white",
@@ -63,28 +65,23 @@ def draw_finalists(
     return ax
 
 
-def of_data(data: CampaignData) -> tuple[list[Estimate], np.ndarray]:
-    """Return the estimates of a campaign, and half the intervals of the search's own values."""
+def _finalists_data(data: CampaignData, _: FigureOptions) -> Finalists | None:
     known = [estimate for estimate in rank_strings(data).estimates if estimate.known]
+    if not known:
+        return None
     rows = [rank_strings(data).results[estimate.string] for estimate in known]
     counts = np.array([row["samples_used"] - row["failed"] for row in rows], int)
     errors = np.array([estimate.searched_standard_error for estimate in known], float)
-    return known, half_width(errors, counts)
+    return Finalists(known, half_width(errors, counts), objective_label(data))
 
 
-def pictures(data: CampaignData) -> Iterator[Picture]:
-    """Yield the picture of a campaign, if strings were estimated again."""
-    estimates, half = of_data(data)
-    if not estimates:
-        return
-
-    def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_finalists(figure.subplots(), estimates, half, objective_label(data))
-
-    yield Picture(
-        "finalists",
-        "The best strings with 95 % intervals: as the search had them, chosen for being low, and "
-        "on fresh samples that no decision has seen.",
-        draw,
-        (6.0, 1.6 + 0.4 * len(estimates)),
-    )
+FINALISTS: Final = Figure(
+    "finalists",
+    "answer",
+    _finalists_data,
+    draw_finalists,
+    "The best strings with 95 % intervals: as the search had them, chosen for being low, and "
+    "on fresh samples that no decision has seen.",
+    lambda finalists: (6.0, 1.6 + 0.4 * len(finalists.estimates)),
+    empty="no string has been estimated again",
+)

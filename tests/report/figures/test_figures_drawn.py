@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from campaign_runs import SMALL, write_campaign
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.report.figures import busy, convergence, counts, ensembles, finalists, parallel
+from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.figures import FIGURES, convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
-from agglom_mpi.report.figures.radii import draw_radii
-from agglom_mpi.report.page import Writer
-from agglom_mpi.report.picture import Picture, write_picture
+from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import prepare
 
 PLOTS = ("convergence", "cost", "radii", "best", "ensembles", "finalists", "samples", "busy")
 
@@ -85,57 +88,56 @@ def test_particles_are_coloured_by_temperature_where_it_differs():
 )
 def test_the_mean_of_the_best_is_drawn_if_it_is_of_several(tops, labels):
     ax, two = Figure().subplots(), np.array([0.2, 0.1])
-    found = convergence.History(np.array([1, 2]), two, two, two, two, two, tops)
+    found = convergence.ConvergenceHistory(np.array([1, 2]), two, two, two, two, two, tops)
     convergence.draw_convergence(ax, found)
     assert ax.get_legend_handles_labels()[1] == labels
 
 
-def test_empty_figures_say_why():
-    ax = Figure().subplots()
-    none = np.zeros(0)
-    empty = convergence.History(none, none, none, none, none, none, 0)
-    for draw, words in (
-        (lambda: convergence.draw_convergence(ax, empty), "no generation"),
-        (lambda: ensembles.draw_ensembles(ax, [], []), "no string"),
-        (lambda: counts.draw_counts(ax, np.zeros(0, int), np.zeros(0, bool)), "no string"),
-        (lambda: busy.draw_busy(ax, None), "no sample"),
-        (lambda: finalists.draw_finalists(ax, [], none), "no string"),
-        (lambda: parallel.draw_parallel(ax, [], np.zeros((0, 0)), []), "no string"),
-        (lambda: draw_radii(ax, None), "no completed sample"),
-    ):
-        ax.clear()
-        assert draw() is ax
-        assert words in " ".join(text.get_text() for text in ax.texts)
+@pytest.fixture
+def empty_data(tmp_path):
+    """Return the rows of a campaign that has not begun."""
+    write_campaign(tmp_path / "small.yaml", **SMALL)
+    experiment = InversionExperiment(load_campaign(tmp_path / "small.yaml"))
+    prepare(tmp_path / "small.h5", experiment, accept_code_change=False)
+    return open_campaign(tmp_path / "small.h5").snapshot()
 
 
-def test_no_label_of_a_figure_is_clipped(finished, tmp_path, monkeypatch):
-    outside = []
+@pytest.mark.parametrize("name", [name for name in FIGURES if name != "cloud"])
+def test_an_empty_figure_says_why_and_is_not_on_the_page(empty_data, name):
+    figure = FIGURES[name]
+    assert figure.drawing(empty_data, FigureOptions()) is None
+    target = Figure() if figure.panels else Figure().subplots()
+    axes = np.ravel(figure.plot(empty_data, target, FigureOptions()))
+    assert [text.get_text() for text in axes[0].texts] == [figure.empty]
 
-    def check(directory, picture):
-        figure = Figure(figsize=picture.size, layout="constrained")
+
+def test_a_cloud_of_nothing_cannot_be_drawn(empty_data):
+    with pytest.raises(ValueError, match="no string is judged yet"):
+        FIGURES["cloud"].plot(empty_data, Figure(), FigureOptions())
+
+
+def test_no_label_of_a_figure_is_clipped(finished):
+    data, outside = open_campaign(finished).snapshot(), []
+    drawn = [f for f in FIGURES.values() if not f.on_request]
+    for drawing in (figure.drawing(data, FigureOptions()) for figure in drawn):
+        figure = Figure(figsize=drawing.size, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        picture.draw(figure)
+        drawing.draw(figure)
         canvas.draw()
         found = figure.get_tightbbox(canvas.get_renderer())
         slack = 0.02  # inches, less than a letter's side
         if min(found.x0, found.y0) < -slack or np.any(
-            np.array([found.x1, found.y1]) > np.array(picture.size) + slack
+            np.array([found.x1, found.y1]) > np.array(drawing.size) + slack
         ):
-            outside.append((picture.name, found))
-        for suffix in ("png", "svg"):  # what is shown of it is not looked at
-            (directory / f"{picture.name}.{suffix}").touch()
-
-    monkeypatch.setattr("agglom_mpi.report.page.write_picture", check)
-    writer = Writer(open_campaign(finished).snapshot(), tmp_path)
-    assert list(writer.sections(simulate=True, sensitivity=False))
-    assert writer.count == 10
+            outside.append((drawing.name, found))
+    assert len(drawn) == 10
     assert outside == []
 
 
-def test_a_picture_that_cannot_be_drawn_leaves_nothing(tmp_path):
+def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
     def fail(figure):
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        write_picture(tmp_path, Picture("bad", "", fail))
+        write_drawing(tmp_path, Drawing("bad", "", fail))
     assert list(tmp_path.iterdir()) == []

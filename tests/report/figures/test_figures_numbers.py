@@ -7,10 +7,17 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.report import sample_frames as again
-from agglom_mpi.report.figures import busy, convergence, ensembles, paths
-from agglom_mpi.report.figures.axes import in_unit
-from agglom_mpi.report.published import ACCRETION, AGGLOMERATION, paper_of
+from agglom_mpi.report import sample_particles
+from agglom_mpi.report.drawing import scaled_unit
+from agglom_mpi.report.figures import convergence, ensembles, search_space
+from agglom_mpi.report.figures.utilisation import (
+    Leg,
+    busy_time,
+    legs_of,
+    utilisation,
+    utilisation_of,
+)
+from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION, matching_paper
 from agglom_mpi.statistics import t_95
 
 
@@ -20,34 +27,35 @@ def data(finished):
 
 
 def test_the_history_is_that_of_the_generations(data):
-    found = convergence.history(data)
+    found = convergence.convergence_history(data)
     rows, results = data.generation_rows(), rank_strings(data).results
     assert found.generation.tolist() == [1, 2, 3]
     assert found.best.tolist() == rows["best_objective"].tolist()
     for g, row in enumerate(rows):
         top = [results[i] for i in row["population"][: row["top"]].tolist()]
-        assert found.top[g] == pytest.approx(np.mean([r["objective"] for r in top]), rel=1e-12)
+        assert found.top_mean[g] == pytest.approx(np.mean([r["objective"] for r in top]), rel=1e-12)
         error = np.sqrt(sum(r["standard_error"] ** 2 for r in top)) / len(top)
-        assert found.top_half[g] == pytest.approx(1.96 * error, rel=1e-12)
+        assert found.top_half_width[g] == pytest.approx(1.96 * error, rel=1e-12)
         best = results[int(row["best_string"])]
         half = t_95(int(best["samples_used"]) - 1) * best["standard_error"]
-        assert found.best_half[g] == pytest.approx(half, rel=1e-12)
+        assert found.best_half_width[g] == pytest.approx(half, rel=1e-12)
 
 
 def test_a_running_objective_passes_through_what_the_search_decided(data):
     for string in rank_strings(data).order:
         result = rank_strings(data).results[string]
-        course = ensembles.course(data, string)
-        at = course.seen - 1
-        assert course.seen == result["samples_used"] - result["failed"]
-        assert course.value[at] == pytest.approx(result["objective"], rel=1e-12)
+        estimate = ensembles.running_estimate(data, string)
+        assert estimate.used == result["samples_used"] - result["failed"]
+        assert estimate.objective[estimate.used - 1] == pytest.approx(
+            result["objective"], rel=1e-12
+        )
 
 
 def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
     checked = 0
     for string in rank_strings(data).order:
         result = rank_strings(data).results[string]
-        own = ensembles.stops(data, string)[0]
+        own = ensembles.stopping_points(data, string)[0]
         assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
         if not result["hit_maximum"]:
             assert own.samples == result["samples_used"] - result["failed"]
@@ -56,19 +64,19 @@ def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
 
 
 def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(data):
-    for path in paths.paths(data):
+    for path in search_space.variable_paths(data):
         ids = data.generation_rows()["best_string"]
         assert path.best.tolist() == [data.values([i], path.name)[0] for i in ids]
         assert (path.least <= path.best).all()
         assert (path.best <= path.most).all()
-        assert path.lower <= path.tried.min() <= path.tried.max() <= path.upper
+        assert path.lower <= path.evaluated.min() <= path.evaluated.max() <= path.upper
 
 
 def test_samples_simulated_again_are_the_recorded_ones(data):
     string = rank_strings(data).order[0]
-    found = again.final_radii(data, string)
+    found = sample_particles.final_radii(data, string)
     assert "identical to the recorded ones" in found.source
-    rows = again.chosen(data, string)
+    rows = sample_particles.completed_samples(data, string)
     assert (rows["sample"] >= data.fresh_from).all()
     assert found.samples == len(rows) == 12
     assert len(found.values) == rows["particles"].sum()
@@ -77,44 +85,44 @@ def test_samples_simulated_again_are_the_recorded_ones(data):
         assert moment == pytest.approx(np.mean(away**order), rel=1e-10)
 
 
-def test_pictures_are_taken_of_a_sample_from_its_start_to_its_end(data):
-    film = again.frames_of(data, rank_strings(data).order[0])
-    rows = data.sample_rows(film.string)
-    [row] = rows[rows["sample"] == film.sample]
-    assert film.frames.times[0] == 0.0
-    assert film.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
-    assert film.frames.particles[-1] == row["particles"]
-    shown = again.informative_frames(film.frames)
+def test_frames_are_taken_of_a_sample_from_its_start_to_its_end(data):
+    sample = sample_particles.frames_of(data, rank_strings(data).order[0])
+    rows = data.sample_rows(sample.string)
+    [row] = rows[rows["sample"] == sample.sample]
+    assert sample.frames.times[0] == 0.0
+    assert sample.frames.times[-1] == pytest.approx(row["end_time"], rel=1e-12)
+    assert sample.frames.particles[-1] == row["particles"]
+    shown = sample_particles.informative_frames(sample.frames)
     assert shown == [0, 1, 2, 3, 4, 5]
 
 
-def test_pictures_that_are_shown_of_many_are_where_particles_bond():
+def test_frames_that_are_shown_of_many_are_where_particles_bond():
     counts = np.array([1000, 500, 100, 11, *[10] * 96])
     frames = type("Frames", (), {"particles": counts})
-    shown = again.informative_frames(frames)
+    shown = sample_particles.informative_frames(frames)
     assert shown[:4] == [0, 1, 2, 3]
     assert shown[-1] == 99
-    assert len(shown) == again.FRAMES
+    assert len(shown) == sample_particles.FRAMES
 
 
 def test_busy_time_is_the_time_in_which_work_overlaps_each_interval():
     edges = 1.7e9 + np.array([0.0, 1.0, 3.0, 4.0])
     begin, end = 1.7e9 + np.array([0.5, 0.0, 2.0]), 1.7e9 + np.array([2.5, 1.0, 6.0])
-    found = busy.busy_time(edges, begin, end)
+    found = busy_time(edges, begin, end)
     np.testing.assert_allclose(found, [0.5 + 1.0, 1.5 + 1.0, 1.0], atol=1e-5)
 
 
-def test_ranks_that_always_work_are_busy_all_the_time():
-    legs = [busy.Leg(100.0, 200.0, 2), busy.Leg(500.0, 520.0, 2)]
+def test_ranks_that_always_work_are_fully_utilised():
+    legs = [Leg(100.0, 200.0, 2), Leg(500.0, 520.0, 2)]
     finished = np.concatenate([np.arange(101.0, 201.0), np.arange(501.0, 521.0)])
     both, rank = np.tile(finished, 2), np.repeat([0, 1], len(finished))
-    found = busy.load(legs, both, np.ones(len(both)), rank)
+    found = utilisation(legs, both, np.ones(len(both)), rank)
     for share in (found.mean, found.least, found.most):
         np.testing.assert_allclose(share, 1.0, atol=1e-9)
-    assert found.share == pytest.approx(1.0)
-    assert found.seams == [100.0]
+    assert found.overall == pytest.approx(1.0)
+    assert found.leg_boundaries == [100.0]
     assert found.edges[-1] == pytest.approx(120.0)
-    half = busy.load(legs, finished, np.ones(len(finished)), np.zeros(len(finished), int))
+    half = utilisation(legs, finished, np.ones(len(finished)), np.zeros(len(finished), int))
     np.testing.assert_allclose(half.mean, 0.5, atol=1e-9)
     np.testing.assert_allclose(half.least, 0.0, atol=1e-9)
 
@@ -124,16 +132,16 @@ def test_a_leg_that_was_killed_lasts_until_its_last_sample():
         [(10.0, np.nan, 2), (50.0, 60.0, 4)],
         [("started", float), ("stopped", float), ("ranks", int)],
     )
-    legs = busy.legs_of(rows, np.array([12.0, 31.0, 55.0]))
-    assert legs == [busy.Leg(10.0, 31.0, 2), busy.Leg(50.0, 60.0, 4)]
+    legs = legs_of(rows, np.array([12.0, 31.0, 55.0]))
+    assert legs == [Leg(10.0, 31.0, 2), Leg(50.0, 60.0, 4)]
 
 
-def test_the_busy_share_is_that_of_the_recorded_legs(data):
-    found = busy.of_data(data)
+def test_the_utilisation_is_that_of_the_recorded_legs(data):
+    found = utilisation_of(data)
     [leg] = data.legs()
     recorded = leg["busy_seconds"] / (leg["stopped"] - leg["started"]) / leg["ranks"]
-    assert found.share == pytest.approx(recorded, rel=0.01)
-    assert 0.0 < found.share <= 1.0
+    assert found.overall == pytest.approx(recorded, rel=0.01)
+    assert 0.0 < found.overall <= 1.0
 
 
 @pytest.mark.parametrize(
@@ -141,14 +149,14 @@ def test_the_busy_share_is_that_of_the_recorded_legs(data):
     [("accretion_2003", "[A]"), ("agglomeration_2004", "[B]"), ("quickstart", None)],
 )
 def test_the_papers_campaigns_are_recognised(job, paper):
-    found = paper_of(load_campaign(f"jobs/{job}.yaml").identity())
+    found = matching_paper(load_campaign(f"jobs/{job}.yaml").identity())
     assert found is None if paper is None else found.startswith(paper)
 
 
 def test_a_scene_of_another_size_is_not_the_papers():
     identity = load_campaign("jobs/accretion_2003.yaml").identity()
-    assert paper_of(identity | {"scene.particles": 101}) is None
-    assert paper_of(identity | {"variables.density.1": 2e4}) is None
+    assert matching_paper(identity | {"scene.particles": 101}) is None
+    assert matching_paper(identity | {"variables.density.1": 2e4}) is None
 
 
 def test_the_published_numbers_agree_with_each_other_as_the_paper_prints_them():
@@ -169,7 +177,7 @@ def test_the_published_strings_lie_in_the_papers_boxes():
                 if column.name == "objective":
                     continue
                 low, high = (identity[f"variables.{column.name}.{end}"] for end in (0, 1))
-                values = [row[place] * column.scale for row in table.rows]
+                values = [row[place] * column.unit for row in table.rows]
                 slack = 1.0 + 1e-9
                 assert low / slack <= min(values), column
                 assert max(values) <= high * slack, column
@@ -179,11 +187,11 @@ def test_the_published_strings_lie_in_the_papers_boxes():
     ("value", "said"),
     [(0.0, "0 s"), (0.0123, "12.3 ms"), (999.7, "1 ks"), (1e-6, "1 µs"), (3e-20, "3e-20 s")],
 )
-def test_a_quantity_is_said_in_the_multiple_that_suits_it(value, said):
+def test_a_quantity_has_the_prefix_that_suits_it(value, said):
     assert value_with_prefix(value, "s") == said
 
 
 def test_only_joules_and_pascals_get_a_prefix():
-    assert in_unit("J/m^2", 1e7) == (1e6, "MJ/m²")
-    assert in_unit("K", 1e7) == (1.0, "K")
-    assert in_unit("J/mol", 1000.0) == (1.0, "J/mol")
+    assert scaled_unit("J/m^2", 1e7) == (1e6, "MJ/m²")
+    assert scaled_unit("K", 1e7) == (1.0, "K")
+    assert scaled_unit("J/mol", 1000.0) == (1.0, "J/mol")

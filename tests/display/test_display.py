@@ -11,12 +11,12 @@ import pytest
 from campaign_runs import environment, inject, invert, need_mpirun, wait_until, write_campaign
 from held_runs import allow, held
 from screens import screen, started_on, watched
-from test_report_progress import FULL
+from test_progress import FULL
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.display import display as module
 from agglom_mpi.display.display import Display
-from agglom_mpi.display.progress import in_words
+from agglom_mpi.display.progress import log_line
 from agglom_mpi.search.decisions import GenerationSummary
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
@@ -24,9 +24,9 @@ SHOWS_ALL = """
 import agglom_mpi.runtime.coordinator as coordinator
 import agglom_mpi.display.display as display
 
-coordinator.TICK, display.INTERVAL = 0.0, 1e9
+coordinator.TICK, display.LOG_INTERVAL = 0.0, 1e9
 """
-"""Shows how it goes whenever there are new samples, and never logs that nothing was said."""
+"""Updates the display whenever there are new samples, and never logs progress."""
 
 BIN = Path(sys.executable).parent
 
@@ -139,7 +139,7 @@ def test_without_a_terminal_there_are_log_lines(folder, ranks, monkeypatch):
         options = {"ranks": ranks, "inject": folder / "shows", "TERM": "xterm"}
     (folder / "brief.h5").unlink(missing_ok=True)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(module, "INTERVAL", 1e9)
+    monkeypatch.setattr(module, "LOG_INTERVAL", 1e9)
     done = invert(folder, "brief.yaml", **options)
     assert done.returncode == 0
     errors = done.stderr
@@ -205,19 +205,19 @@ class Clock:
         monkeypatch.setattr(module.time, "monotonic", lambda: self.now)
 
 
-def test_a_log_says_how_it_goes_when_nothing_was_said_for_long(monkeypatch, capsys):
+def test_progress_is_logged_when_nothing_was_logged_for_long(monkeypatch, capsys):
     clock, display = Clock(monkeypatch), Display()
     with display:
         for _ in range(4 * 86400):
             clock.now += 0.5
             display.tick(FULL)
     logged = capsys.readouterr().err.splitlines()
-    assert set(logged) == {in_words(FULL)}
+    assert set(logged) == {log_line(FULL)}
     # One in 20 s for 1000 s, and then one in each 2 % more time: 50 + ln(172.8) / ln(1.02).
     assert 50 + 250 < len(logged) < 50 + 270
 
 
-def test_a_log_that_says_something_needs_no_more(monkeypatch, capsys):
+def test_progress_is_not_logged_soon_after_something_else(monkeypatch, capsys):
     clock, display = Clock(monkeypatch), Display()
     summary = GenerationSummary(0, 3, np.inf, np.nan, np.inf, np.arange(4), 4, 20)
     with display:

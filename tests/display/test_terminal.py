@@ -2,9 +2,9 @@ import sys
 
 import pytest
 from screens import screen
-from test_report_progress import FULL, shown
+from test_progress import FULL, shown
 
-from agglom_mpi.display.terminal import Live, Terminal
+from agglom_mpi.display.terminal import LiveLines, Terminal
 
 
 @pytest.fixture(params=[120, 80, 40])
@@ -13,9 +13,18 @@ def opened(request):
         yield opened
 
 
+def stream_to(opened, encoding="utf-8"):
+    return open(opened.slave, "w", encoding=encoding, closefd=False)
+
+
 def live_on(opened, in_foreground=lambda: True, encoding="utf-8"):
-    stream = open(opened.slave, "w", encoding=encoding, closefd=False)  # noqa: SIM115
-    return Live(Terminal(stream, in_foreground))
+    return LiveLines(Terminal(stream_to(opened, encoding), in_foreground))
+
+
+def write(opened, text):
+    """Write to a terminal as another process does."""
+    with stream_to(opened) as stream:
+        stream.write(text)
 
 
 def columns(opened):
@@ -24,9 +33,9 @@ def columns(opened):
 
 def test_the_lines_are_shown_below_two_empty_ones_and_messages_above(opened):
     live = live_on(opened)
-    live.show(FULL)
-    live.show(FULL._replace(done=13))
-    live.say("a message")
+    live.draw(FULL)
+    live.draw(FULL._replace(done=13))
+    live.print_above("a message")
     wanted = shown(FULL._replace(done=13), columns(opened))
     assert opened.read() == ["a message", "", "", *wanted]
     assert opened.cursor == (0, 1)
@@ -34,25 +43,25 @@ def test_the_lines_are_shown_below_two_empty_ones_and_messages_above(opened):
 
 def test_fewer_lines_than_before_leave_nothing_behind(opened):
     live = live_on(opened)
-    live.show(FULL)
-    less = FULL._replace(best=None, failed=0, left=None, note="")
-    live.show(less)
+    live.draw(FULL)
+    less = FULL._replace(best=None, failed=0, remaining=None, note="")
+    live.draw(less)
     assert opened.read() == ["", "", *shown(less, columns(opened))]
 
 
 def test_nothing_is_left_when_it_stops(opened):
     live = live_on(opened)
-    live.say("before")
-    live.show(FULL)
-    live.stop()
-    live.say("after")
+    live.print_above("before")
+    live.draw(FULL)
+    live.erase()
+    live.print_above("after")
     assert opened.read() == ["before", "after"]
 
 
 def test_a_message_that_is_too_long_breaks_between_words(opened):
     live = live_on(opened)
-    live.show(FULL)
-    live.say(" ".join(["word"] * 40))
+    live.draw(FULL)
+    live.print_above(" ".join(["word"] * 40))
     said = opened.read()[: -len(shown(FULL, columns(opened))) - 2]
     assert len(said) > 1
     assert {word for line in said for word in line.split()} == {"word"}
@@ -62,11 +71,11 @@ def test_a_message_that_is_too_long_breaks_between_words(opened):
 def test_after_a_resize_there_is_nothing_but_the_lines(width):
     with screen(80, 20) as opened:
         live = live_on(opened)
-        live.say("before")
-        live.show(FULL)
+        live.print_above("before")
+        live.draw(FULL)
         opened.read()
         opened.resize(width, 20)
-        live.show(FULL)
+        live.draw(FULL)
         assert opened.read() == ["before", "", "", *shown(FULL, width)]
 
 
@@ -74,21 +83,21 @@ def test_lines_that_a_terminal_has_broken_are_overwritten():
     """A terminal that reflows keeps the cursor where it is: at the beginning of the first line."""
     with screen(40, 20) as opened:
         live = live_on(opened)
-        live.say("before")
+        live.print_above("before")
         for line in ["", "", *shown(FULL, 80)]:
-            live._write(f"{line}\r\n")
+            write(opened, f"{line}\r\n")
         opened.read()
-        live._write("\x1b[8A\r")  # two empty lines, and three of two rows each
-        live.show(FULL)
+        write(opened, "\x1b[8A\r")  # two empty lines, and three of two rows each
+        live.draw(FULL)
         assert opened.read() == ["before", "", "", *shown(FULL, 40)]
 
 
 def test_what_others_write_stays(opened):
     live = live_on(opened)
-    live.show(FULL)
-    live._write("^C[launcher] Sending Ctrl-C\r\n")
-    live.show(FULL)
-    live.stop()
+    live.draw(FULL)
+    write(opened, "^C[launcher] Sending Ctrl-C\r\n")
+    live.draw(FULL)
+    live.erase()
     assert opened.read() == ["^C[launcher] Sending Ctrl-C"]
 
 
@@ -96,23 +105,23 @@ def test_a_low_terminal_shows_what_fits():
     with screen(40, 5) as opened:
         live = live_on(opened)
         for _ in range(3):
-            live.show(FULL)
+            live.draw(FULL)
         assert opened.read() == ["", "", *shown(FULL, 40)[:2]]
 
 
 def test_in_the_background_nothing_is_drawn_and_messages_are_lines():
     with screen(80) as opened:
         live = live_on(opened, in_foreground=lambda: False)
-        live.show(FULL)
-        live.say("a message")
-        live.stop()
+        live.draw(FULL)
+        live.print_above("a message")
+        live.erase()
         assert opened.read() == ["a message"]
 
 
 def test_ascii_is_enough():
     with screen(80) as opened:
         live = live_on(opened, encoding="ascii")
-        live.show(FULL)
+        live.draw(FULL)
         opened.read()
         assert opened.raw.isascii()
         assert opened.lines == ["", "", *shown(FULL, 80, "ascii")]
@@ -120,11 +129,12 @@ def test_ascii_is_enough():
 
 def test_a_terminal_that_is_gone_does_not_end_the_run():
     with screen(80) as opened:
-        live = live_on(opened)
-        live.show(FULL)
-        live._terminal.stream.close()
-        live.show(FULL)
-        live.stop()
+        stream = stream_to(opened)
+        live = LiveLines(Terminal(stream, lambda: True))
+        live.draw(FULL)
+        stream.close()
+        live.draw(FULL)
+        live.erase()
 
 
 def test_a_refresh_takes_at_most_two_thousand_calls():
@@ -137,8 +147,8 @@ def test_a_refresh_takes_at_most_two_thousand_calls():
 
     with screen(120) as opened:
         live = live_on(opened)
-        live.show(FULL)
+        live.draw(FULL)
         sys.setprofile(count)
-        live.show(FULL)
+        live.draw(FULL)
         sys.setprofile(None)
     assert 100 < calls < 2000

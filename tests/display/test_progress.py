@@ -2,7 +2,14 @@ import math
 
 import pytest
 
-from agglom_mpi.display.progress import Best, Progress, clock, in_words, lines, per_second
+from agglom_mpi.display.progress import (
+    Best,
+    Progress,
+    format_clock,
+    format_rate,
+    log_line,
+    terminal_lines,
+)
 from agglom_mpi.display.remaining_time import RemainingTime
 
 FULL = Progress(
@@ -17,29 +24,29 @@ FULL = Progress(
     in_flight=24,
     failed=3,
     best=Best(762, 0.01234, 0.0045, 0.0201),
-    left=RemainingTime(187.0, 23.0),
-    at_most=True,
+    remaining=RemainingTime(187.0, 23.0),
+    may_end_sooner=True,
     note="a note",
 )
 
 
 def shown(progress, width, encoding="utf-8"):
-    return [line.plain for line in lines(progress, width, encoding)]
+    return [line.plain for line in terminal_lines(progress, width, encoding)]
 
 
-def test_all_that_is_known_is_said():
-    assert in_words(FULL) == (
+def test_all_that_is_known_is_shown():
+    assert log_line(FULL) == (
         "12/100 generations, 3:21, left at most 3 min ± 20 s, best 0.0123 ± 0.0045 (string 762), "
         "mean of top 0.0201, 3 samples failed, 129619 samples, 705/s, 97% busy, 5 strings open, "
         "24 in flight, a note"
     )
 
 
-def test_nothing_is_said_of_what_is_not_known():
-    assert in_words(Progress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
+def test_what_is_not_known_is_left_out():
+    assert log_line(Progress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
     worst = FULL._replace(best=Best(3, math.inf, math.nan, math.inf))
-    assert "best no result (string 3), 3 samples failed" in in_words(worst)
-    assert "left 3 min ± 20 s" in in_words(FULL._replace(at_most=False))
+    assert "best no result (string 3), 3 samples failed" in log_line(worst)
+    assert "left 3 min ± 20 s" in log_line(FULL._replace(may_end_sooner=False))
 
 
 @pytest.mark.parametrize("width", [*range(1, 130), 500])
@@ -47,7 +54,7 @@ def test_no_line_is_as_wide_as_the_terminal_and_nothing_is_lost_where_there_is_r
     found = shown(FULL, width)
     assert max(map(len, found)) < max(2, width)
     if width > 40:
-        for words in in_words(FULL).split(", "):
+        for words in log_line(FULL).split(", "):
             assert any(words in line for line in found)
 
 
@@ -72,8 +79,8 @@ def test_ascii_is_enough():
 
 def test_a_rate_has_two_digits():
     rates = (705.4, 10.0, 1.34, 0.0251)
-    assert [per_second(rate) for rate in rates] == ["705/s", "10/s", "1.3/s", "0.025/s"]
+    assert [format_rate(rate) for rate in rates] == ["705/s", "10/s", "1.3/s", "0.025/s"]
 
 
 def test_a_clock_shows_hours_when_there_are_any():
-    assert [clock(s) for s in (7.9, 61.0, 3723.0)] == ["0:07", "1:01", "1:02:03"]
+    assert [format_clock(s) for s in (7.9, 61.0, 3723.0)] == ["0:07", "1:01", "1:02:03"]

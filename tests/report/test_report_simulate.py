@@ -1,4 +1,4 @@
-"""The pictures of one run: what they say is what the run was, and all of it can be read."""
+"""The figures of one run show what the run was, and can be read."""
 
 from itertools import combinations
 
@@ -10,7 +10,7 @@ from vtk_files import assert_shows
 
 from agglom_mpi import load_campaign
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
-from agglom_mpi.report.run_pictures import NAMES, PANELS, panels, write_run
+from agglom_mpi.report.simulate import FILES, MAX_PANELS, panel_frames, write_frames
 from agglom_mpi.simulation.frames import new_frames
 
 
@@ -40,7 +40,7 @@ def two_and_one():
     return frames
 
 
-def test_an_evolution_is_told_in_the_frame_of_the_mean_flow_and_by_mass():
+def test_an_evolution_is_in_the_frame_of_the_mean_flow_and_by_mass():
     run = evolution(two_and_one())
     assert run.particles.tolist() == [2, 1]
     assert run.mean_radius_ratio.tolist() == [1.0, 1.6]
@@ -126,19 +126,19 @@ def test_a_temperature_that_nothing_changes_has_no_panel():
 
 
 def test_a_cloud_shows_all_frames_or_some_from_first_to_last():
-    for count in range(1, PANELS + 1):
-        assert panels(count).tolist() == list(range(count))
-    for count in (PANELS + 1, 100, 12345):
-        shown = panels(count)
-        assert len(shown) == PANELS
+    for count in range(1, MAX_PANELS + 1):
+        assert panel_frames(count) == list(range(count))
+    for count in (MAX_PANELS + 1, 100, 12345):
+        shown = panel_frames(count)
+        assert len(shown) == MAX_PANELS
         assert (shown[0], shown[-1]) == (0, count - 1)
         assert np.ptp(np.diff(shown)) <= 1
 
 
 def test_all_files_of_a_run_are_written(campaign, outcome, tmp_path):
     half = campaign.scene.half_width
-    written = write_run(tmp_path / "new" / "run", outcome.frames, half, "Growth: sample 3")
+    written = write_frames(tmp_path / "new" / "run", outcome.frames, half, "Growth: sample 3")
     folder = tmp_path / "new" / "run"
-    assert written == [str(folder / name) for name in NAMES]
-    assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
+    assert written == [str(folder / name) for name in FILES]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     assert_shows(folder / "particles.vtkhdf", outcome.frames)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from vtk_files import assert_shows
 
-from agglom_mpi.report.vtkhdf import POINT_DATA, write_vtkhdf
+from agglom_mpi.report.paraview import POINT_DATA, write_vtkhdf
 from agglom_mpi.simulation.frames import new_frames
 
 
 def some_frames(counts, grains):
-    """Return frames of so many particles each, of everything another number."""
+    """Return frames with `counts` particles, whose values all differ."""
     random = np.random.default_rng(len(counts))
     frames = new_frames(np.cumsum(random.random(len(counts))), grains)
     for f, count in enumerate(counts):
@@ -62,7 +62,7 @@ def test_no_file_is_overwritten_and_none_left_half_written(tmp_path, monkeypatch
     def fail(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("agglom_mpi.report.vtkhdf._store_steps", fail)
+    monkeypatch.setattr("agglom_mpi.report.paraview._store_steps", fail)
     with pytest.raises(KeyboardInterrupt):
         write_vtkhdf(path, some_frames([2], 2), "")
     assert os.listdir(tmp_path) == []

@@ -1,21 +1,18 @@
-"""How busy the ranks were over time, from when each sample ended and how long it took."""
+"""Utilisation of the ranks over time, from the end and the duration of each sample."""
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.figures.axes import grid, legend_below, say
-from agglom_mpi.report.picture import COLOURS, Picture
+from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 Floats = NDArray[np.float64]
 
 BINS: Final = 120
+"""Intervals of time, about."""
 
 
 class Leg(NamedTuple):
@@ -26,31 +23,39 @@ class Leg(NamedTuple):
     ranks: int
 
 
-class Load(NamedTuple):
-    """How busy the ranks were in B intervals of wall-clock time, gaps between legs left out.
+class Utilisation(NamedTuple):
+    """Share of the time in which ranks simulated, in B intervals of the time of all legs.
 
     Attributes
     ----------
     edges
-        Shape (B + 1,), s.
+        Ends of the intervals of wall-clock time, without the gaps between legs, s, shape (B + 1,).
     mean, least, most
-        Share of the time that ranks simulated: of all, of the idlest, of the busiest, (B,).
-    seams
-        Where one leg ended and the next began, s.
-    share
-        Over the whole time.
+        Share of all ranks, of the idlest and of the busiest, shape (B,).
+    leg_boundaries
+        Times at which one leg ended and the next began, s.
+    overall
+        Share of all ranks over the whole time.
     """
 
     edges: Floats
     mean: Floats
     least: Floats
     most: Floats
-    seams: list[float]
-    share: float
+    leg_boundaries: list[float]
+    overall: float
 
 
 def legs_of(rows: np.ndarray, finished: Floats) -> list[Leg]:
-    """Return the legs in rows of `/legs`; one without an end lasts until its last sample."""
+    """Return the legs in rows of `/legs`; one without an end lasts until its last sample.
+
+    Parameters
+    ----------
+    rows
+        Of `/legs`.
+    finished
+        Unix times at which the samples ended, s, shape (n,).
+    """
     legs = []
     for place, row in enumerate(rows):
         end = float(row["stopped"])
@@ -63,33 +68,39 @@ def legs_of(rows: np.ndarray, finished: Floats) -> list[Leg]:
     return legs
 
 
-def load(legs: list[Leg], finished: Floats, seconds: Floats, rank: NDArray[np.int64]) -> Load:
-    """Return how busy the ranks were.
+def utilisation(
+    legs: list[Leg], finished: Floats, seconds: Floats, rank: NDArray[np.int64]
+) -> Utilisation:
+    """Return the utilisation of the ranks over some 120 intervals of all legs.
 
     Parameters
     ----------
+    legs
+        At least one.
     finished, seconds, rank
-        When each of n samples ended (Unix time, s), how long it took (s) and who simulated it.
+        Unix time at which each of n samples ended (s), its duration (s) and the rank that
+        simulated it, shape (n,).
     """
     width = sum(leg.stopped - leg.started for leg in legs) / BINS
-    parts, seams, at = [], [], 0.0
+    parts, boundaries, begin = [], [], 0.0
     for leg in legs:
         count = max(1, round((leg.stopped - leg.started) / width))
         edges = np.linspace(leg.started, leg.stopped, count + 1)
-        parts.append((at + edges - leg.started, *_shares(leg, edges, finished, seconds, rank)))
-        at += leg.stopped - leg.started
-        seams.append(at)
-    shares = [np.concatenate([part[i] for part in parts]) for i in (1, 2, 3)]
+        parts.append((begin + edges - leg.started, *_shares(leg, edges, finished, seconds, rank)))
+        begin += leg.stopped - leg.started
+        boundaries.append(begin)
+    mean, least, most = (np.concatenate([part[i] for part in parts]) for i in (1, 2, 3))
     edges = np.concatenate([parts[0][0][:1], *(part[0][1:] for part in parts)])
     available = sum((leg.stopped - leg.started) * leg.ranks for leg in legs)
     ranks = np.repeat([leg.ranks for leg in legs], [len(part[1]) for part in parts])
-    busy = float(np.sum(shares[0] * np.diff(edges) * ranks))
-    return Load(edges, shares[0], shares[1], shares[2], seams[:-1], busy / available)
+    simulating = float(np.sum(mean * np.diff(edges) * ranks))
+    return Utilisation(edges, mean, least, most, boundaries[:-1], simulating / available)
 
 
 def _shares(
     leg: Leg, edges: Floats, finished: Floats, seconds: Floats, rank: NDArray[np.int64]
 ) -> tuple[Floats, Floats, Floats]:
+    """Return mean, least and most utilisation of the ranks of a leg, B shares each."""
     own = (finished > leg.started) & (finished <= leg.stopped)
     finished, seconds, rank = finished[own], seconds[own], rank[own]
     each = np.array(
@@ -102,24 +113,25 @@ def _shares(
 
 
 def busy_time(edges: Floats, begin: Floats, end: Floats) -> Floats:
-    """Time within each interval that is in intervals of work, added up.
+    """Return the time within each interval that samples take, added up.
 
     Parameters
     ----------
     edges
-        Shape (B + 1,), ascending.
+        Ends of the intervals, ascending, s, shape (B + 1,).
     begin, end
-        Of each of n pieces of work, shape (n,).
+        Of each of n samples, s, shape (n,).
 
     Returns
     -------
     array, shape (B,)
+        s.
     """
     return np.diff(_elapsed(edges, begin) - _elapsed(edges, end))
 
 
 def _elapsed(at: Floats, times: Floats) -> Floats:
-    """Sum of max(0, at − t) over all times t, for each `at`."""
+    """Return the sum of max(0, at − t) over all times t, for each `at`."""
     ordered = np.sort(times)
     before = np.searchsorted(ordered, at)
     # About the first edge, so that Unix times do not take the digits of milliseconds.
@@ -127,14 +139,11 @@ def _elapsed(at: Floats, times: Floats) -> Floats:
     return before * (at - at[0]) - sums[before]
 
 
-def draw_busy(ax: Any, found: Load | None) -> Any:
-    """Draw the busy share of the ranks against time, and return the axes; None: nothing to draw."""
-    grid(ax)
+def draw_utilisation(ax: Any, found: Utilisation) -> Any:
+    """Draw the utilisation of the ranks against time, and return the axes."""
+    style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
     ax.set_ylabel("time in which ranks simulate (%)")
-    if found is None:
-        say(ax, "no sample yet")
-        return ax
     ax.stairs(
         100.0 * found.mean,
         found.edges,
@@ -154,40 +163,37 @@ def draw_busy(ax: Any, found: Load | None) -> Any:
             linewidth=0,
             label="idlest to busiest rank",
         )
-    average = f"average {found.share:.1%}"
-    ax.axhline(100.0 * found.share, color=COLOURS[1], linestyle="--", linewidth=1.2, label=average)
-    for place, seam in enumerate(found.seams):
+    label = f"average {found.overall:.1%}"
+    ax.axhline(100.0 * found.overall, color=COLOURS[1], linestyle="--", linewidth=1.2, label=label)
+    for place, boundary in enumerate(found.leg_boundaries):
         name = "stopped and continued" if place == 0 else None
-        ax.axvline(seam, color=COLOURS[6], linestyle=":", linewidth=1.2, label=name)
+        ax.axvline(boundary, color=COLOURS[6], linestyle=":", linewidth=1.2, label=name)
     ax.set_xlim(found.edges[0], found.edges[-1])
     ax.set_ylim(0.0, 103.0)
     legend_below(ax, 4)
     return ax
 
 
-def of_data(data: CampaignData) -> Load | None:
-    """Return how busy the ranks of a campaign were; None if no leg has a sample."""
+def utilisation_of(data: CampaignData) -> Utilisation | None:
+    """Return the utilisation of a campaign's ranks; None if no leg has a sample."""
     samples = data.all_sample_rows()
-    finished = samples["finished"]
-    legs = legs_of(data.legs(), finished)
+    legs = legs_of(data.legs(), samples["finished"])
     if not legs or not len(samples):
         return None
-    return load(legs, finished, samples["seconds"], samples["rank"])
+    return utilisation(legs, samples["finished"], samples["seconds"], samples["rank"])
 
 
-def pictures(data: CampaignData) -> Iterator[Picture]:
-    """Yield the picture of a campaign, if it has samples."""
-    found = of_data(data)
-    if found is None:
-        return
+def _utilisation_data(data: CampaignData, _: FigureOptions) -> Utilisation | None:
+    return utilisation_of(data)
 
-    def draw(figure: "matplotlib.figure.Figure") -> None:
-        draw_busy(figure.subplots(), found)
 
-    yield Picture(
-        "busy",
-        "Share of the time in which the ranks simulated, of all and of the idlest and busiest; "
-        "compiling before the first sample, deciding and waiting are the rest.",
-        draw,
-        (7.2, 3.8),
-    )
+UTILISATION: Final = Figure(
+    "busy",
+    "run",
+    _utilisation_data,
+    draw_utilisation,
+    "Share of the time in which the ranks simulated, of all and of the idlest and busiest; "
+    "compiling before the first sample, deciding and waiting are the rest.",
+    (7.2, 3.8),
+    empty="no sample yet",
+)

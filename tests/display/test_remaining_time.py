@@ -6,7 +6,7 @@ import pytest
 from agglom_mpi.display.remaining_time import (
     DurationStatistics,
     RemainingTime,
-    in_units,
+    format_rounded,
     remaining_by_work,
     remaining_in_turns,
 )
@@ -21,13 +21,13 @@ def share_inside(draw, before, after):
     inside = 0
     for seed in range(REPEATS):
         durations = draw(np.random.default_rng(seed), before + after)
-        left = remaining_in_turns(DurationStatistics(durations[:before]), after)
-        inside += abs(durations[before:].sum() - left.seconds) <= left.error
+        remaining = remaining_in_turns(DurationStatistics(durations[:before]), after)
+        inside += abs(durations[before:].sum() - remaining.seconds) <= remaining.half_width
     return inside / REPEATS
 
 
 @pytest.mark.parametrize(("before", "after"), [(3, 1), (3, 30), (10, 10), (40, 5)])
-def test_the_interval_holds_the_time_left_as_often_as_it_says(before, after):
+def test_the_interval_holds_the_remaining_time_as_often_as_it_says(before, after):
     share = share_inside(lambda random, n: random.normal(10.0, 2.0, n), before, after)
     assert abs(share - 0.95) < TOLERANCE
 
@@ -37,48 +37,48 @@ def test_the_interval_is_not_wider_than_it_must_be():
     inside = 0
     for seed in range(REPEATS):
         durations = np.random.default_rng(seed).normal(10.0, 2.0, 40)
-        left = remaining_in_turns(DurationStatistics(durations[:30]), 10)
-        inside += abs(durations[30:].sum() - left.seconds) <= left.error * 2.0 / 3.0
+        remaining = remaining_in_turns(DurationStatistics(durations[:30]), 10)
+        inside += abs(durations[30:].sum() - remaining.seconds) <= remaining.half_width * 2.0 / 3.0
     from scipy import stats
 
     wanted = 1.0 - 2.0 * stats.t.sf(2.0 / 3.0 * stats.t.ppf(0.975, 29), 29)
     assert abs(inside / REPEATS - wanted) < 4.0 * math.sqrt(wanted * (1.0 - wanted) / REPEATS)
 
 
-def test_the_pace_of_many_pieces_tells_when_the_rest_is_done():
+def test_the_rate_of_many_pieces_forecasts_the_rest():
     """Pieces of gamma-distributed cost on eight ranks that are never idle."""
     done, rest, ranks, inside = 200, 400, 8, 0
     for seed in range(REPEATS):
         costs = np.random.default_rng(seed).gamma(4.0, 0.25, done + rest)
-        left = remaining_by_work(
+        remaining = remaining_by_work(
             DurationStatistics(costs[:done]), done, rest, costs[:done].sum() / ranks
         )
-        inside += abs(costs[done:].sum() / ranks - left.seconds) <= left.error
+        inside += abs(costs[done:].sum() / ranks - remaining.seconds) <= remaining.half_width
     assert abs(inside / REPEATS - 0.95) < TOLERANCE
 
 
-def test_what_the_present_turn_has_taken_is_not_left_any_more():
-    laps = DurationStatistics([10.0, 12.0, 14.0])
-    assert remaining_in_turns(laps, 5).seconds == pytest.approx(60.0)
-    assert remaining_in_turns(laps, 5, 7.0).seconds == pytest.approx(53.0)
-    assert remaining_in_turns(laps, 5, 700.0).seconds == pytest.approx(48.0), (
+def test_the_time_of_the_present_turn_is_subtracted():
+    durations = DurationStatistics([10.0, 12.0, 14.0])
+    assert remaining_in_turns(durations, 5).seconds == pytest.approx(60.0)
+    assert remaining_in_turns(durations, 5, 7.0).seconds == pytest.approx(53.0)
+    assert remaining_in_turns(durations, 5, 700.0).seconds == pytest.approx(48.0), (
         "the others are still to come"
     )
 
 
-def test_nothing_is_said_while_nothing_is_known():
+def test_there_is_no_forecast_of_too_few_durations():
     assert remaining_in_turns(DurationStatistics([10.0, 12.0]), 5) is None
     assert remaining_in_turns(DurationStatistics([10.0, 12.0, 11.0]), 0) is None
     assert remaining_by_work(DurationStatistics(), 0, 10, 0.0) is None
     assert remaining_by_work(DurationStatistics([1.0, 1.0]), 2, 10, 1.0) is None
 
 
-def test_laps_have_the_mean_and_the_deviation_of_their_durations():
+def test_statistics_are_the_mean_and_the_deviation_of_the_durations():
     durations = np.random.default_rng(1).normal(1e6, 1.0, 100)
-    laps = DurationStatistics(durations)
-    assert laps.count == 100
-    assert laps.mean == pytest.approx(durations.mean(), rel=1e-14)
-    assert laps.deviation == pytest.approx(durations.std(ddof=1), rel=1e-9)
+    statistics = DurationStatistics(durations)
+    assert statistics.count == 100
+    assert statistics.mean == pytest.approx(durations.mean(), rel=1e-14)
+    assert statistics.deviation == pytest.approx(durations.std(ddof=1), rel=1e-9)
     assert math.isnan(DurationStatistics([1.0]).deviation)
 
 
@@ -98,7 +98,7 @@ def test_a_time_is_rounded_to_what_its_error_leaves_of_it(seconds, error, text):
     assert str(RemainingTime(seconds, error)) == text
 
 
-def test_a_time_is_said_in_two_units():
-    assert in_units(90061.0, 1) == "1 d 1 h"
-    assert in_units(3601.0, 1) == "1 h"
-    assert in_units(-3.0, 1) == "0 s"
+def test_a_time_has_two_units():
+    assert format_rounded(90061.0, 1) == "1 d 1 h"
+    assert format_rounded(3601.0, 1) == "1 h"
+    assert format_rounded(-3.0, 1) == "0 s"

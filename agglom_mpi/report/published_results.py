@@ -1,4 +1,4 @@
-"""The papers' tables of best strings, in their layout, beside those of a campaign."""
+"""The papers' tables of best strings, and those of a campaign in the same layout."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -7,22 +7,34 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.report.figures.axes import in_unit, objective_label
-from agglom_mpi.report.html import table
+from agglom_mpi.report.drawing import scaled_unit
+from agglom_mpi.report.figures.figure import objective_label
+from agglom_mpi.report.page_tables import Table
 from agglom_mpi.storage.reader import CampaignData
 
 
 class Column(NamedTuple):
-    """A column of a paper's table: its heading, a variable or result, over what, and digits."""
+    """A column of a paper's table.
+
+    Attributes
+    ----------
+    heading
+    name
+        A variable, `objective`, `mean_radius_ratio` or `growth_number`.
+    unit
+        SI value that the paper prints as 1.
+    digits
+        Format of a number.
+    """
 
     heading: str
     name: str
-    scale: float
-    style: str
+    unit: float
+    digits: str
 
 
-class Published(NamedTuple):
-    """A table of a paper, the best string first."""
+class PublishedTable(NamedTuple):
+    """A table of a paper, the best string first, in the units of its columns."""
 
     caption: str
     columns: tuple[Column, ...]
@@ -30,11 +42,12 @@ class Published(NamedTuple):
 
 
 def _rows(text: str) -> tuple[tuple[float, ...], ...]:
+    """Return the numbers of a table, a row per line."""
     return tuple(tuple(map(float, line.split())) for line in text.strip().splitlines())
 
 
 ACCRETION: Final = (
-    Published(
+    PublishedTable(
         "[A] table 1: best starting-state vectors after 22 generations",
         (
             Column("v0 (m/s)", "relative_speed", 1.0, ".3f"),
@@ -59,7 +72,7 @@ ACCRETION: Final = (
     ),
 )
 AGGLOMERATION: Final = (
-    Published(
+    PublishedTable(
         "[B] table 1: best (normalised) starting-state vectors after 25 generations",
         (
             Column("v0 (m/s) / 200", "relative_speed", 200.0, ".5f"),
@@ -77,7 +90,7 @@ AGGLOMERATION: Final = (
             0.16761 0.79362 0.93962 0.10877 0.95669
         """),
     ),
-    Published(
+    PublishedTable(
         "[B] table 2: best (normalised) starting-state vectors after 25 generations",
         (
             Column("μ0 / 10⁻²", "friction", 1e-2, ".5f"),
@@ -95,7 +108,7 @@ AGGLOMERATION: Final = (
             0.15099 0.52338 0.29311 0.11186 0.25457
         """),
     ),
-    Published(
+    PublishedTable(
         "[B] table 3: cost, size and particles of the agglomerates of tables 1 and 2",
         (
             Column("Π", "objective", 1.0, ".5f"),
@@ -112,7 +125,7 @@ AGGLOMERATION: Final = (
         """),
     ),
 )
-ASKED: Final[dict[str, tuple[dict[str, Any], tuple[Published, ...]]]] = {
+PAPERS: Final[dict[str, tuple[dict[str, Any], tuple[PublishedTable, ...]]]] = {
     "[A] Accretion of fine grains (2003)": (
         {
             "objective.law": "growth_target",
@@ -150,14 +163,15 @@ ASKED: Final[dict[str, tuple[dict[str, Any], tuple[Published, ...]]]] = {
         AGGLOMERATION,
     ),
 }
-"""What each paper asked, by the entries of a campaign's identity, and what it found."""
+"""Each paper's scene, objective and search box, as entries of an identity, and its tables."""
 
 RANKS: Final = 6
+"""Strings that are shown."""
 
 
-def paper_of(identity: Mapping[str, Any]) -> str | None:
-    """Return the paper that asked what a campaign asks: scene, objective and search box."""
-    for paper, (asked, _) in ASKED.items():
+def matching_paper(identity: Mapping[str, Any]) -> str | None:
+    """Return the paper with the scene, objective and search box of a campaign; None if neither."""
+    for paper, (asked, _) in PAPERS.items():
         if all(_entry(identity, name, value) == value for name, value in asked.items()):
             return paper
     return None
@@ -169,64 +183,73 @@ def _entry(identity: Mapping[str, Any], name: str, value: Any) -> Any:
     return identity.get(name)
 
 
-def tables(data: CampaignData) -> str:
-    """Return the tables of a campaign's best strings as HTML, the paper's own beside them."""
-    paper, best = paper_of(data.identity), rank_strings(data).order[:RANKS]
+def comparison_tables(data: CampaignData) -> list[Table]:
+    """Return the tables of the matching paper with a campaign's best strings between their rows.
+
+    Without such a paper: one table of the best strings.
+    """
+    paper, best = matching_paper(data.identity), rank_strings(data).order[:RANKS]
     if paper is None:
-        columns = (*_variables(data), *AGGLOMERATION[2].columns)
-        heading = (*columns[:-3], columns[-3]._replace(heading=objective_label(data)))
-        return _own("Best strings", (*heading, *columns[-2:]), data, best)
-    return "".join(_beside(found, data, best) for found in ASKED[paper][1])
+        return [_own_table(data, best)]
+    return [_beside(published, data, best) for published in PAPERS[paper][1]]
 
 
-def _variables(data: CampaignData) -> tuple[Column, ...]:
+def _own_table(data: CampaignData, best: Sequence[int]) -> Table:
+    objective, *results = AGGLOMERATION[2].columns
+    columns = [
+        *_variable_columns(data),
+        objective._replace(heading=objective_label(data)),
+        *results,
+    ]
+    rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
+    headings = ["rank", *(column.heading for column in columns)]
+    return Table(headings, rows, "Best strings")
+
+
+def _variable_columns(data: CampaignData) -> list[Column]:
     columns = []
     for variable, _, upper, _ in searched_variables(data):
-        size, unit = in_unit(variable.unit, upper)
-        words = variable.name.replace("_", " ")
-        columns.append(Column(f"{words} ({unit})", variable.name, size, ".5g"))
-    return tuple(columns)
+        factor, unit = scaled_unit(variable.unit, upper)
+        name = variable.name.replace("_", " ")
+        columns.append(Column(f"{name} ({unit})", variable.name, factor, ".5g"))
+    return columns
 
 
-def _own(caption: str, columns: Sequence[Column], data: CampaignData, best: Sequence[int]) -> str:
-    rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
-    return table(["rank", *(column.heading for column in columns)], rows, caption)
-
-
-def _beside(found: Published, data: CampaignData, best: Sequence[int]) -> str:
+def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) -> Table:
+    columns = published.columns
     rows: list[list[str]] = []
     classes: list[str] = []
-    for place, printed in enumerate(found.rows):
-        cells = [format(v, c.style) for v, c in zip(printed, found.columns, strict=True)]
+    for place, printed in enumerate(published.rows):
+        cells = [format(v, c.digits) for v, c in zip(printed, columns, strict=True)]
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
-            rows.append(["", "here", *_cells(data, best[place], found.columns)])
+            rows.append(["", "here", *_cells(data, best[place], columns)])
             classes.append("here")
-    headings = ["rank", "", *(column.heading for column in found.columns)]
-    return table(headings, rows, found.caption, classes, (1,))
+    headings = ["rank", "", *(column.heading for column in columns)]
+    return Table(headings, rows, published.caption, classes, (1,))
 
 
 def _cells(data: CampaignData, string: int, columns: Sequence[Column]) -> list[str]:
-    """Return what a campaign has of one of its strings: on fresh samples, if there are any."""
+    """Return a row of a campaign's string: by its fresh samples if there are any."""
     result = rank_strings(data).results[string]
-    value, error = float(result["objective"]), float(result["standard_error"])
+    objective, error = float(result["objective"]), float(result["standard_error"])
     ratio = float(result["mean_radius_ratio"])
-    again = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
-    if again is not None and again.known:
+    estimate = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
+    if estimate is not None and estimate.known:
         rows = data.sample_rows(string)
         fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
-        value, error = again.objective, again.standard_error
+        objective, error = estimate.objective, estimate.standard_error
         ratio = float(fresh["mean_radius_ratio"].mean())
-    found = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
+    results = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
     cells = []
     for column in columns:
         if column.name == "objective":
-            cells.append(value_with_error(value, error))
+            cells.append(value_with_error(objective, error))
             continue
-        if column.name in found:
-            known = found[column.name]
+        if column.name in results:
+            value = results[column.name]
         else:
-            known = float(data.values([string], column.name)[0])
-        cells.append(format(known / column.scale, column.style))
+            value = float(data.values([string], column.name)[0])
+        cells.append(format(value / column.unit, column.digits))
     return cells

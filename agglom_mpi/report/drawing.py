@@ -1,0 +1,143 @@
+"""How every figure of the package looks, and how it is written as PNG and SVG."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from agglom_mpi.errors import require_library
+from agglom_mpi.storage.files import atomic_file
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette, told apart by colour-blind readers too."""
+
+SIZE: Final = (6.0, 3.8)
+"""Width and height of a figure with one panel, inches; at 110 dots per inch it fits a page."""
+
+DOTS_PER_INCH: Final = 110
+SUPERSCRIPTS: Final = {"^2": "²", "^3": "³"}
+
+
+class Drawing(NamedTuple):
+    """A figure that is ready to be drawn and written as `NAME.png` and `NAME.svg`.
+
+    Attributes
+    ----------
+    name : str
+        File stem.
+    caption : str
+        What is seen, in one or two sentences.
+    draw : callable
+        Fills an empty matplotlib figure.
+    size : tuple
+        Width and height, inches.
+    """
+
+    name: str
+    caption: str
+    draw: "Callable[[matplotlib.figure.Figure], Any]"
+    size: tuple[float, float] = SIZE
+
+
+def write_drawing(directory: Path, drawing: Drawing) -> None:
+    """Write a figure into a directory as PNG and SVG, each complete under its name or absent."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=drawing.size, dpi=DOTS_PER_INCH, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    drawing.draw(figure)
+    # `savefig` draws everything twice, and lays it out anew each time.
+    with atomic_file(directory / f"{drawing.name}.png", replace=True) as path:
+        canvas.print_png(path)
+    figure.set_layout_engine("none")
+    with atomic_file(directory / f"{drawing.name}.svg", replace=True) as path:
+        FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
+
+
+def axes_or_new(ax: Any | None, size: tuple[float, float] = SIZE) -> Any:
+    """Return the given axes, or those of a new pyplot figure of a size in inches."""
+    return figure_or_new(None, size).subplots() if ax is None else ax
+
+
+def figure_or_new(figure: Any | None, size: tuple[float, float]) -> "matplotlib.figure.Figure":
+    """Return the given figure, or a new pyplot figure of a size in inches.
+
+    Raises
+    ------
+    MissingLibraryError
+        If matplotlib is not installed.
+    """
+    if figure is not None:
+        return figure
+    require_library("matplotlib", "report", "figures")
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=size, layout="constrained")
+
+
+def style_axes(ax: Any) -> None:
+    """Draw a faint grid behind everything, and no frame at the top and right."""
+    ax.grid(True, which="major", color="0.9", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def note(ax: Any, text: str) -> None:
+    """Write into empty axes why they are empty."""
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="0.35")
+    ax.set_xticks([])
+    ax.set_yticks([])
+
+
+def integer_ticks(axis: Any) -> None:
+    """Put the ticks of an axis at integers only."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(integer=True, nbins="auto"))
+
+
+def legend_below(ax: Any, columns: int = 2) -> None:
+    """Put the legend under the axes, where it hides nothing."""
+    ax.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.2),
+        ncols=columns,
+        frameon=False,
+        fontsize="small",
+    )
+
+
+def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Return the factor and the name of the decimal multiple of a unit that suits values.
+
+    Parameters
+    ----------
+    unit
+        An SI unit in ASCII; only multiples of Pa and J get a prefix.
+    largest
+        The largest value that is shown, in this unit.
+
+    Examples
+    --------
+    >>> scaled_unit("Pa", 2e8)
+    (1000000.0, 'MPa')
+    >>> scaled_unit("kg/m^3", 1e4)
+    (1.0, 'kg/m³')
+    """
+    name = unit
+    for ascii_power, superscript in SUPERSCRIPTS.items():
+        name = name.replace(ascii_power, superscript)
+    if unit.startswith(("Pa", "J")):
+        for factor, prefix in ((1e15, "P"), (1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+            if largest >= 1.5 * factor:
+                return factor, f"{prefix}{name}"
+    return 1.0, name
+
+
+def axis_label(name: str, unit: str) -> str:
+    """Return the label of an axis: `size ratio (1)`."""
+    return f"{name.replace('_', ' ')} ({unit})"

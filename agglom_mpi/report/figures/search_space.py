@@ -1,0 +1,348 @@
+"""Where the search went: variables against generation, the best strings, sensitivities."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import searched_variables
+from agglom_mpi.report.drawing import (
+    COLOURS,
+    axis_label,
+    integer_ticks,
+    legend_below,
+    scaled_unit,
+    style_axes,
+)
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.variables import Variable
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from agglom_mpi.analysis.sensitivity import Sensitivity
+
+Floats = NDArray[np.float64]
+SearchedVariable = tuple[Variable, float, float, bool]
+"""A variable, the ends of its range in SI units, and whether it is searched by its logarithm."""
+
+PANEL_SIZE: Final = (2.7, 2.0)
+"""Width and height of a panel of the search paths, inches."""
+MAX_MARKED: Final = 30
+"""Generations from which single ones are not marked."""
+BEST: Final = 6
+"""Strings in colour in the figure of the best strings."""
+OTHERS: Final = 40
+"""Strings that follow in grey."""
+MAX_HORIZONTAL: Final = 5
+"""Variables whose names have room side by side."""
+
+
+class VariablePath(NamedTuple):
+    """Values of one variable over G generations and n strings, in SI units.
+
+    Attributes
+    ----------
+    name, unit
+    lower, upper
+        Ends of the range that is searched.
+    logarithmic
+        Whether it is searched by its logarithm.
+    best
+        Value of the best string after each generation, shape (G,).
+    least, most
+        Range of the best strings after each generation, shape (G,).
+    evaluated, generation
+        Values of all strings with a result, and the generation of each, from 1, shape (n,).
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    logarithmic: bool
+    best: Floats
+    least: Floats
+    most: Floats
+    evaluated: Floats
+    generation: Floats
+
+
+def variable_paths(data: CampaignData) -> list[VariablePath]:
+    """Return the path of each variable that is searched."""
+    rows, paths = data.generation_rows(), []
+    evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
+    strings = data.string_rows()[evaluated]
+    for variable, lower, upper, logarithmic in searched_variables(data):
+        tops = [data.values(row["population"][: row["top"]], variable.name) for row in rows]
+        tops = [values[np.isfinite(values)] for values in tops]
+        paths.append(
+            VariablePath(
+                variable.name,
+                variable.unit,
+                lower,
+                upper,
+                logarithmic,
+                data.values(rows["best_string"], variable.name),
+                np.array([v.min() if len(v) else np.nan for v in tops]),
+                np.array([v.max() if len(v) else np.nan for v in tops]),
+                strings[variable.name],
+                strings["generation"] + 1.0,
+            )
+        )
+    return paths
+
+
+def draw_paths(figure: "matplotlib.figure.Figure", paths: Sequence[VariablePath]) -> Any:
+    """Draw one panel for each of n variables, and return their axes, shape (n,)."""
+    columns = _panel_columns(len(paths))
+    rows = -(-len(paths) // columns)
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for unused in axes[len(paths) :]:
+        unused.remove()
+    axes = axes[: len(paths)]
+    for place, (ax, path) in enumerate(zip(axes, paths, strict=True)):
+        _draw_path(ax, path)
+        if place + columns >= len(paths):
+            ax.set_xlabel("generation")
+            ax.xaxis.set_tick_params(labelbottom=True)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize="small",
+    )
+    return axes
+
+
+def _panel_columns(count: int) -> int:
+    """Return the panels in a row: up to three, or five where there are ten variables."""
+    return min(count, 3 if count <= 9 else 5)
+
+
+def _draw_path(ax: Any, path: VariablePath) -> None:
+    factor, unit = scaled_unit(path.unit, path.upper)
+    generation = np.arange(1, len(path.best) + 1)
+    style_axes(ax)
+    ax.plot(
+        path.generation,
+        path.evaluated / factor,
+        ".",
+        color="0.75",
+        markersize=2.5,
+        label="all strings judged",
+    )
+    ax.fill_between(
+        generation,
+        path.least / factor,
+        path.most / factor,
+        color=COLOURS[5],
+        alpha=0.45,
+        linewidth=0,
+        label="range of the best strings",
+    )
+    ax.plot(
+        generation,
+        path.best / factor,
+        color=COLOURS[0],
+        marker="o" if len(generation) < MAX_MARKED else "",
+        markersize=2.5,
+        label="best string",
+    )
+    ax.set_yscale("log" if path.logarithmic else "linear")
+    ax.set_ylim(path.lower / factor, path.upper / factor)
+    ax.set_ylabel(axis_label(path.name, unit), fontsize=8.5)
+    ax.tick_params(labelsize=8)
+    integer_ticks(ax.xaxis)
+
+
+class BestStrings(NamedTuple):
+    """The best n strings of a campaign, in order of rank, and the d variables that are searched.
+
+    Attributes
+    ----------
+    searched
+    values
+        SI units, shape (n, d).
+    labels
+        Texts of the legend for the first strings; the others are grey.
+    """
+
+    searched: list[SearchedVariable]
+    values: Floats
+    labels: list[str]
+
+
+def draw_best_strings(ax: Any, best: BestStrings) -> Any:
+    """Draw strings as lines over their variables, each scaled to its range; return the axes."""
+    values = best.values
+    heights = np.column_stack(
+        [_relative_value(values[:, i], entry) for i, entry in enumerate(best.searched)]
+    )
+    across = np.arange(len(best.searched))
+    for at in across:
+        ax.axvline(at, color="0.8", linewidth=0.8, zorder=0)
+    for place in reversed(range(len(values))):
+        coloured = place < len(best.labels)
+        ax.plot(
+            across,
+            heights[place],
+            color=COLOURS[place % len(COLOURS)] if coloured else "0.8",
+            linewidth=1.6 if coloured else 0.7,
+            marker="o" if coloured else "",
+            markersize=4,
+            label=best.labels[place] if coloured else None,
+            zorder=2.0 + (len(values) - place) / len(values) if coloured else 1.0,
+        )
+    _label_variables(ax, best.searched)
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(
+        handles[::-1],
+        labels[::-1],
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.1),
+        ncols=3,
+        frameon=False,
+        fontsize="small",
+    )
+    return ax
+
+
+def _relative_value(values: Floats, entry: SearchedVariable) -> Floats:
+    """Return values scaled to their range, 0 at its lower end and 1 at its upper."""
+    _, lower, upper, logarithmic = entry
+    if logarithmic:
+        return np.log(values / lower) / np.log(upper / lower)
+    return (values - lower) / (upper - lower)
+
+
+def _label_variables(ax: Any, searched: Sequence[SearchedVariable]) -> None:
+    """Write the ends of the range above and below each line, and the names at the bottom."""
+    ticks = []
+    for at, (variable, lower, upper, logarithmic) in enumerate(searched):
+        factor, unit = scaled_unit(variable.unit, upper)
+        ax.text(at, 1.03, f"{upper / factor:.6g}", ha="center", va="bottom", fontsize=8)
+        ax.text(at, -0.03, f"{lower / factor:.6g}", ha="center", va="top", fontsize=8)
+        scale = ", log" if logarithmic else ""
+        ticks.append(f"{variable.name.replace('_', ' ')}\n({unit}{scale})")
+    slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
+    ax.set_xticks(range(len(searched)), ticks, **(slant if len(searched) > MAX_HORIZONTAL else {}))
+    ax.tick_params(axis="x", length=0, pad=14, labelsize=9)
+    ax.set_yticks([])
+    ax.set_ylim(0.0, 1.0)
+    ax.set_xlim(-0.4, len(searched) - 0.6)
+    ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
+
+
+class NamedSensitivity(NamedTuple):
+    """Sobol indices with the names of their variables."""
+
+    names: Sequence[str]
+    indices: "Sensitivity"
+
+
+def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
+    """Draw first-order and total indices of d variables as bars, and return the axes."""
+    style_axes(ax)
+    names, indices = found
+    order = np.argsort(-indices.total, kind="stable")
+    place = np.arange(len(order))
+    for shift, values, name, colour in (
+        (-0.2, indices.first_order, "alone", COLOURS[0]),
+        (0.2, indices.total, "with others", COLOURS[4]),
+    ):
+        ax.barh(place + shift, 100.0 * values[order], 0.38, color=colour, label=name)
+    ax.set_yticks(place, [names[i].replace("_", " ") for i in order])
+    ax.invert_yaxis()
+    ax.set_xlabel("share of the variance of the objective (%)")
+    legend_below(ax)
+    return ax
+
+
+def _paths_data(data: CampaignData, _: FigureOptions) -> list[VariablePath] | None:
+    paths = variable_paths(data)
+    return paths if paths and len(data.generation_rows()) else None
+
+
+def _paths_size(paths: Sequence[VariablePath]) -> tuple[float, float]:
+    columns = _panel_columns(len(paths))
+    return PANEL_SIZE[0] * columns, PANEL_SIZE[1] * -(-len(paths) // columns) + 0.7
+
+
+def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
+    shown = rank_strings(data).order[: BEST + OTHERS]
+    if not shown or not searched_variables(data):
+        return None
+    columns = [data.values(shown, entry[0].name) for entry in searched_variables(data)]
+    fresh = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
+    labels = [
+        f"#{place} string {string}: "
+        f"{fresh.get(string, float(rank_strings(data).results[string]['objective'])):.4g}"
+        for place, string in enumerate(shown[:BEST], 1)
+    ]
+    return BestStrings(searched_variables(data), np.column_stack(columns), labels)
+
+
+def _best_caption(best: BestStrings) -> str:
+    coloured, grey = len(best.labels), len(best.values) - len(best.labels)
+    more = f", the next {grey} in grey" if grey else ""
+    return (
+        f"The best {coloured} strings with their objectives{more}. Every line is a variable from "
+        "the bottom to the top of the search box."
+    )
+
+
+def _sensitivity_data(data: CampaignData, _: FigureOptions) -> NamedSensitivity | None:
+    from agglom_mpi.analysis.sensitivity import sensitivity_of
+
+    names, indices = sensitivity_of(data)
+    return None if indices is None else NamedSensitivity(names, indices)
+
+
+def _sensitivity_caption(found: NamedSensitivity) -> str:
+    indices = found.indices
+    return (
+        "Share of the variance of the objective over the search box that each variable explains "
+        f"(Sobol indices), by a regression of {indices.strings} strings; it predicts "
+        f"{indices.explained:.0%} of the variance of strings left out, noise of samples is "
+        f"{indices.noise:.0%}."
+    )
+
+
+SEARCH_PATHS: Final = Figure(
+    "search_paths",
+    "search",
+    _paths_data,
+    draw_paths,
+    "Variables of the best string after each generation, over the range of the best strings "
+    "(their spread at the end is that of the answer) and all strings that were judged. The "
+    "panels are as high as the search box.",
+    _paths_size,
+    empty="no generation is done yet",
+    panels=True,
+)
+
+BEST_STRINGS: Final = Figure(
+    "best_strings",
+    "search",
+    _best_data,
+    draw_best_strings,
+    _best_caption,
+    (8.6, 5.0),
+    empty="no string is judged yet",
+)
+
+SENSITIVITY: Final = Figure(
+    "sensitivity",
+    "search",
+    _sensitivity_data,
+    draw_sensitivity,
+    _sensitivity_caption,
+    lambda found: (6.0, 1.8 + 0.3 * len(found.names)),
+    empty="too few strings, or all of them are worth the same",
+    on_request=True,
+)
