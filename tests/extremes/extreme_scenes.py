@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
-from agglom_mpi.config.bounds import LARGEST_SIZE_RATIO
+from agglom_mpi.config.bounds import MAX_SIZE_RATIO
 from agglom_mpi.config.campaign import Campaign
 
 R = 8.314462618
-LARGEST_FRACTION = math.pi / 6.0 * LARGEST_SIZE_RATIO**3
+LARGEST_FRACTION = math.pi / 6.0 * MAX_SIZE_RATIO**3
 """Volume fraction beyond which a campaign is refused: random placement jams."""
 
 
@@ -106,7 +106,7 @@ def volume(radius):
 def grains(draw, most_drift):
     """Draw a box of grains, how fast they are, and how long to look."""
     number, radius, fraction = draw(NUMBERS), draw(decades(-9, 3)), draw(FRACTIONS)
-    size_ratio = min((6.0 * fraction / math.pi) ** (1.0 / 3.0), LARGEST_SIZE_RATIO)
+    size_ratio = min((6.0 * fraction / math.pi) ** (1.0 / 3.0), MAX_SIZE_RATIO)
     half_width = radius * number ** (1.0 / 3.0) / size_ratio
     density = draw(decades(-3, 9))
     speed = draw(zero_or(decades(-12, 8), 16))
