@@ -53,3 +53,9 @@ def shared_campaign(tmp_path_factory):
         return made_once(shared_folder(tmp_path_factory) / f"campaign-{name}", make)
 
     return folder_of
+
+
+@pytest.fixture(scope="session")
+def finished(shared_campaign):
+    """Return the file of a finished campaign, six of its strings estimated again."""
+    return shared_campaign("estimated") / "estimated.h5"

@@ -1,4 +1,4 @@
-"""A small finished campaign, and copies of its file that something happened to."""
+"""Copies of a finished campaign's file, and figures that need no screen."""
 
 import shutil
 
@@ -8,13 +8,7 @@ import pytest
 mpl.use("agg")
 
 
-@pytest.fixture(scope="session")
-def finished(shared_campaign):
-    """Return the file of a finished campaign, six of its strings estimated again."""
-    return shared_campaign("estimated") / "estimated.h5"
-
-
 @pytest.fixture
 def copy(finished, tmp_path):
-    """Return a copy of it that may be changed."""
+    """Return a copy of the finished campaign's file that may be changed."""
     return shutil.copy(finished, tmp_path / "copy.h5")

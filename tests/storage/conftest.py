@@ -1,7 +1,7 @@
 import resource
 
 import pytest
-from storage_helpers import make
+from storage_rows import make
 
 
 @pytest.fixture

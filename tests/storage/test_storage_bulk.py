@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
+from storage_rows import MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign

@@ -8,7 +8,7 @@ import signal
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import make, put_strings, sample_rows
+from storage_rows import make, put_strings, sample_rows
 
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign, report_damage
 from agglom_mpi.storage.verify import verify_rows

@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import put_result, put_strings, sample_rows
+from storage_rows import put_result, put_strings, sample_rows
 
 from agglom_mpi.storage import table
 from agglom_mpi.storage.reader import CampaignData, read_campaign

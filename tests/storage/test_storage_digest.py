@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 import pytest
-from storage_helpers import sample_rows
+from storage_rows import sample_rows
 
 from agglom_mpi.runtime.recorder import DigestAccumulator
 from agglom_mpi.storage.schema import RESULTS, SAMPLES

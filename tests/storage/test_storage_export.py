@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from storage_helpers import (
+from storage_rows import (
     MAX_SAMPLES,
     begin_leg,
     make,

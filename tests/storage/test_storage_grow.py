@@ -3,7 +3,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import (
+from storage_rows import (
     MAX_SAMPLES,
     STRINGS,
     begin_leg,

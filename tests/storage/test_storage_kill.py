@@ -9,7 +9,7 @@ from typing import TextIO
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import make, put_result, put_strings, sample_rows
+from storage_rows import make, put_result, put_strings, sample_rows
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.schema import sample_dtype

@@ -5,7 +5,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import STRINGS, TEXT, put_generation, put_result, put_strings, sample_rows
+from storage_rows import STRINGS, TEXT, put_generation, put_result, put_strings, sample_rows
 
 import agglom_mpi
 from agglom_mpi.campaign_file import open_campaign

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import POPULATION, make, put_strings, sample_rows
+from storage_rows import POPULATION, make, put_strings, sample_rows
 
 import agglom_mpi.storage
 from agglom_mpi.campaign_file import open_campaign

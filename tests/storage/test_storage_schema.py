@@ -4,7 +4,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from storage_helpers import LOWER, MAX_SAMPLES, POPULATION, STRINGS, TEXT, UPPER, make, sample_rows
+from storage_rows import LOWER, MAX_SAMPLES, POPULATION, STRINGS, TEXT, UPPER, make, sample_rows
 
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
-from storage_helpers import make, put_result, put_strings, sample_rows
+from storage_rows import make, put_result, put_strings, sample_rows
 
 from agglom_mpi.analysis.estimates import interval, objective_of
 from agglom_mpi.analysis.ranking import order_by_estimates

@@ -1,9 +1,21 @@
+"""Running and pooled means, standard errors and t intervals."""
+
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglom_mpi.statistics import PooledMoments, RunningMean
+from agglom_mpi.statistics import (
+    MeanEstimate,
+    PooledMoments,
+    RunningMean,
+    mean_of,
+    t_95,
+    t_quantile,
+    t_tails,
+)
 
 numbers = st.floats(-100, 100)
 groups = st.lists(st.lists(numbers, min_size=1, max_size=12), min_size=1, max_size=12)
@@ -70,3 +82,29 @@ def test_groups_of_equal_members_have_moments_of_exactly_zero():
     for count in (100, 37, 1):
         pooled.add(count, 1.0, (0.0, 0.0, 0.0))
     assert pooled.central == (0.0, 0.0, 0.0)
+
+
+def test_a_mean_has_a_standard_error_and_t_interval():
+    found = mean_of([1.0, 2.0, 3.0, 6.0])
+    assert found.value == 3.0
+    assert found.error == pytest.approx(math.sqrt(14.0 / 3.0 / 4.0), rel=1e-14)
+    assert found.half_width == pytest.approx(3.182446305 * found.error, rel=1e-8)
+
+
+def test_one_value_has_no_error_and_none_no_mean():
+    assert math.isnan(mean_of([2.0]).error)
+    assert mean_of([2.0]).half_width == math.inf
+    assert math.isnan(mean_of([]).value)
+
+
+def test_equal_values_have_no_error():
+    assert mean_of([2.0, 2.0, 2.0]) == MeanEstimate(2.0, 0.0, 3)
+
+
+@pytest.mark.parametrize(
+    ("degrees_of_freedom", "quantile"),
+    [(1, 12.706), (2, 4.303), (4, 2.776), (9, 2.262), (120, 1.980)],
+)
+def test_t_quantiles_are_those_of_printed_tables(degrees_of_freedom, quantile):
+    assert t_95(degrees_of_freedom) == pytest.approx(quantile, abs=5e-4)
+    assert t_tails(t_quantile(degrees_of_freedom, 0.9), degrees_of_freedom) == pytest.approx(0.1)
