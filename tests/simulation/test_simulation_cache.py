@@ -61,7 +61,7 @@ def files_in(folder):
 @pytest.mark.parametrize(
     ("code", "argument"),
     [
-        pytest.param(IMPACT, str(ROOT / "tests" / "physics"), id="impact"),
+        pytest.param(IMPACT, str(ROOT / "tests" / "helpers"), id="impact"),
         pytest.param(SAMPLE, few_laws(), id="sample", marks=pytest.mark.slow),
     ],
 )
