@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 
 from agglom_mpi.search.ensemble import Ensemble
@@ -145,3 +146,18 @@ def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
     book, _ = run(Race(kept=4, confidence=0.9, first=5))
     ended = [r.samples_used for r in book.results.values() if not r.hit_maximum]
     assert set(ended) & {5, 10, 20, 40}
+
+
+@pytest.mark.parametrize("round_number", [0, 1, 4])
+@pytest.mark.parametrize("kept", [1, 3])
+def test_a_string_is_dropped_where_intervals_of_the_confidence_of_its_round_part(
+    round_number, kept
+):
+    """All rounds together fail with 1 - 0.9 at most: the risks of K + 1 intervals, halved each."""
+    race = Race(kept=kept, confidence=0.9, first=4)
+    risk = 0.1 / 2.0 ** (round_number + 1) / (kept + 1)
+    half = stats.t.ppf(1.0 - risk, df=9) * 0.3
+    others = [RaceEntry(1.0, 0.3, 10)] * kept
+    for factor, dropped in ((1.0 + 1e-9, [7]), (1.0 - 1e-9, [])):
+        running = {7: RaceEntry(1.0 + 2.0 * half * factor, 0.3, 10)}
+        assert race.dropped(round_number, running, others) == dropped
