@@ -55,6 +55,12 @@ def test_failures_of_all_samples_decide_whether_a_string_is_given_up():
     assert fed(bad.resample(5), [failed()] * 5).objective == np.inf
 
 
+def test_each_failed_sample_is_counted_in_one_result():
+    first = ensemble(20)
+    assert fed(first, [failed()] + [completed(2.0)] * 19).failed == 1
+    assert fed(first.resample(5), [completed(2.0)] * 4 + [failed()]).failed == 1
+
+
 def worth(strings):
     return np.abs(strings[:, 0] - 0.3)
 
