@@ -9,7 +9,7 @@ from storage_rows import sample_rows
 
 from agglom_mpi.runtime.recorder import DigestAccumulator
 from agglom_mpi.storage.schema import RESULTS, SAMPLES
-from agglom_mpi.storage.table import generation_digest, used_samples
+from agglom_mpi.storage.table import consecutive_samples, generation_digest, used_samples
 
 
 @pytest.fixture
@@ -89,3 +89,10 @@ def test_accumulator_gathers_the_same_from_pieces_in_any_order(rested):
     accumulator.begin(parameters[:1])
     accumulator.add_result(5, later)
     assert accumulator.digest() == digest(parameters[:1], later, late)
+
+
+def test_samples_of_two_strings_are_never_consecutive():
+    rows = sample_rows(0, 0, 4)
+    rows["string"], rows["sample"] = [0, 0, 1, 1], [0, 1, 2, 4]
+    parts = [part[["string", "sample"]].tolist() for part in consecutive_samples(rows)]
+    assert parts == [[(0, 0), (0, 1)], [(1, 2)], [(1, 4)]]
