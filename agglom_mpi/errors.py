@@ -3,6 +3,8 @@
 import importlib.util
 from typing import ClassVar, Final
 
+from agglom_mpi.formatting import printable
+
 FINISHED: Final = 0
 FAILURE: Final = 1
 """Anything else than the others: an unexpected error, a damaged file, a failed sample."""
@@ -11,6 +13,8 @@ STOPPED: Final = 75
 """Stopped early; running the same command again continues it."""
 INTERRUPTED: Final = 130
 """Ctrl-C ended a command that only reads."""
+BROKEN_PIPE: Final = 141
+"""Nobody reads the output of a command that only reads, as a shell shows it of SIGPIPE."""
 
 
 class UserError(Exception):
@@ -48,5 +52,5 @@ def require_library(name: str, extra: str, purpose: str) -> None:
 def error_text(error: Exception) -> str:
     """Return an error as one message; the operating system's as `FILE: REASON`."""
     if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)
+        return printable(f"{error.filename}: {error.strerror}")
+    return printable(str(error))

@@ -2,8 +2,16 @@
 
 import codecs
 import math
-import sys
+import re
 from typing import Final, Protocol
+
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""Control characters, but for tabs and ends of lines."""
+
+
+def printable(text: str) -> str:
+    """Return a text with control characters replaced, which would command a terminal."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def pluralise(number: int, noun: str) -> str:
@@ -43,19 +51,15 @@ def _replace(error: UnicodeError) -> tuple[str, int]:
     return "".join(escaped), error.end
 
 
-codecs.register_error("ascii_replacement", _replace)
+ASCII_REPLACEMENT: Final = "ascii_replacement"
+"""Name of the way in which streams encode what their encoding lacks."""
+
+codecs.register_error(ASCII_REPLACEMENT, _replace)
 
 
 def encodable(text: str, encoding: str) -> str:
     """Return a text with what the encoding lacks replaced."""
-    return text.encode(encoding, "ascii_replacement").decode(encoding)
-
-
-def replace_unencodable() -> None:
-    """Make standard output and error accept any text, whatever their encoding."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # not where a caller has replaced it
-            stream.reconfigure(errors="ascii_replacement")
+    return text.encode(encoding, ASCII_REPLACEMENT).decode(encoding)
 
 
 ROUNDING: Final = 1e-14

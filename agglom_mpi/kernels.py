@@ -15,8 +15,16 @@ from typing import Any, Final, TypeAlias, TypeVar
 import numba
 from numba.extending import overload
 
+from agglom_mpi.kernel_linking import COMPILER
+
 _PACKAGE: Final = Path(__file__).parent
-_KERNEL_SOURCES: Final = ("kernels.py", "outcome.py", "physics/*.py", "simulation/**/*.py")
+_KERNEL_SOURCES: Final = (
+    "kernel_linking.py",
+    "kernels.py",
+    "outcome.py",
+    "physics/*.py",
+    "simulation/**/*.py",
+)
 
 Submodel: TypeAlias = Any
 """A NamedTuple of the numbers of one law in SI units; its type says which law a scene has."""
@@ -24,6 +32,7 @@ Submodel: TypeAlias = Any
 _CONFIG: Any = numba.config
 _KERNEL: Final[dict[str, Any]] = {
     "cache": True,
+    "pipeline_class": COMPILER,
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
@@ -31,6 +40,7 @@ _KERNEL: Final[dict[str, Any]] = {
 }
 # Inlining saves copying the NamedTuples of arrays at every call: a factor of two and more.
 _ALLOCATING: Final[dict[str, Any]] = {
+    "pipeline_class": COMPILER,
     "nogil": True,
     "error_model": "numpy",
     "forceinline": True,
@@ -40,6 +50,7 @@ _ALLOCATING: Final[dict[str, Any]] = {
 }
 # Without counting references to arrays, which costs more than half of the time of a short loop.
 _INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
+_DISPATCHED: Final[dict[str, Any]] = {"pipeline_class": COMPILER, "error_model": "numpy"}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -175,12 +186,12 @@ def dispatch(signature: Callable[..., Any]) -> Any:
 
     `signature.register(Law)` decorates what the law computes; see `Dispatcher`.
     """
-    return _dispatched(signature, {"error_model": "numpy", "_nrt": False})
+    return _dispatched(signature, {**_DISPATCHED, "_nrt": False})
 
 
 def dispatch_allocating(signature: Callable[..., Any]) -> Any:
     """Decorate a signature like `dispatch`; its functions may make arrays."""
-    return _dispatched(signature, {"error_model": "numpy", "_nrt": True})
+    return _dispatched(signature, {**_DISPATCHED, "_nrt": True})
 
 
 def _dispatched(signature: Callable[..., Any], options: Any) -> Any:

@@ -14,10 +14,10 @@ TESTS = Path(__file__).parents[1]
 @pytest.mark.parametrize(
     ("files", "least"),
     [
-        ("simulation/test_frames_*.py", 30),
-        ("simulation/test_simulation_*.py", 50),
+        pytest.param("simulation/test_frames_*.py", 30, marks=pytest.mark.slow),
+        pytest.param("simulation/test_simulation_*.py", 50, marks=pytest.mark.slow),
         ("simulation/test_[be]*.py", 50),
-        ("extremes/test_*.py", 15),
+        pytest.param("extremes/test_*.py", 15, marks=pytest.mark.slow),
         ("accuracy/test_accuracy_few_body.py", 1),
     ],
 )
