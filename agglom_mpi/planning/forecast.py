@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from agglom_mpi.planning.cluster_simulator import MessageCosts
 
 WELL_USED: Final = 0.5
-"""Smallest share of the ranks' time spent on needed samples at which so many ranks are advised."""
+"""A number of ranks is advised if this share of their time, at least, goes to needed samples."""
 
 MARGIN: Final = 2.0
 """Ratio of the advised walltime to the forecast: pilot strings are faster or slower than others."""

@@ -31,7 +31,7 @@ TICK: Final = 0.5
 
 
 class RunEnd(NamedTuple):
-    """How a run ended: exit code, state for the file, and why in words."""
+    """How a run ended: exit code, state for the file, and the reason as text."""
 
     code: int
     state: str
@@ -133,7 +133,7 @@ class Coordinator:
 
     @property
     def end_reason(self) -> str:
-        """Why the search ended, in words."""
+        """The reason why the search ended, as text."""
         return self._experiment.end_reason(self.inversion)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:

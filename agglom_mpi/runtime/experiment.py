@@ -93,7 +93,7 @@ class Experiment(ABC):
     top
         Number of strings in the mean of the best.
     purpose
-        What the strings are for, in words.
+        What the strings are for, as text.
     """
 
     campaign: Campaign
@@ -133,7 +133,7 @@ class Experiment(ABC):
 
     @abstractmethod
     def end_reason(self, inversion: Inversion) -> str:
-        """Return in words why there is nothing left to do."""
+        """Return the reason why there is nothing left to do, as text."""
 
     def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return what to estimate again after the last decision."""
@@ -145,7 +145,7 @@ class Experiment(ABC):
 
     @property
     def largest(self) -> str:
-        """The most that there is to do, in words."""
+        """The largest amount of work, as text."""
         return f"at most {self.table_sizes.strings} strings"
 
 
@@ -236,7 +236,7 @@ class InversionExperiment(Experiment):
         )
 
     def end_reason(self, inversion: Inversion) -> str:
-        """Return in words whether the target was reached."""
+        """Return a sentence that says whether the target was reached."""
         stopping = self.campaign.stopping
         if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:
             top, objective = stopping.target.top, stopping.target.objective

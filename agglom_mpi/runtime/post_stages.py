@@ -48,10 +48,10 @@ class PostStage(ABC):
 
     @abstractmethod
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Return in words what is to be done."""
+        """Return a sentence about the work to be done, for the display."""
 
     def begin(self, ranks: int) -> str:
-        """Begin on that many ranks; return in words what is to be done, empty if nothing is."""
+        """Begin on a number of ranks; return the announcement, empty if there is nothing to do."""
         tasks = self.open()
         self.scheduler = StaticScheduler(tasks, ranks)
         self.done_before = self.stage.done
@@ -118,7 +118,7 @@ class FrameStage(PostStage):
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Return in words what is to be done."""
+        """Return a sentence about the work to be done, for the display."""
         return f"taking pictures of {pluralise(len(tasks), 'sample')}, {tasks['frames'][0]} of each"
 
     def store(self, rows: NDArray[np.void]) -> bool:
@@ -201,7 +201,7 @@ class ReestimationStage(PostStage):
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
-        """Return in words what is to be done."""
+        """Return a sentence about the work to be done, for the display."""
         strings = pluralise(len(set(tasks["string"].tolist())), "string")
         return f"estimating {strings} again, on {pluralise(len(tasks), 'fresh sample')}"
 

@@ -22,7 +22,13 @@ from agglom_mpi.search.decisions import (
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, sample_dtype
-from agglom_mpi.storage.table import concatenated, generation_digest, runs_of, used_samples
+from agglom_mpi.storage.table import (
+    concatenated,
+    generation_digest,
+    make_row,
+    runs_of,
+    used_samples,
+)
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import COUNT
 
@@ -174,7 +180,7 @@ class RunRecorder:
         return time.monotonic() - self._generation_begun
 
     def progress(self, ranks: int, in_flight: int) -> Progress:
-        """Return what is known in every phase, with that many samples in flight on the ranks."""
+        """Return what is known in every phase, with a number of samples in flight on the ranks."""
         elapsed = self._elapsed
         return Progress(
             done=0,
@@ -287,7 +293,7 @@ class RunRecorder:
     def _store_result(self, string: int, result: EnsembleResult) -> None:
         row = self._stored_results.get(string)
         if row is None:
-            row = result_row(string, result)
+            row = make_row(RESULTS.dtype, string=string, **result._asdict())
             self._writer.mark_running()
             self._barrier.store(partial(self._writer.put_result, row))
         self._digest.add_result(string, row)
@@ -325,12 +331,3 @@ class RunRecorder:
         store()
         self._writer.sync()
         self.synced()
-
-
-def result_row(string: int, result: EnsembleResult) -> NDArray[np.void]:
-    """Return a row of `/results`, shape (1,), without its checksum."""
-    row = np.zeros(1, RESULTS.dtype)
-    row["string"] = string
-    for name, value in result._asdict().items():
-        row[name] = value
-    return row

@@ -244,7 +244,7 @@ class FixedNumber(StoppingRule):
 
     @property
     def label(self) -> str:
-        """The rule in words."""
+        """Description of the rule."""
         return "a fixed number of samples"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:

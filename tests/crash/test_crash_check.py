@@ -45,7 +45,8 @@ def assert_sound(path):
     return text
 
 
-@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.slow
 def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted, ranks):
     if ranks is not None:
         need_mpirun()
@@ -171,6 +172,7 @@ simulator.SampleRunner.warm_up = warm_up
 """
 
 
+@pytest.mark.slow
 def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, tmp_path):
     finish(folder, "small.yaml", "--generations", "2")
     path = folder / "small.h5"

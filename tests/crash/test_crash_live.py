@@ -27,7 +27,8 @@ def look(path):
     return counts
 
 
-@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.slow
 def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
     if ranks is not None:
         need_mpirun()

@@ -18,7 +18,8 @@ from campaign_runs import (
 from agglom_mpi.campaign_file import open_campaign
 
 SLOW_SIGNALS = [
-    pytest.param(number, marks=pytest.mark.slow) for number in (signal.SIGINT, signal.SIGUSR1)
+    pytest.param(number, marks=pytest.mark.slow)
+    for number in (signal.SIGINT, signal.SIGUSR1, signal.SIGHUP)
 ]
 
 

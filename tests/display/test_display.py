@@ -157,6 +157,7 @@ def test_quiet_shows_nothing_on_a_terminal_either(folder):
         assert seen_on(opened, folder, "-q")[-1] == [""]
 
 
+@pytest.mark.slow
 def test_a_run_in_the_background_leaves_the_terminal_to_the_shell(folder):
     """Started by a shell that does job control, as `agglom-invert … &`."""
     bash = shutil.which("bash")
@@ -173,7 +174,8 @@ def test_a_run_in_the_background_leaves_the_terminal_to_the_shell(folder):
     assert "finished: all 4 generations are done" in seen[-1]
 
 
-@pytest.mark.parametrize("ranks", [None, *slow(2)])
+@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_a_tidy_terminal(tmp_path, ranks):
     if ranks:
         need_mpirun()

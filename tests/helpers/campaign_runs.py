@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from contextlib import chdir, contextmanager
 from pathlib import Path
 from pydoc import locate
@@ -91,7 +92,7 @@ TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}
 SHARED = {"tiny": TINY, "small": SMALL, "estimated": SMALL | {"final": FINAL}, "slow": SLOW}
 """Campaigns whose files several tests read: the fixture `shared_campaign` gives them."""
 
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 
 _BIN = Path(sys.executable).parent
 _LAUNCHERS = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "SLURM_", "HYDI_", "PRTE_")
@@ -144,6 +145,10 @@ def environment(inject=None, **variables):
     clean |= {"OMPI_MCA_rmaps_base_oversubscribe": "1"}
     clean |= {"OMPI_MCA_hwloc_base_binding_policy": "none"}
     clean |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    # Two mpirun of Open MPI 4 that start at once may both make their session folder: one fails.
+    sessions = Path(tempfile.gettempdir(), f"ompi.{os.environ.get('PYTEST_XDIST_WORKER', 'main')}")
+    sessions.mkdir(exist_ok=True)
+    clean |= {"OMPI_MCA_orte_tmpdir_base": str(sessions)}
     return clean | variables
 
 

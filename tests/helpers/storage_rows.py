@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from agglom_mpi.storage.create import create_campaign_file
+from agglom_mpi.storage.header import digest
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row
 
@@ -15,10 +16,11 @@ TEXT = "title: grünes Korn\n" + "# a long remark\n" * 8000
 
 
 def make(path: Path, **changes: object) -> Path:
+    identity = {"particles": 100, "box": [0.1, 30.0]}
     given = {
         "campaign_text": TEXT,
-        "campaign_sha256": "c" * 64,
-        "identity": {"particles": 100, "box": [0.1, 30.0]},
+        "campaign_sha256": digest(changes.get("identity", identity)),
+        "identity": identity,
         "seed": 2**62 + 1,
         "title": "grünes Korn",
         "code_version": "0.1.0",

@@ -27,7 +27,7 @@ def plain(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("database", "ranks"),
-    [("gathered", 2), PARALLEL],
+    [pytest.param("gathered", 2, marks=pytest.mark.slow), PARALLEL],
 )
 def test_ranks_share_the_fresh_samples(plain, tmp_path, database, ranks):
     need_mpirun()

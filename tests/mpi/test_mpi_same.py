@@ -45,7 +45,7 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
 
 
 @pytest.mark.parametrize(
-    ("ranks", "stops"), [(2, 1), slow(1, 2), slow(2, 2), slow(3, 2), slow(5, 2), slow(8, 2)]
+    ("ranks", "stops"), [slow(2, 1), slow(1, 2), slow(2, 2), slow(3, 2), slow(5, 2), slow(8, 2)]
 )
 def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(
     small, tmp_path, ranks, stops

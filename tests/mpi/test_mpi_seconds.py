@@ -60,6 +60,7 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
         assert values.startswith(before[name]) or name.startswith("samples.")
 
 
+@pytest.mark.slow
 def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
     write(tmp_path / "small.yaml")
     path = tmp_path / "small.yaml"

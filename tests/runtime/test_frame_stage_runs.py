@@ -113,7 +113,10 @@ def test_a_finished_campaign_with_its_pictures_has_nothing_to_do(path):
 
 @pytest.mark.parametrize(
     ("code", "act", "left"),
-    [(-9, KILLED_BY_THE_FIRST_PICTURES, 1), (75, STOPPED_BEFORE_PICTURES, 0)],
+    [
+        pytest.param(-9, KILLED_BY_THE_FIRST_PICTURES, 1, marks=pytest.mark.slow),
+        (75, STOPPED_BEFORE_PICTURES, 0),
+    ],
 )
 def test_a_run_that_ends_before_its_pictures_takes_them_when_run_again(
     kept, tmp_path, code, act, left

@@ -85,7 +85,8 @@ def agglom_simulate():
     return simulate
 
 
-@pytest.mark.parametrize("legs", [(None, 2), pytest.param((2, 3), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("legs", [(None, 2), (2, 3)])
 def test_ranks_and_an_interruption_change_nothing(undisturbed, tmp_path, legs):
     need_mpirun()
     write(tmp_path)

@@ -48,14 +48,15 @@ def test_a_run_is_sound_and_holds_all_strings(plain, search):
     assert len(file.all_sample_rows()) == 3 * strings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("search", "legs"),
     [
         ("surrogate", (2, None)),
-        pytest.param("surrogate", (3, 2), marks=pytest.mark.slow),
-        pytest.param("cmaes", (2, None), marks=pytest.mark.slow),
-        pytest.param("sobol", (3, None), marks=pytest.mark.slow),
-        pytest.param("random", (2, 3), marks=pytest.mark.slow),
+        ("surrogate", (3, 2)),
+        ("cmaes", (2, None)),
+        ("sobol", (3, None)),
+        ("random", (2, 3)),
     ],
 )
 def test_decisions_depend_neither_on_ranks_nor_on_interruptions(plain, tmp_path, search, legs):

@@ -6,13 +6,14 @@ import pytest
 from agglom_mpi.runtime import stop_request as clock
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 
-ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 
 
 @pytest.fixture(autouse=True)
 def handlers():
     """Put the signal handlers of the test runner back."""
     kept = {number: signal.getsignal(number) for number in ALL}
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the test runner may be one under nohup
     yield
     for number, handler in kept.items():
         signal.signal(number, handler)
@@ -46,6 +47,14 @@ def test_a_signal_is_a_reason_and_kills_nobody(number):
     assert stop.reason == f"received {number.name}"
 
 
+def test_under_nohup_a_hangup_stops_nothing():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stop = StopRequest(3600.0)
+    stop.listen()
+    signal.raise_signal(signal.SIGHUP)
+    assert stop.reason == ""
+
+
 def test_the_reason_stays_after_a_deadline_passed_too(now):
     stop = StopRequest(3600.0)
     stop.listen()
@@ -58,4 +67,4 @@ def test_workers_ignore_what_the_first_rank_listens_to():
     ignore_signals()
     for number in ALL:
         signal.raise_signal(number)
-    assert [signal.getsignal(number) for number in ALL] == [signal.SIG_IGN] * 3
+    assert [signal.getsignal(number) for number in ALL] == [signal.SIG_IGN] * len(ALL)

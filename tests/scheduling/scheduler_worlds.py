@@ -1,9 +1,10 @@
 """A small campaign, and ranks that do with what a scheduler hands out whatever chance wants."""
 
 from collections import Counter, deque
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
+from decision_log import DecisionLog
 from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
@@ -11,7 +12,6 @@ from agglom_mpi.scheduling.estimators import QUEUE_PROBABILITY
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
-from agglom_mpi.search.decisions import GenerationSummary, StringEvaluated, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
@@ -41,22 +41,12 @@ class Judge(Ensemble):
         super().add(outcome)
 
 
-class Decisions:
-    """What an inversion has decided."""
+class Decisions(DecisionLog):
+    """What an inversion has decided, and which strings were proposed ahead."""
 
     def __init__(self):
-        self.results, self.summaries, self.strings = {}, [], []
-        self.generation_of, self.ahead = {}, {}
-
-    def record(self, decisions):
-        for decision in decisions:
-            match decision:
-                case StringsProposed(proposals, strings, ahead):
-                    (self.proposed_ahead if ahead else self.proposed)(proposals, strings)
-                case StringEvaluated(string, result):
-                    self.evaluated(string, result)
-                case GenerationSummary():
-                    self.closed(decision)
+        super().__init__()
+        self.strings, self.generation_of, self.ahead = [], {}, {}
 
     def proposed_ahead(self, batch, ids):
         for string, parameters in zip(ids.tolist(), batch.parameters, strict=True):
@@ -70,15 +60,9 @@ class Decisions:
             self.generation_of[string] = batch.generation
             self.strings.append((string, parameters.tobytes()))
 
-    def evaluated(self, string, result):
-        assert string not in self.results
-        self.results[string] = tuple(result)
-
-    def closed(self, summary):
-        self.summaries.append((summary.generation, summary.best, summary.population.tolist()))
-
     def everything(self):
-        return self.strings, sorted(self.results.items()), self.summaries
+        summaries = [(s.generation, s.best, s.population.tolist()) for s in self.summaries]
+        return self.strings, sorted(self.results.items()), summaries
 
 
 def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
@@ -89,14 +73,7 @@ def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MA
 
 def scheduler_of(inversion, decisions, ranks, *known_and_used):
     """Return a scheduler whose strings ahead are among the decisions."""
-
-    def propose_ahead(generations):
-        proposed = inversion.propose_ahead(generations)
-        if proposed is None:
-            return []
-        decisions.record([proposed])
-        return proposed.strings.tolist()
-
+    propose_ahead = partial(decisions.propose_ahead, inversion)
     return Scheduler(inversion, propose_ahead, ranks, *known_and_used)
 
 

@@ -1,10 +1,10 @@
 """Stand-ins for what surrounds a search: outcomes of samples and a box to search."""
 
 import numpy as np
+from decision_log import DecisionLog
 from summary_rows import rows_of
 
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.search.decisions import GenerationSummary, StringEvaluated, StringsProposed
 from agglom_mpi.search.proposals import Evaluations
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
@@ -12,11 +12,12 @@ from agglom_mpi.variables import COUNT
 PARTICLES = 100
 
 
-class Decisions:
-    """All that an inversion decides; subclasses keep what is proposed."""
+class Decisions(DecisionLog):
+    """All that an inversion decides, and what is said of it to the inversion."""
 
     def __init__(self):
-        self.batches, self.results, self.summaries = [], {}, []
+        super().__init__()
+        self.batches = []
 
     def start(self, inversion):
         self.record(inversion.start())
@@ -24,34 +25,6 @@ class Decisions:
     def complete(self, inversion, string, first, outcomes):
         """Let the inversion have samples of a string, by their summaries."""
         self.record(inversion.complete(string, first, rows_of(outcomes)))
-
-    def propose_ahead(self, inversion, generations):
-        """Numbers of strings proposed ahead."""
-        proposed = inversion.propose_ahead(generations)
-        if proposed is None:
-            return []
-        self.record([proposed])
-        return proposed.strings.tolist()
-
-    def record(self, decisions):
-        for decision in decisions:
-            match decision:
-                case StringsProposed(proposals, strings, ahead):
-                    (self.proposed_ahead if ahead else self.proposed)(proposals, strings)
-                case StringEvaluated(string, result):
-                    self.evaluated(string, result)
-                case GenerationSummary():
-                    self.summaries.append(decision)
-
-    def proposed_ahead(self, batch, ids):
-        pass
-
-    def proposed(self, batch, ids):
-        pass
-
-    def evaluated(self, string, result):
-        assert string not in self.results
-        self.results[string] = result
 
     def text(self):
         """Return every decision, with every bit of every number."""

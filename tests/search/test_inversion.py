@@ -93,7 +93,7 @@ def serve_at_random(process, book, chance, ahead, repeats):
 
 
 @given(st.integers(0, 2**32), st.integers(0, 30), st.integers(0, 2))
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=20, derandomize=True, deadline=None)
 def test_decisions_do_not_depend_on_the_order_of_arrival(reference, seed, ahead, repeats):
     process, book = inversion()
     serve_at_random(process, book, random.Random(seed), ahead, repeats)

@@ -114,7 +114,8 @@ MIXED = (
     MomentTarget("skewness", 0.0),
     MomentTarget("kurtosis", 6.0),
 )
-ERRORS = [*((MomentTarget(name, 0.5),) for name in NAMES), MIXED]
+ALONE = [pytest.param((MomentTarget(name, 0.5),), marks=pytest.mark.slow) for name in NAMES]
+ERRORS = [*ALONE, MIXED]
 
 
 @pytest.mark.parametrize("terms", ERRORS, ids=lambda terms: "-".join(t.name for t in terms))

@@ -41,7 +41,7 @@ def test_one_sample_has_no_standard_error_and_none_is_worth_inf(objective):
 
 @pytest.mark.parametrize("objective", [GrowthTarget(2.0), GrowthTarget(5.0), MaximumGrowth(1000)])
 def test_the_standard_error_is_the_scatter_of_repeated_ensembles(objective):
-    samples, repeats, deviation = 8, 20000, 0.05
+    samples, repeats, deviation = 8, 5000, 0.05
     rng = np.random.default_rng(20031)
     ratios = rng.normal(2.5, deviation, (repeats, samples))
     values, errors = np.array([objective.of_ensemble(map(completed, row)) for row in ratios]).T

@@ -128,6 +128,7 @@ def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
     return book
 
 
+@pytest.mark.slow
 def test_luck_does_not_survive():
     """All strings are worth 0.3: what the best claims is nothing but luck."""
     best = [inverted(0.1, seed).summaries[-1].objective for seed in range(30)]

@@ -149,6 +149,7 @@ def thoughts(threads, background):
     return said
 
 
+@pytest.mark.slow
 def test_the_same_tells_lead_to_the_same_proposals_on_any_number_of_cores():
     assert thoughts(1, False) == thoughts(2, False) == thoughts(2, True)
 
@@ -366,7 +367,11 @@ def test_a_crossing_in_the_middle_of_the_box_is_found_by_its_sign(seed):
 
 
 @pytest.mark.parametrize(
-    ("worth", "noise"), [(lambda points: corner(points) - 0.9, 0.05), (bowl, 0.1)]
+    ("worth", "noise"),
+    [
+        (lambda points: corner(points) - 0.9, 0.05),
+        pytest.param(bowl, 0.1, marks=pytest.mark.slow),
+    ],
 )
 def test_in_ten_dimensions_noise_leads_it_less_astray_than_random_search(worth, noise):
     found, undirected = [], []
