@@ -1,6 +1,6 @@
 """A recorded campaign, its strings and samples, to be simulated again and compared."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,12 @@ from agglom_mpi.outcome import COLUMNS
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
+
+AGREEMENT: Final = {
+    True: "identical to the recorded sample",
+    False: "differs from the recorded sample",
+}
+"""What is said of a resimulated sample, by `is_same`."""
 
 
 def recorded_campaign(data: "CampaignData") -> Campaign:

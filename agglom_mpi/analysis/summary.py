@@ -151,6 +151,7 @@ class Summary(NamedTuple):
     samples_fresh: int
     failed: int
     hit_maximum: int
+    damaged: int
     seconds: float
     samples_per_second: float
     best: list[dict[str, Any]]
@@ -182,7 +183,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         seconds = max(seconds, float(generations["seconds"].max()))
     return Summary(
         file=str(file.path),
-        title=str(file.attributes["title"]),
+        title=file.title,
         state=status.state,
         reason=status.reason,
         generations=len(generations),
@@ -192,6 +193,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_fresh=fresh,
         failed=int((samples["state"] == 2).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
+        damaged=file.damaged,
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         best=[

@@ -69,10 +69,9 @@ def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
 
 def samples(data: "CampaignData") -> "pd.DataFrame":
     """Tabulate samples: `used` says whether a result rests on them, `fresh` if none ever does."""
-    rows, results, fresh_from = data.all_sample_rows(), data.result_rows(), data.fresh_from
+    rows, used, fresh_from = data.all_sample_rows(), data.samples_used, data.fresh_from
     frame = _columns(_pandas(), rows, without={"state", "reason"})
-    judged = dict(zip(results["string"].tolist(), results["samples_used"].tolist(), strict=True))
-    limits = np.array([judged.get(string, 0) for string in rows["string"].tolist()], dtype=int)
+    limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], dtype=int)
     frame.insert(2, "state", _texts(rows["state"], STATES))
     frame.insert(3, "used", rows["sample"] < limits)
     frame.insert(4, "reason", _texts(rows["reason"], REASONS))

@@ -1,5 +1,6 @@
 """The commands `agglom-invert` and `agglom`; each imports only what it needs."""
 
+import sys
 from importlib import import_module
 from typing import Final
 
@@ -51,11 +52,11 @@ def main() -> None:
 
 def agglom() -> None:
     """Run `agglom`."""
-    launch(main)
+    launch(main, simulates=sys.argv[1:2] == ["accuracy"])
 
 
 def invert() -> None:
     """Run `agglom-invert`."""
     from agglom_mpi.cli.invert import invert_command
 
-    launch(invert_command)
+    launch(invert_command, simulates=True)

@@ -9,28 +9,55 @@ from typing import Any, Final
 
 import click
 
-from agglom_mpi.errors import BAD_INPUT, FAILURE, STOPPED, UserError, error_text
-from agglom_mpi.formatting import replace_unencodable
+from agglom_mpi.display.streams import flush_streams, prepare_streams
+from agglom_mpi.errors import (
+    BAD_INPUT,
+    FAILURE,
+    FINISHED,
+    INTERRUPTED,
+    STOPPED,
+    UserError,
+    error_text,
+)
 from agglom_mpi.launcher import is_first_rank
 
 
-def launch(command: click.Command) -> None:
-    """Run a command and end the process; under MPI only the first rank prints help and errors."""
-    replace_unencodable()
+def launch(command: click.Command, simulates: bool) -> None:
+    """Run a command and end the process; under MPI only the first rank prints help and errors.
+
+    Parameters
+    ----------
+    command
+    simulates
+        Whether it is a run that writes its samples: it goes on if nobody reads its output any more,
+        and an interrupted one can be continued. Other commands end with `BROKEN_PIPE`.
+    """
+    prepare_streams(endures=simulates)
+    try:
+        code = _exit_code(command, simulates)
+        flush_streams()
+    except OSError as error:
+        click.echo(f"{command.name}: {error_text(error)}", err=True)
+        code = FAILURE
+    sys.exit(code)
+
+
+def _exit_code(command: click.Command, simulates: bool) -> int:
+    """Run a command, print its errors, and return what the process ends with."""
     try:
         with nullcontext() if is_first_rank() else redirect_stdout(None):
-            code = command(standalone_mode=False)
+            return int(command(standalone_mode=False) or FINISHED)
+    except SystemExit as end:
+        return int(end.code or FINISHED)
     except click.ClickException as error:
         if is_first_rank():
             error.show()
-        code = error.exit_code
+        return error.exit_code
     except (click.Abort, KeyboardInterrupt):
+        if not simulates:
+            return INTERRUPTED
         click.echo("interrupted; run the same command again to continue", err=True)
-        code = STOPPED
-    except OSError as error:
-        click.echo(f"{command.name}: {error}", err=True)
-        code = FAILURE
-    sys.exit(code)
+        return STOPPED
 
 
 def run_connected(run: Callable[[Any], int]) -> int:
@@ -133,7 +160,7 @@ DATABASE: Final = click.option(
 )
 GENERATIONS: Final = click.option(
     "--generations",
-    type=click.IntRange(1),
+    type=click.IntRange(1, 10**6),
     help="Maximum number of generations, instead of the campaign's.",
 )
 JSON: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -39,7 +39,7 @@ from agglom_mpi.cli.common import PATH, examples, exit_with
 )
 @click.option(
     "--frames",
-    type=click.IntRange(1),
+    type=click.IntRange(1, 10**5),
     help="Resimulate the sample with this number of frames.  [default: those stored, or 101]",
 )
 @exit_with

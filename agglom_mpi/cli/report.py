@@ -1,12 +1,16 @@
 """`agglom report`: results of campaign files."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from agglom_mpi.cli.common import JSON, PATH, examples, exit_with
-from agglom_mpi.errors import INTERRUPTED
+from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
+from agglom_mpi.formatting import pluralise
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
 
 
 @click.command(
@@ -49,7 +53,7 @@ def report(
     Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
     are compared by their best strings. The web page is a single file; in DIR, only files with the
     names of the page and its figures are replaced. With --follow the exit code is that of the run,
-    or 130 after Ctrl-C, which does not affect the run.
+    or 130 after Ctrl-C, which does not affect the run; it is 1 if damaged rows are left out.
     """
     options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
     for option, given in options.items():
@@ -59,43 +63,60 @@ def report(
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
-    code = _follow(files[0]) if follow else 0
+    from agglom_mpi.storage.reader import read_inversion
+
+    code = _follow(read_inversion(files[0])) if follow else FINISHED
     if code == INTERRUPTED:
         return code
+    opened = [read_inversion(file) for file in files]
+    for file in opened:
+        file.settle()
     if out is not None:
-        _write_page(files[0], out, not stored_only, sensitivity)
-        return code
-    from agglom_mpi.display.display import print_wide
+        _write_page(opened[0], out, not stored_only, sensitivity)
+    else:
+        several = len(files) > 1
+        if several:
+            text = _comparison(opened, as_json)
+        else:
+            text = _summary(opened[0], sensitivity, as_json)
+        if as_json:
+            click.echo(text)
+        else:
+            from agglom_mpi.display.display import print_wide
 
-    several = len(files) > 1
-    text = _comparison(files, as_json) if several else _summary(files[0], sensitivity, as_json)
-    click.echo(text) if as_json else print_wide(text)
-    return code
+            print_wide(text)
+    return max(code, *map(_mention_damage, opened))
 
 
-def _follow(file: str) -> int:
+def _mention_damage(file: "CampaignData") -> int:
+    """Say on standard error if rows of a file are left out; return the exit code."""
+    if not file.damaged:
+        return FINISHED
+    rows = pluralise(file.damaged, "damaged row")
+    click.echo(f"{file.path}: {rows} left out; agglom check {file.path} says which", err=True)
+    return FAILURE
+
+
+def _follow(file: "CampaignData") -> int:
     """Show the progress of a run until it ends; return its exit code, or `INTERRUPTED`."""
     from agglom_mpi.report.follow import follow
-    from agglom_mpi.storage.reader import read_inversion
 
-    return follow(read_inversion(file))
+    return follow(file)
 
 
-def _write_page(file: str, out: Path, resimulate: bool, sensitivity: bool) -> None:
+def _write_page(file: "CampaignData", out: Path, resimulate: bool, sensitivity: bool) -> None:
     """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
-    from agglom_mpi.storage.reader import read_inversion
 
-    for line in write_report(read_inversion(file), out, resimulate, sensitivity):
+    for line in write_report(file, out, resimulate, sensitivity):
         click.echo(line)
 
 
-def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
+def _summary(opened: "CampaignData", sensitivity: bool, as_json: bool) -> Any:
     """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
-    from agglom_mpi.storage.reader import read_inversion
 
-    opened, indices = read_inversion(file), None
+    indices = None
     if sensitivity:
         from agglom_mpi.analysis import sensitivity as sensitivities
 
@@ -109,10 +130,9 @@ def _summary(file: str, sensitivity: bool, as_json: bool) -> Any:
     return Group(summary_table(opened), *more)
 
 
-def _comparison(files: tuple[str, ...], as_json: bool) -> Any:
+def _comparison(files: list["CampaignData"], as_json: bool) -> Any:
     """Return the comparison of several files as a renderable, or as JSON."""
     from agglom_mpi.analysis import file_comparison as comparison
-    from agglom_mpi.storage.reader import read_inversion
 
-    compared = comparison.compare([read_inversion(file) for file in files])
+    compared = comparison.compare(files)
     return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)

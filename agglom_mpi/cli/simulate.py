@@ -17,7 +17,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
 @click.argument("source")
 @SETTINGS
 @click.option(
-    "--samples", type=click.IntRange(1), help="Number of samples to average.  [default: 10]"
+    "--samples", type=click.IntRange(1, 10**6), help="Number of samples to average.  [default: 10]"
 )
 @click.option(
     "--engine",
@@ -28,7 +28,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
 @click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
 @click.option(
     "--frames",
-    type=click.IntRange(2),
+    type=click.IntRange(2, 10**5),
     help="Number of frames to record of one sample, the first or --sample.",
 )
 @click.option(

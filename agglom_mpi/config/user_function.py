@@ -17,6 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.config.bounded_reading import read_bounded
+
 MAX_MAGNITUDE: Final = 1e100
 """Largest magnitude that a function may return, so that squares and sums are finite."""
 
@@ -58,6 +60,10 @@ def check_call(text: str) -> str:
     return text
 
 
+MAX_BYTES: Final = 1 << 20
+"""Largest size of a module."""
+
+
 def read_function(folder: Path, call: str) -> UserFunction:
     """Read and compile the source of a function's module, without executing it.
 
@@ -69,11 +75,13 @@ def read_function(folder: Path, call: str) -> UserFunction:
     function = UserFunction(call, "")
     path = folder / function.file
     try:
-        source = path.read_bytes()
+        source = read_bounded(path, MAX_BYTES)
     except OSError as error:
         raise ValueError(f"is {call!r}, but {path} cannot be read: {error.strerror}") from None
     try:
         compile(source, function.file, "exec", dont_inherit=True)
+    except (MemoryError, RecursionError):
+        raise ValueError(f"is {call!r}, but {path}: is nested too deeply") from None
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)

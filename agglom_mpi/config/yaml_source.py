@@ -4,14 +4,14 @@ YAML 1.2, in which `1e8` is a number and `no` is a text.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from agglom_mpi.config.bounded_reading import read_bounded
 from agglom_mpi.errors import MissingLibraryError, UserError
 
 FieldPath = tuple[str | int, ...]
@@ -73,10 +73,14 @@ class Source:
         return value
 
 
+MAX_BYTES: Final = 4 << 20
+"""Largest size of a campaign's text; YAML of this size takes some seconds to parse."""
+
+
 def read_text(name: str) -> str:
     """Return the text of the file `name`; raise a CampaignError if it cannot be read as UTF-8."""
     try:
-        content = Path(name).read_bytes()
+        content = read_bounded(name, MAX_BYTES)
         if content.startswith(b"\x89HDF"):
             message = "is an HDF5 file, not YAML; agglom report and simulate read it"
             raise CampaignError(Problem(name, None, "", message))

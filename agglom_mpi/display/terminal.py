@@ -24,6 +24,7 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from agglom_mpi.display.progress import Progress, terminal_lines
+from agglom_mpi.formatting import ASCII_REPLACEMENT
 
 LAUNCHERS: Final = {"mpirun", "mpiexec", "mpiexec.hydra", "orterun", "prterun", "prun"}
 """Process names of the launchers on whose standard error that of the ranks ends."""
@@ -103,7 +104,7 @@ def _launcher_terminal(output: int) -> Terminal | None:
     if not os.isatty(descriptor):
         os.close(descriptor)
         return None
-    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors="ascii_replacement")  # noqa: SIM115
+    stream = open(descriptor, "w", encoding=sys.stderr.encoding, errors=ASCII_REPLACEMENT)  # noqa: SIM115
     return Terminal(stream, lambda: _process_in_foreground(process))
 
 

@@ -178,7 +178,7 @@ class PageBuilder:
         data, samples = self._data, self._data.all_sample_rows()
         completed = int((samples["state"] == COMPLETED).sum())
         return {
-            "title": str(data.attributes["title"]) or data.path.stem,
+            "title": data.title or data.path.stem,
             "file_name": data.path.name,
             "status": data.status(),
             "generations": len(data.generation_rows()),

@@ -8,6 +8,7 @@ import numpy as np
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.resimulation import (
+    AGREEMENT,
     is_same,
     mistaken,
     recorded_campaign,
@@ -144,14 +145,14 @@ def write_samples(
             shown, source = _resimulated(file, selected, frames or FRAMES)
         else:
             shown, source = stored, "as stored"
-        write_vtkhdf(path, shown, f"{file.attributes['title']}: string {string}, sample {sample}")
+        write_vtkhdf(path, shown, f"{file.title}: string {string}, sample {sample}")
         megabytes = f"{path.stat().st_size / 1e6:.3g} MB"
         pictures = f"{len(shown.times)} pictures to {shown.times[-1]:.3g} s, {source}"
         yield f"{path}: string {string}, sample {sample}, {pictures}, {megabytes}"
 
 
 def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> tuple[Frames, str]:
-    """Return frames of a resimulated sample, and whether it equals the recorded one, in words."""
+    """Return frames of a resimulated sample, and a text that says where they are from."""
     campaign, row = recorded_campaign(file), recorded_sample(file, selected.string, selected.sample)
     number = campaign.first_sample(selected.string) + selected.sample
     parameters = recorded_parameters(file, selected.string)
@@ -161,8 +162,7 @@ def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> t
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
     agrees = is_same(row, outcome.record, file.format_version)
-    same = "identical to" if agrees else "differs from"
-    return outcome.frames, f"simulated again, {same} the recorded sample"
+    return outcome.frames, f"simulated again, {AGREEMENT[agrees]}"
 
 
 def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:

@@ -45,7 +45,7 @@ class SampleFrames(NamedTuple):
     string, sample
     frames
     source
-        Whether they are stored or resimulated, in words.
+        Whether they are stored or resimulated, as text.
     half_width
         D of the box from −D to D, m.
     """
@@ -72,7 +72,7 @@ class RadiusDistribution(NamedTuple):
         Mean over samples of their mean radius, and central moments 2, 3, 4 over the particles of
         all samples [A 24].
     source
-        Whether they are stored or resimulated, in words.
+        Whether they are stored or resimulated, as text.
     target
         Mean ratio that the campaign asks for, if it asks for one.
     """

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.analysis.resimulation import (
+    AGREEMENT,
     is_same,
     mistaken,
     recorded_campaign,
@@ -122,7 +123,7 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
         report["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
         same = is_same(recorded, outcomes[0].record, version)
-        report["replay"] = f"{'identical to' if same else 'differs from'} the recorded sample"
+        report["replay"] = AGREEMENT[same]
         code = 0 if same else 1
     if request.out is not None:
         report["files"] = _write_frames(request, campaign, outcomes[0])

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,10 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import h5py
 import numpy as np
-from h5py import h5f, h5p
+from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 
 from agglom_mpi.errors import FAILURE, UserError
-from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, table_schemas
+from agglom_mpi.storage.header import check_attributes
+from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, VARIABLE_TABLE, table_schemas
+from agglom_mpi.variables import VARIABLES
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -67,9 +70,7 @@ def open_file(
         If it is missing or cannot be read; names the path.
     """
     flags = h5f.ACC_RDWR if write else h5f.ACC_RDONLY
-    # Opened for writing, an empty file would silently become an HDF5 file.
-    if path.is_file() and path.stat().st_size == 0:
-        raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")
+    _check_kind(path)
     try:
         file = h5py.File(h5f.open(os.fsencode(path), flags, fapl=_access_list(world)))
     except OSError as error:
@@ -78,6 +79,8 @@ def open_file(
         raise _explain(path, str(error)) from error
     try:
         with report_damage(path):
+            if thorough:
+                _check_structure(file, path)
             _check_format(file, path)
             if thorough:
                 _check_tables(file, path)
@@ -88,6 +91,53 @@ def open_file(
             file.close()
         raise
     return file
+
+
+def _check_kind(path: Path) -> None:
+    """Raise NotACampaign for what HDF5 would wait for, or turn into a file of its own."""
+    try:
+        found = path.stat()
+    except OSError:
+        return  # HDF5 says why
+    if stat.S_ISDIR(found.st_mode):
+        return
+    if not stat.S_ISREG(found.st_mode):
+        raise NotACampaign(f"{path}: not a regular file")
+    # Opened for writing, an empty file would silently become an HDF5 file.
+    if found.st_size == 0:
+        raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")
+
+
+def _check_structure(file: h5py.File, path: Path) -> None:
+    """Raise NotACampaign if data lie in other files: to read them would show what is in those.
+
+    Nothing is read that could lead there: links are looked at before they are followed, and the
+    layout of datasets before their extent, for which HDF5 would open the sources of a virtual one.
+    """
+    groups, seen = [file.id], set()
+    while groups:
+        group = groups.pop()
+        for name in group:
+            where = f"{path}: {name.decode(errors='replace')!r}"
+            kind = group.links.get_info(name).type
+            if kind == h5l.TYPE_SOFT:
+                continue  # what it leads to is in this file, and is looked at there
+            if kind != h5l.TYPE_HARD:
+                raise NotACampaign(f"{where} is a link to another file, which is not followed")
+            found = h5o.open(group, name)
+            address = h5o.get_info(found).addr
+            if isinstance(found, h5g.GroupID) and address not in seen:
+                groups.append(found)
+            seen.add(address)
+            if isinstance(found, h5d.DatasetID) and _lies_elsewhere(found):
+                raise NotACampaign(f"{where} has its data in other files, which are not read")
+
+
+def _lies_elsewhere(dataset: h5d.DatasetID) -> bool:
+    """Return whether a dataset is virtual, or has external storage."""
+    creation = dataset.get_create_plist()
+    layout = creation.get_layout()
+    return layout == h5d.VIRTUAL or (layout == h5d.CONTIGUOUS and creation.get_external_count() > 0)
 
 
 @contextmanager
@@ -110,10 +160,14 @@ def report_damage(path: Path) -> Iterator[None]:
 def read_attributes(file: h5py.File, path: Path) -> dict[str, Any]:
     """Read the attributes of a campaign file, numbers as Python's; raises DamagedCampaign."""
     with report_damage(path):
-        return {
-            name: value.item() if isinstance(value, np.generic) else value
-            for name, value in file.attrs.items()
-        }
+        return _attributes(file)
+
+
+def _attributes(file: h5py.File) -> dict[str, Any]:
+    return {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in file.attrs.items()
+    }
 
 
 def refuse_compact(file: h5py.File, path: Path) -> None:
@@ -170,20 +224,34 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 
 def _check_tables(file: h5py.File, path: Path) -> None:
-    for schema in table_schemas(file.attrs):
+    attributes = _attributes(file)
+    check_attributes(attributes)
+    strings, samples = attributes["strings"], attributes["strings"] * attributes["max_samples"]
+    capacities = {"strings": strings, "results": strings, "samples": samples}
+    capacities |= {"final_particles": samples, "frames": attributes.get("frames", 0)}
+    for schema in table_schemas(attributes):
         names = (schema.name, schema.done) if schema.final else (schema.name,)
         dtypes = [file[name].dtype for name in names]
         if dtypes[0] != schema.dtype:
             raise NotACampaign(
                 f"{path}: table /{schema.name} has other columns than this version of "
-                f"agglom_mpi expects (written by version {file.attrs['code_version']})"
+                f"agglom_mpi expects (written by version {attributes['code_version']})"
             )
+        capacity = capacities.get(schema.name, len(file[schema.name]))
+        for name in names:
+            if file[name].shape != (capacity,):
+                raise ValueError(f"/{name} has the shape {file[name].shape}, not ({capacity},)")
+    known = [(variable.name.encode(), variable.unit.encode()) for variable in VARIABLES]
+    if file[VARIABLE_TABLE.name][...][["name", "unit"]].tolist() != known:
+        raise ValueError("/variables has other names or units")
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
-    kind, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
-    if kind != FORMAT:
+    kind, version = file.attrs.get("format"), file.attrs.get("format_version", 0)
+    if not isinstance(kind, str) or kind != FORMAT:
         raise NotACampaign(f"{path}: an HDF5 file, but not an {FORMAT}")
+    if not isinstance(version, int | np.integer):
+        raise ValueError("attribute format_version is no whole number")
     if version < 1:
         raise NotACampaign(f"{path}: an {FORMAT} without a format version")
     if version > FORMAT_VERSION:

@@ -7,15 +7,14 @@ from typing import Final, NamedTuple
 import h5py
 import numpy as np
 
-from agglom_mpi.storage.access import NotACampaign, open_file
+from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
+from agglom_mpi.storage.reader import REWRITE_SECONDS
 from agglom_mpi.storage.schema import TableSchema, table_schemas
 from agglom_mpi.storage.table import Rows, checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
 """Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""
-REWRITE_SECONDS: Final = 0.1
-"""Longer than a row of `/legs` takes to be rewritten in place."""
 
 
 class CopyCounts(NamedTuple):
@@ -35,13 +34,13 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
     Raises
     ------
     NotACampaign
-        If the source is none, or parts of it cannot be read.
+        If the source is none; a `DamagedCampaign` if parts of it cannot be read.
     FileExistsError
         If there is a target already.
     OSError
         If the target cannot be written; nothing is left behind.
     """
-    with open_file(source) as old, atomic_file(target) as temporary:
+    with open_file(source) as old, atomic_file(target) as temporary, report_damage(source):
         attributes = dict(old.attrs)
         tables = table_schemas(attributes)
         # Before the rows: what the status tells of is then in the file.
@@ -136,4 +135,4 @@ def _read(
     try:
         return rows.read(first, rows.capacity - first if count is None else count)
     except OSError as error:
-        raise NotACampaign(f"{path}: a damaged campaign file: /{name} cannot be read") from error
+        raise DamagedCampaign(f"{path}: a damaged campaign file: /{name} cannot be read") from error

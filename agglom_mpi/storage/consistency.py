@@ -7,10 +7,9 @@ import numpy as np
 
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS
 from agglom_mpi.storage.reader import parameters_of
-from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY, VARIABLE_TABLE
+from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY
 from agglom_mpi.storage.table import generation_digest, used_samples
 from agglom_mpi.storage.verify import Key, VerificationReport, row_list
-from agglom_mpi.variables import VARIABLES
 
 EXIT_CODES: Final = (-1, 0, 1, 75)
 """Exit codes that a leg may have; -1 if it has not ended."""
@@ -20,7 +19,6 @@ def check_numbers(report: VerificationReport) -> None:
     """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
     if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
         report.faults.append("attributes: unknown purpose")
-    report.faults += _wrong_variables(report)
     _find_absent_strings(report)
     _find_absent_samples(report)
     _find_absent_of_generations(report)
@@ -63,16 +61,6 @@ def check_digests(report: VerificationReport) -> int:
             "or used sample has been changed together with its checksum"
         )
     return right
-
-
-def _wrong_variables(report: VerificationReport) -> Iterator[str]:
-    rows = report.data.variable_rows()
-    names = [name.rstrip(b"\0") for name in rows["name"].tolist()]
-    units = [unit.rstrip(b"\0") for unit in rows["unit"].tolist()]
-    if names != [v.name.encode() for v in VARIABLES] or units != [
-        v.unit.encode() for v in VARIABLES
-    ]:
-        yield f"{VARIABLE_TABLE.name}: other names or units than those of this program"
 
 
 def _find_absent_strings(report: VerificationReport) -> None:

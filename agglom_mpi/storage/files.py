@@ -6,6 +6,7 @@ import io
 import os
 import shutil
 import socket
+import stat
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -133,11 +134,74 @@ def replace_file(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+class ForeignFileError(UserError, OSError):
+    """A name that this program uses for a file of its own belongs to something else."""
+
+
+def _open_own(name: Path, path: Path) -> int:
+    """Open or create a file beside a campaign's, for reading and writing, as what it must be.
+
+    In a directory where others may write, somebody may have put a link there: to follow it would
+    overwrite what it leads to.
+
+    Parameters
+    ----------
+    name
+        The file.
+    path
+        The file that it is for; whoever owns that one may own this one, too.
+
+    Returns
+    -------
+    int
+        Its descriptor.
+
+    Raises
+    ------
+    ForeignFileError
+        If it is a link, no regular file, or somebody else's.
+    OSError
+        If it cannot be opened.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        descriptor = os.open(name, flags, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise ForeignFileError(f"{name}: is a symbolic link; remove it") from error
+        if error.errno in (errno.EISDIR, errno.ENXIO):
+            raise ForeignFileError(f"{name}: is not a regular file; remove it") from error
+        raise
+    found = os.fstat(descriptor)
+    mistake = ""
+    if not stat.S_ISREG(found.st_mode):
+        mistake = "is not a regular file"
+    elif found.st_nlink != 1:
+        mistake = "has a second name, a hard link"
+    elif found.st_uid not in _owners(path):
+        mistake = f"belongs to another user, number {found.st_uid}"
+    if mistake:
+        os.close(descriptor)
+        raise ForeignFileError(f"{name}: {mistake}; remove it")
+    return descriptor
+
+
+def _owners(path: Path) -> set[int]:
+    """Return the users who may own what lies beside a file: this one, and those who share it."""
+    found = {os.geteuid()}
+    for shared in (path, path.parent):
+        with suppress(OSError):
+            found.add(shared.stat().st_uid)
+    return found
+
+
 @contextmanager
 def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
     """Hold a lock on the temporary file, which the kernel releases however the process ends."""
     try:
-        descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = _open_own(temporary, path)
+    except ForeignFileError:
+        raise
     except OSError as error:
         raise with_path(error, path) from error
     try:
@@ -178,10 +242,12 @@ class CampaignLock:
         ------
         CampaignInUse
             If another process holds it.
+        ForeignFileError
+            If something else has the name of the lock file.
         OSError
             If the lock file cannot be made.
         """
-        descriptor = os.open(self.lock_path, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = _open_own(self.lock_path, self.path)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -1,10 +1,60 @@
 """The attributes of a campaign file: what it says of the campaign as a whole."""
 
+import hashlib
 import json
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from agglom_mpi.formatting import printable
 from agglom_mpi.storage.schema import fresh_from
+
+_TEXTS: Final = (
+    *("campaign", "campaign_sha256", "code_version", "created"),
+    *("identity", "sources_sha256", "title"),
+)
+_LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
+"""Least values of numbers that every file has."""
+_LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
+"""Least values of numbers that older files lack."""
+
+
+def check_attributes(attributes: Mapping[str, Any]) -> None:
+    """Raise a ValueError if the attributes of a file are not what a campaign file has.
+
+    The identity must have the digest that is stored with it, so that whoever asks for one of its
+    entries finds it as it was written.
+    """
+    for name in _TEXTS:
+        if not isinstance(attributes.get(name), str):
+            raise ValueError(f"attribute {name} is no text")
+    for name, least in (_LEAST | _LEAST_OPTIONAL).items():
+        value = attributes.get(name, None if name in _LEAST else least)
+        if not isinstance(value, int) or value < least:
+            raise ValueError(f"attribute {name} is no whole number of at least {least}")
+    if attributes.get("fresh_from", 0) > attributes["max_samples"]:
+        raise ValueError("attribute fresh_from is above max_samples")
+    _entries(attributes)
+
+
+def digest(identity: Mapping[str, Any], separators: tuple[str, str] = (",", ":")) -> str:
+    """Return the SHA-256 of an identity, 64 hexadecimal digits; studies write it with blanks."""
+    text = json.dumps(identity, sort_keys=True, separators=separators)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the identity; raises ValueError if it is not what its digest was taken of."""
+    try:
+        found = json.loads(attributes["identity"])
+    except (RecursionError, ValueError):
+        found = None
+    if not isinstance(found, dict):
+        raise ValueError("attribute identity is no JSON object")
+    if attributes["campaign_sha256"] not in map(digest, (found, found), ((",", ":"), (", ", ": "))):
+        raise ValueError("attribute identity has another digest than campaign_sha256")
+    return found
 
 
 class CampaignHeader:
@@ -23,7 +73,7 @@ class CampaignHeader:
         self.attributes = attributes
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {str(self.path)!r}: {self.attributes['title']}>"
+        return f"<{type(self).__name__} {str(self.path)!r}: {self.title}>"
 
     @property
     def campaign_text(self) -> str:
@@ -31,9 +81,14 @@ class CampaignHeader:
         return str(self.attributes["campaign"])
 
     @property
+    def title(self) -> str:
+        """The title of the campaign, printable."""
+        return printable(self.attributes["title"])
+
+    @cached_property
     def identity(self) -> dict[str, Any]:
-        """What makes the campaign what it is; raises ValueError if it cannot be read."""
-        return dict(json.loads(self.attributes["identity"]))
+        """What makes the campaign what it is, flat: `scene.particles` -> 100, in SI units."""
+        return _entries(self.attributes)
 
     def section(self, name: str) -> dict[str, Any]:
         """Return the entries of a section of the identity, nested as in the campaign's text."""

@@ -1,6 +1,7 @@
 """Reading a campaign file, finished or not, also while it is being written."""
 
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self, TypeVar
@@ -8,10 +9,11 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 import h5py
 import numpy as np
 
+from agglom_mpi.formatting import printable
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.search.proposals import Proposals, restored
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
+from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import frame_keys, read_final_particles, read_frames
 from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
@@ -34,6 +36,10 @@ class Status(NamedTuple):
     state: str
     updated: float
     reason: str
+
+
+REWRITE_SECONDS: Final = 0.1
+"""Longer than a row that is rewritten in place takes to be whole again."""
 
 
 class CampaignData(CampaignHeader):
@@ -82,7 +88,7 @@ class CampaignData(CampaignHeader):
     def rows(self, table: str) -> np.ndarray:
         """Return the rows of a table, (n,), in the order of their places."""
         if table not in self._kept:
-            with open_file(self.path, thorough=False) as file:
+            with open_file(self.path, thorough=False) as file, report_damage(self.path):
                 if not self._kept:
                     self._read_tables(file)
                 if table == "samples":
@@ -92,7 +98,7 @@ class CampaignData(CampaignHeader):
     def refresh(self) -> None:
         """Read the tables that have been read again; of `/samples` only rows that are new."""
         self._derived.clear()
-        with open_file(self.path, thorough=False) as file:
+        with open_file(self.path, thorough=False) as file, report_damage(self.path):
             self._read_tables(file)
             if "samples" in self._kept:
                 self._read_samples(file)
@@ -159,6 +165,12 @@ class CampaignData(CampaignHeader):
         self.rows("samples")
         return sum(self._damaged.values())
 
+    def settle(self) -> None:
+        """Read again if a row is damaged that a run may just be rewriting, as those of `/legs`."""
+        if self.damaged and self.status().state == "running":
+            time.sleep(REWRITE_SECONDS)
+            self.refresh()
+
     # Views of the rows
 
     @property
@@ -179,10 +191,14 @@ class CampaignData(CampaignHeader):
         return restored(batch, first, self.parameters)
 
     @property
+    def samples_used(self) -> dict[int, int]:
+        """Number of samples that the result of each string rests on, by string."""
+        return self.derived(_samples_used_by_string)
+
+    @property
     def searched_samples(self) -> np.ndarray:
         """Rows of the samples that decisions may see."""
-        rows = self.all_sample_rows()
-        return rows[rows["sample"] < self.fresh_from]
+        return self.derived(_searched_samples)
 
     @property
     def fresh_samples(self) -> np.ndarray:
@@ -199,7 +215,7 @@ class CampaignData(CampaignHeader):
     def judged_timed_out(self) -> list[tuple[int, int]]:
         """Those of `timed_out` that results rest on, in order."""
         late = self.timed_out
-        used = dict(self.result_rows()[["string", "samples_used"]].tolist()) if late else {}
+        used = self.samples_used if late else {}
         return sorted((string, sample) for string, sample in late if sample < used.get(string, 0))
 
     @property
@@ -306,7 +322,7 @@ def read_inversion(path: str | os.PathLike[str]) -> CampaignData:
 def status_of(rows: np.ndarray) -> Status:
     """Return the row of `/status`, (1,), as text and numbers."""
     [row] = rows
-    state, reason = (row[name].decode(errors="replace") for name in ("state", "reason"))
+    state, reason = (printable(row[n].decode(errors="replace")) for n in ("state", "reason"))
     return Status(state, float(row["updated"]), reason)
 
 
@@ -323,6 +339,17 @@ def parameters_of(strings: np.ndarray) -> np.ndarray:
 def _parameters_by_string(data: CampaignData) -> dict[int, np.ndarray]:
     rows = data.string_rows()
     return dict(zip(rows["string"].tolist(), parameters_of(rows), strict=True))
+
+
+def _samples_used_by_string(data: CampaignData) -> dict[int, int]:
+    rows = data.result_rows()
+    return dict(zip(rows["string"].tolist(), rows["samples_used"].tolist(), strict=True))
+
+
+def _searched_samples(data: CampaignData) -> np.ndarray:
+    rows = data.all_sample_rows()
+    searched = rows["sample"] < data.fresh_from
+    return rows if searched.all() else _locked(rows[searched])
 
 
 def _timed_out(data: CampaignData) -> set[tuple[int, int]]:

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.access import open_file, read_attributes, report_damage
-from agglom_mpi.storage.reader import CampaignData, status_of
+from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, ORIGINS, table_schemas
 from agglom_mpi.storage.table import Rows, Table, checksum_ok, concatenated, fitted, runs_of
 
@@ -28,8 +28,6 @@ MAX_LISTED: Final = 8
 """Rows that a message lists at most."""
 
 
-REWRITE_SECONDS: Final = 0.05
-"""Longer than a row that is rewritten in place takes to be whole again."""
 REPLACE_SECONDS: Final = 0.1
 """Longer than a frame that takes the place of another takes to be written."""
 _READ_BYTES: Final = 1 << 25
@@ -109,7 +107,7 @@ class VerificationReport:
     @property
     def unused_samples(self) -> set[Key]:
         """Lost samples that no result rests on, fresh ones included."""
-        used = {int(row["string"]): int(row["samples_used"]) for row in self.data.result_rows()}
+        used = self.data.samples_used
         pairs = (key for key in self.lost["samples"] if isinstance(key, tuple))
         return {pair for pair in pairs if pair[1] >= used.get(pair[0], pair[1] + 1)}
 
@@ -142,7 +140,7 @@ def _verify(file: h5py.File, path: Path) -> VerificationReport:
     tables: dict[str, np.ndarray] = {"status": status}
     lost: dict[str, set[Key]] = {name: set() for name in (*_READ, "final_particles", "frames")}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables), lost)
-    _check_shapes(file, report)
+    report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
     for name in _READ:
         tables[name] = _valid_rows(file, Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
@@ -157,21 +155,6 @@ def _verify(file: h5py.File, path: Path) -> VerificationReport:
     if state not in CAMPAIGN_STATES:
         report.faults.append(f"status: unknown state {state!r}")
     return report
-
-
-def _check_shapes(file: h5py.File, report: VerificationReport) -> None:
-    attributes = report.data.attributes
-    strings, most = int(attributes["strings"]), report.data.max_samples
-    wanted = {"strings": strings, "results": strings, "samples": strings * most}
-    wanted["final_particles"] = strings * most
-    wanted["frames"] = int(attributes.get("frames", 0))
-    for schema in table_schemas(attributes):
-        room = len(file[schema.name])
-        report.room[schema.name] = room
-        if schema.final and len(file[schema.done]) != room:
-            raise IndexError(f"/{schema.done} is not as long as /{schema.name}")
-        if wanted.get(schema.name, room) != room:
-            raise IndexError(f"/{schema.name} has {room} rows, not {wanted[schema.name]}")
 
 
 def _valid_rows(file: h5py.File, table: Table, report: VerificationReport) -> np.ndarray:

@@ -5,13 +5,13 @@ from click.testing import CliRunner
 
 
 @pytest.fixture(scope="session")
-def finished(shared_campaign):
+def tiny_folder(shared_campaign):
     """Return a folder with a tiny campaign and its file."""
     return shared_campaign("tiny")
 
 
 @pytest.fixture
-def agglom(finished, monkeypatch):
+def agglom(tiny_folder, monkeypatch):
     """Return a function that runs `agglom` in that folder, in this process."""
     from agglom_mpi.cli import main
 
@@ -20,7 +20,7 @@ def agglom(finished, monkeypatch):
         assert result.exception is None or isinstance(result.exception, SystemExit), result.exc_info
         return result
 
-    monkeypatch.chdir(finished)
+    monkeypatch.chdir(tiny_folder)
     return run
 
 

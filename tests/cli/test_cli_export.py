@@ -23,9 +23,9 @@ def copy(agglom, tmp_path):
     return tmp_path / "copy.h5"
 
 
-def test_a_copy_has_the_same_results_and_tables(copy, finished):
-    assert decisions(copy) == decisions(finished / "tiny.h5")
-    old, new = open_campaign(finished / "tiny.h5"), open_campaign(copy)
+def test_a_copy_has_the_same_results_and_tables(copy, tiny_folder):
+    assert decisions(copy) == decisions(tiny_folder / "tiny.h5")
+    old, new = open_campaign(tiny_folder / "tiny.h5"), open_campaign(copy)
     for table in ("strings", "samples", "generations", "variables"):
         pd.testing.assert_frame_equal(getattr(new, table), getattr(old, table))
     pd.testing.assert_frame_equal(new.best(3), old.best(3))
@@ -59,9 +59,9 @@ def test_a_sample_of_a_copy_is_replayed(agglom, copy):
     assert done.stdout.endswith("identical to the recorded sample\n")
 
 
-def test_a_run_does_not_continue_a_copy(finished, copy):
+def test_a_run_does_not_continue_a_copy(tiny_folder, copy):
     before = copy.read_bytes()
-    done = invert(finished, "tiny.yaml", "-q", "-o", copy)
+    done = invert(tiny_folder, "tiny.yaml", "-q", "-o", copy)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "copy.h5: a compact copy, which can be read but not continued" in done.stderr
@@ -122,9 +122,9 @@ def test_nothing_is_overwritten_and_nothing_written_before_that_is_known(mistake
 
 
 @pytest.mark.parametrize("option", ["--compact", "--csv"])
-def test_a_source_that_is_no_campaign_is_one_message(mistaken, finished, tmp_path, option):
+def test_a_source_that_is_no_campaign_is_one_message(mistaken, tiny_folder, tmp_path, option):
     (tmp_path / "text.h5").write_text("no database")
-    whole = (finished / "tiny.h5").read_bytes()
+    whole = (tiny_folder / "tiny.h5").read_bytes()
     (tmp_path / "short.h5").write_bytes(whole[: len(whole) // 2])
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = 1
@@ -146,7 +146,7 @@ def test_a_copy_with_a_damaged_chunk_is_one_message(mistaken, copy, option):
     with open(copy, "r+b") as raw:
         raw.seek(chunk.byte_offset + chunk.size // 2)
         raw.write(b"\xff" * 20)
-    said = mistaken("export", copy, option, copy.with_name("out"))
+    said = mistaken("export", copy, option, copy.with_name("out"), code=1)
     assert said.startswith(str(copy))
 
 
@@ -160,11 +160,11 @@ def test_a_target_that_cannot_be_written_is_one_message(mistaken, tmp_path):
 
 
 @pytest.mark.parametrize("blocks", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8))])
-def test_a_full_disc_is_one_message(finished, tmp_path, blocks):
+def test_a_full_disc_is_one_message(tiny_folder, tmp_path, blocks):
     words = ["agglom", "export", "tiny.h5", "--compact", str(tmp_path / "copy.h5")]
     done = subprocess.run(
         ["bash", "-c", f"ulimit -f {blocks}; exec {' '.join(words)}"],
-        cwd=finished,
+        cwd=tiny_folder,
         env=environment(),
         capture_output=True,
         text=True,

@@ -62,9 +62,9 @@ def test_importing_the_package_and_looking_at_a_campaign_loads_no_heavy_library(
 
 
 def test_what_reads_a_file_loads_hdf5_but_neither_simulator_nor_campaign_nor_tables(
-    finished, tmp_path
+    tiny_folder, tmp_path
 ):
-    path = finished / "tiny.h5"
+    path = tiny_folder / "tiny.h5"
     for modules in loaded(
         "import agglom_mpi; agglom_mpi.open_campaign",
         ["report", path],
@@ -75,16 +75,16 @@ def test_what_reads_a_file_loads_hdf5_but_neither_simulator_nor_campaign_nor_tab
         assert modules.isdisjoint((HEAVY | TEXTS) - {"h5py"})
 
 
-def test_verifying_a_campaign_file_loads_hdf5_but_neither_simulator_nor_mpi(finished):
-    [modules] = loaded(["check", finished / "tiny.h5"])
+def test_verifying_a_campaign_file_loads_hdf5_but_neither_simulator_nor_mpi(tiny_folder):
+    [modules] = loaded(["check", tiny_folder / "tiny.h5"])
     assert "h5py" in modules
     assert modules.isdisjoint({*HEAVY, "rich"} - {"h5py"})
 
 
-def test_simulating_a_campaign_loads_the_compiler_and_a_recorded_string_hdf5(finished):
+def test_simulating_a_campaign_loads_the_compiler_and_a_recorded_string_hdf5(tiny_folder):
     alone, recorded = loaded(
-        ["simulate", finished / "tiny.yaml", "--samples", "1"],
-        ["simulate", finished / "tiny.h5", "--string", "1", "--samples", "1"],
+        ["simulate", tiny_folder / "tiny.yaml", "--samples", "1"],
+        ["simulate", tiny_folder / "tiny.h5", "--string", "1", "--samples", "1"],
     )
     assert "numba" in alone
     assert alone.isdisjoint({*HEAVY, "rich"} - {"numba"})
@@ -92,10 +92,10 @@ def test_simulating_a_campaign_loads_the_compiler_and_a_recorded_string_hdf5(fin
     assert recorded.isdisjoint(["mpi4py", "pandas", "matplotlib", "rich"])
 
 
-def test_a_plan_loads_no_mpi_and_from_a_file_no_compiler(finished):
-    words = ["plan", finished / "tiny.yaml", "--ranks", "2"]
+def test_a_plan_loads_no_mpi_and_from_a_file_no_compiler(tiny_folder):
+    words = ["plan", tiny_folder / "tiny.yaml", "--ranks", "2"]
     recorded, simulated = loaded(
-        [*words, "--from", finished / "tiny.h5"], [*words, "--seconds", "0.1"]
+        [*words, "--from", tiny_folder / "tiny.h5"], [*words, "--seconds", "0.1"]
     )
     assert "h5py" in recorded
     assert recorded.isdisjoint(HEAVY - {"h5py"})

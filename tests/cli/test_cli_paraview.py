@@ -107,8 +107,8 @@ def test_a_sample_that_comes_out_otherwise_is_told(agglom, tmp_path, monkeypatch
     )
 
 
-def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp_path):
-    file = open_campaign(finished / "tiny.h5")
+def test_the_first_sample_that_was_completed_is_shown(tiny_folder, monkeypatch, tmp_path):
+    file = open_campaign(tiny_folder / "tiny.h5")
     rows = file.sample_rows(1).copy()
     rows["state"][:2] = COMPLETED + 1
     monkeypatch.setattr(file, "sample_rows", lambda string: rows)
@@ -120,8 +120,8 @@ def test_the_first_sample_that_was_completed_is_shown(finished, monkeypatch, tmp
         module.select_samples(file, selection)
 
 
-def test_before_a_string_is_judged_none_is_the_best(finished, monkeypatch, tmp_path):
-    file = read_campaign(finished / "tiny.h5")
+def test_before_a_string_is_judged_none_is_the_best(tiny_folder, monkeypatch, tmp_path):
+    file = read_campaign(tiny_folder / "tiny.h5")
     none = file.result_rows()[:0]
     monkeypatch.setattr(file, "result_rows", lambda: none)
     with pytest.raises(CampaignError, match="--string: is missing, and none is judged yet"):

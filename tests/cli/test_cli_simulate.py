@@ -135,19 +135,19 @@ def test_a_replay_that_differs_is_told_by_the_exit_code(agglom, monkeypatch):
     assert done.stdout.splitlines()[-1] == "differs from the recorded sample"
 
 
-def test_a_changed_row_is_not_the_same(finished):
-    row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
+def test_a_changed_row_is_not_the_same(tiny_folder):
+    row = open_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
     assert module.is_same(row, row.copy(), FORMAT_VERSION)
     assert not module.is_same(row, other, FORMAT_VERSION)
 
 
-def test_a_column_that_an_older_file_lacks_is_not_compared(finished, monkeypatch):
+def test_a_column_that_an_older_file_lacks_is_not_compared(tiny_folder, monkeypatch):
     since = {"merges": 2}
     later = [c._replace(since=since.get(c.name, 1)) for c in COLUMNS]
     monkeypatch.setattr(resimulation, "COLUMNS", later)
-    row = open_campaign(finished / "tiny.h5").sample_rows(0)[0]
+    row = open_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
     assert module.is_same(row, other, 1)
@@ -202,8 +202,8 @@ def test_a_campaign_may_come_from_a_pipe_and_have_any_name(agglom, piped, tmp_pa
         assert physical(json.loads(done.stdout)) == physical(named)
 
 
-def test_a_campaign_file_needs_no_yaml_file(agglom, tmp_path, finished):
+def test_a_campaign_file_needs_no_yaml_file(agglom, tmp_path, tiny_folder):
     path = write_campaign(tmp_path / "gone.yaml", **SMALL)
     path.unlink()
-    done = agglom("simulate", finished / "tiny.h5", "--string", 0, "--sample", 0)
+    done = agglom("simulate", tiny_folder / "tiny.h5", "--string", 0, "--sample", 0)
     assert done.exit_code == 0

@@ -69,14 +69,14 @@ def test_a_recorded_string_is_shown_by_its_first_sample(agglom, tmp_path):
         (["--frames", 3], "--frames F and --out DIR belong together"),
         (["--out", "run"], "--frames F and --out DIR belong together"),
         (["--frames", 3, "--out", "run", "--samples", 5], "choose it with --sample, not --samples"),
-        (["--frames", 1, "--out", "run"], "1 is not in the range x>=2"),
+        (["--frames", 1, "--out", "run"], "1 is not in the range 2<=x<=100000"),
     ],
 )
-def test_what_does_not_go_together_is_said(agglom, finished, words, message):
+def test_what_does_not_go_together_is_said(agglom, tiny_folder, words, message):
     done = agglom("simulate", "tiny.yaml", *words)
     assert done.exit_code == 2
     assert done.stderr.rstrip().rstrip(".").endswith(message)
-    assert not (finished / "run").exists()
+    assert not (tiny_folder / "run").exists()
 
 
 def never(*arguments, **options):

@@ -171,7 +171,14 @@ def test_failed_samples_are_counted_by_reason(waiting, tmp_path):
 
 
 @pytest.mark.usefixtures("sketched")
-@pytest.mark.parametrize("table", ["strings", "results", "generations", "samples"])
+@pytest.mark.parametrize(
+    "table",
+    [
+        "samples",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("strings", "results")),
+        pytest.param("generations", marks=pytest.mark.slow),
+    ],
+)
 def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
     best = int(open_campaign(copy).best()["string"][0])
     place = {"generations": 1, "samples": best * open_campaign(copy).max_samples}.get(table, best)
