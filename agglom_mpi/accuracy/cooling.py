@@ -234,7 +234,7 @@ def _draw(figure: "matplotlib.figure.Figure", errors: "pd.DataFrame", cost: str)
 
 
 def _times(row: Any, column: str) -> str:
-    """Return the shortest step with a flaw, and its ratio to the estimate, in words."""
+    """Return the shortest step with a flaw and its ratio to the estimate, as text."""
     if math.isnan(row[column]):
         return "no step that was tried"
     share = row[column] / row["estimated limit (s)"]

@@ -92,7 +92,7 @@ def _summary(rows: Rows) -> dict[str, Any]:
 
 
 def _troubles(row: Any, method: str) -> list[str]:
-    """Return in words what went wrong with a scene in one of `METHODS`."""
+    """Return descriptions of what went wrong with a scene in one of `METHODS`."""
     troubles = []
     if row[f"{method}: failed"]:
         troubles.append(

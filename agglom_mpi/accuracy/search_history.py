@@ -112,7 +112,6 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
 
     campaign = campaign_of(history)
     objective = campaign.objective.build(campaign.scene.particles)
-    used = {int(row["string"]): int(row["samples_used"]) for row in history.result_rows()}
     rows = []
     for row in history.generation_rows():
         string = int(row["best_string"])
@@ -124,7 +123,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
                 "seconds (s)": float(row["seconds"]),
                 "samples simulated": int(row["samples_simulated"]),
                 "string": string,
-                "its samples": used[string],
+                "its samples": history.samples_used[string],
                 "objective": float(row["best_objective"]),
                 "standard error": float(row["best_standard_error"]),
                 "estimated again": value,

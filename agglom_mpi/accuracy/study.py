@@ -170,7 +170,7 @@ class Study(Experiment):
 
     @property
     def largest(self) -> str:
-        """The extent of the study in words."""
+        """The extent of the study, as text."""
         return f"accuracy study of {len(self._by_string)} set-ups"
 
     def identity(self) -> dict[str, object]:
@@ -214,7 +214,7 @@ class Study(Experiment):
 
     def collect(self, file: CampaignData) -> dict[str, Rows]:
         """Return the samples of each set-up by its name, completed and failed, in order."""
-        used = {int(row["string"]): int(row["samples_used"]) for row in file.result_rows()}
+        used = file.samples_used
         return {
             name: file.sample_rows(string)[: used.get(string, 0)]
             for string, name in enumerate(self.setups)

@@ -17,6 +17,7 @@ class History:
     campaign_text = open("jobs/quickstart.yaml").read()  # noqa: SIM115
     max_samples = 150
     identity: ClassVar[dict] = {}
+    samples_used: ClassVar[dict] = {4: 30, 9: 40}
 
     def generation_rows(self):
         names = ("generation", "best_string", "best_objective", "best_standard_error")
@@ -25,11 +26,6 @@ class History:
         rows["generation"], rows["best_string"] = [0, 1, 2], [4, 4, 9]
         rows["best_objective"], rows["best_standard_error"] = [0.05, 0.05, 0.01], 0.02
         rows["seconds"], rows["samples_simulated"] = [1.0, 2.0, 3.0], [100, 200, 300]
-        return rows
-
-    def result_rows(self):
-        rows = np.zeros(2, [("string", "i8"), ("samples_used", "i8")])
-        rows["string"], rows["samples_used"] = [4, 9], [30, 40]
         return rows
 
     def string_rows(self):
