@@ -1,6 +1,7 @@
 """The result of one sample: its columns, failure reasons, summary for decisions, particles left."""
 
 import math
+from enum import IntEnum
 from itertools import repeat
 from typing import Any, Final, NamedTuple
 
@@ -18,12 +19,17 @@ REASONS: Final = (
     "exception",
     "took longer than max_seconds",
 )
-"""Why a sample failed, by the `reason` of its record."""
-PLACEMENT_JAMMED: Final = 1
-NON_FINITE: Final = 2
-BUDGET_EXCEEDED: Final = 3
-EXCEPTION: Final = 4
-TIMED_OUT: Final = 5
+"""Texts of the reasons, by their numbers."""
+
+
+class FailureReason(IntEnum):
+    """Why a sample failed, the column `reason`; it is 0 where a sample did not fail."""
+
+    PLACEMENT_JAMMED = 1
+    NON_FINITE = 2
+    BUDGET_EXCEEDED = 3
+    EXCEPTION = 4
+    TIMED_OUT = 5
 
 
 class OutcomeColumn(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.outcome import EXCEPTION, FAILED, REASONS, TIMED_OUT
+from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.runtime.recorder import ProgressListener
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY, TOOK_TOO_LONG
@@ -34,7 +34,7 @@ class FailureLog:
     def __init__(
         self, writer: CampaignWriter, stored: CampaignData, listener: ProgressListener
     ) -> None:
-        raised = int((stored.all_sample_rows()["reason"] == EXCEPTION).sum())
+        raised = int((stored.all_sample_rows()["reason"] == FailureReason.EXCEPTION).sum())
         self.count = raised + len(stored.judged_timed_out) + len(stored.fresh_timed_out)
         self.incomplete = False
         self._writer = writer
@@ -47,7 +47,7 @@ class FailureLog:
         if FAILED not in rows["state"].tolist():
             return
         for row in rows[rows["state"] == FAILED]:
-            if row["reason"] in (EXCEPTION, TIMED_OUT):
+            if row["reason"] in (FailureReason.EXCEPTION, FailureReason.TIMED_OUT):
                 self.count += 1
             elif row["string"] not in self._strings:
                 self._strings.add(int(row["string"]))

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.outcome import TIMED_OUT
+from agglom_mpi.outcome import FailureReason
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
 
@@ -30,7 +30,7 @@ RESULT: Final = sample_dtype
 NOT_NEEDED: Final = 255
 """The `reason` of a sample that was left out, as its string was cancelled."""
 
-_NOT_FINAL: Final = frozenset((TIMED_OUT, NOT_NEEDED))
+_NOT_FINAL: Final = frozenset((FailureReason.TIMED_OUT, NOT_NEEDED))
 
 FAILED_SAMPLE: Final = np.dtype(
     [

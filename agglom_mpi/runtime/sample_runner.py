@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.user_function import evaluate
-from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT, final_particles
+from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
@@ -174,12 +174,13 @@ class Task(ABC):
         try:
             self._simulate(self._first + self._done)
         except Exception:
-            text, reason = traceback.format_exc(), EXCEPTION
+            text, reason = traceback.format_exc(), FailureReason.EXCEPTION
         late, interrupted = self._abort_flag.end()
         if self._abort_flag.stopped:
             return False
         if late:
-            text, reason = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s", TIMED_OUT
+            text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
+            reason = FailureReason.TIMED_OUT
         elif interrupted:
             self._wasted = time.perf_counter() - begin
             return True

@@ -106,7 +106,7 @@ def run_sample(scene, random, abort, out, frames):
     occupied = particles.position[:, : scene.particles]
     sizes = EqualSizes(2.0 * scene.radius)
     if not place_randomly(random, scene.escape, occupied, sizes, scene.half_width):
-        record["reason"] = result.PLACEMENT_JAMMED
+        record["reason"] = result.FailureReason.PLACEMENT_JAMMED
         return particles
     draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
     recorder = new_recorder(frames, scene, capacity)
@@ -127,10 +127,10 @@ def integrate(scene, particles, ledger, abort, record, recorder):
     for i in range(particles.size[0]):
         cool_until(scene.cooling, scene, particles, ledger, i, end)
     if ledger.counts[EXHAUSTED] > 0:
-        record["reason"] = result.BUDGET_EXCEEDED
+        record["reason"] = result.FailureReason.BUDGET_EXCEEDED
         return
     if not is_finite(particles):
-        record["reason"] = result.NON_FINITE
+        record["reason"] = result.FailureReason.NON_FINITE
         return
     measure(scene, particles, record)
     measure_ledger(scene, particles, ledger, start, record)

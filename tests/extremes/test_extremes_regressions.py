@@ -11,7 +11,7 @@ from extreme_states import Arranged, carry
 from plain_python import PLAIN, cases
 
 from agglom_mpi.kernels import kernel
-from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED, OUTCOME
+from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
 from agglom_mpi.physics.scales import grain_mass
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.boundary import Periodic, Reentry
@@ -180,7 +180,7 @@ def test_spheres_without_any_room_fail_at_the_budget_and_not_by_hanging(budget):
     speeds = np.stack([np.cos(np.arange(count)), np.zeros(count), np.zeros(count)], axis=1)
     state = state_of(places, speeds, 0.01 / count, hardness=1e30, budget=budget)
     record, particles, _ = state.carried()
-    assert (record["state"], record["reason"]) == (FAILED, BUDGET_EXCEEDED)
+    assert (record["state"], record["reason"]) == (FAILED, FailureReason.BUDGET_EXCEEDED)
     assert 0.0 <= record["end_time"] < state.scene.end_time
     assert np.all(np.isfinite(particles.position))
     start, end = motion(state.particles()), motion(particles)

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 from plain_python import PLAIN
 
-from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED
+from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
 
@@ -112,7 +112,7 @@ def test_constant_restitution(drawn):
     scene, before, record, particles = simulated(drawn)
     tell(record)
     if record["state"] == FAILED:
-        assert record["reason"] == BUDGET_EXCEEDED
+        assert record["reason"] == FailureReason.BUDGET_EXCEEDED
         assert 0.0 < drawn.scene["restitution"]["value"] < 1.0
         return
     assert_sound(scene, before, record, particles)
@@ -165,7 +165,7 @@ def test_any_state_of_constant_restitution_with_reentry(state):
     tell(record)
     law = state.scene.laws.restitution
     if record["state"] == FAILED:
-        assert record["reason"] == BUDGET_EXCEEDED
+        assert record["reason"] == FailureReason.BUDGET_EXCEEDED
         assert law.value < 1.0
         assert law.contact_time == 0.0
         return

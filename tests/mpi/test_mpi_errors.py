@@ -19,7 +19,7 @@ from campaign_runs import (
 from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, slow
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.outcome import EXCEPTION, FAILED
+from agglom_mpi.outcome import FAILED, FailureReason
 
 ONE_SAMPLE_RAISES = f"""{RANK}
 import agglom_mpi.runtime.sample_runner as simulator
@@ -108,7 +108,7 @@ def test_an_exception_on_a_worker_is_shown_and_stored_and_the_run_goes_on(small,
     rows = file.all_sample_rows()
     [row] = rows[rows["state"] == FAILED]
     [failure] = file.failures()
-    assert (row["reason"], row["rank"]) == (EXCEPTION, 1)
+    assert (row["reason"], row["rank"]) == (FailureReason.EXCEPTION, 1)
     for name in ("string", "sample", "rank"):
         assert failure[name] == row[name]
     assert failure["text"].decode().endswith("ArithmeticError: injected\n")

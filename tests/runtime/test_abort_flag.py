@@ -6,7 +6,7 @@ from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import wait_for
 
 from agglom_mpi.config.campaign import load_campaign
-from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, OUTCOME, TIMED_OUT
+from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import NOT_NEEDED, storable
@@ -106,7 +106,7 @@ def test_a_sample_that_takes_too_long_fails_and_the_next_one_runs(
     rows, [failure] = batch.results, batch.failures
     assert rows["sample"].tolist() == [5, 6, 7]
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
-    assert rows["reason"].tolist() == [0, TIMED_OUT, 0]
+    assert rows["reason"].tolist() == [0, FailureReason.TIMED_OUT, 0]
     assert rows["particles"].tolist() == [50, 0, 50]
     assert rows["seconds"].tolist() == [0.0, pytest.approx(1.01 * LONG), 0.0]
     assert (failure["string"], failure["sample"], failure["rank"]) == (3, 6, 2)
@@ -124,7 +124,7 @@ def test_a_sample_that_takes_too_long_fails_though_nobody_checked(
 ):
     Scenes(monkeypatch, lambda: later(clock))
     rows = done(simulator, task(campaign, 2)).results
-    assert rows["reason"].tolist() == [TIMED_OUT, 0]
+    assert rows["reason"].tolist() == [FailureReason.TIMED_OUT, 0]
 
 
 def test_a_check_that_was_meant_for_the_sample_before_repeats_the_sample(
@@ -153,7 +153,7 @@ def test_an_exception_is_told_once_though_its_sample_is_repeated(campaign, simul
     Scenes(monkeypatch, fail_late, fail)
     batch = done(simulator, task(campaign, 2))
     rows, [failure] = batch.results, batch.failures
-    assert rows["reason"].tolist() == [EXCEPTION, 0]
+    assert rows["reason"].tolist() == [FailureReason.EXCEPTION, 0]
     assert failure["sample"] == 5
 
 
@@ -267,5 +267,5 @@ def test_the_thread_checks_the_time_while_it_is_asked_for_results(tmp_path):
     thread.stop()
     rows = np.concatenate(rows)
     assert rows["sample"].tolist() == [5, 6]
-    assert rows["reason"].tolist() == [TIMED_OUT] * 2
+    assert rows["reason"].tolist() == [FailureReason.TIMED_OUT] * 2
     assert np.all(rows["seconds"] > 0.2)

@@ -11,7 +11,7 @@ from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import HANG, wait_for
 
 from agglom_mpi.config.campaign import load_campaign
-from agglom_mpi.outcome import COLUMNS, COMPLETED, EXCEPTION, FAILED
+from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime import simulation_thread as thread_module
 from agglom_mpi.runtime.experiment import InversionExperiment
@@ -147,7 +147,7 @@ def test_an_exception_in_a_sample_is_a_failed_row_with_its_text(campaign, monkey
     thread.stop()
     results, failures = batch.results, batch.failures
     assert results["state"].tolist() == [FAILED] * 2
-    assert results["reason"].tolist() == [EXCEPTION] * 2
+    assert results["reason"].tolist() == [FailureReason.EXCEPTION] * 2
     assert [failure["sample"].item() for failure in failures] == [0, 1]
     assert failures[0]["string"].item() == 3
     assert failures[0]["rank"].item() == 2

@@ -13,7 +13,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.outcome import COMPLETED, EXCEPTION, FAILED, TIMED_OUT
+from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
@@ -204,7 +204,7 @@ def test_a_function_that_fails_makes_a_failed_sample_with_its_text(tmp_path, fau
     batch = simulated(load_campaign(path, allow_code=True))
     rows = batch.results
     assert rows["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
-    assert rows["reason"].tolist() == [0, EXCEPTION, 0]
+    assert rows["reason"].tolist() == [0, FailureReason.EXCEPTION, 0]
     assert rows["objective"].tolist() == [0.5, 0.0, 0.5]
     [failure] = batch.failures
     text = failure["text"].decode()
@@ -226,7 +226,7 @@ def test_a_sample_that_took_too_long_has_no_objective(tmp_path):
     path = write_own(tmp_path, f"{COUNTS}# too long")
     path.write_text(path.read_text().rstrip() + "\n  max_seconds: 1e-9\n")
     rows = simulated(load_campaign(path, allow_code=True)).results
-    assert rows["reason"].tolist() == [TIMED_OUT] * 3
+    assert rows["reason"].tolist() == [FailureReason.TIMED_OUT] * 3
     assert rows["objective"].tolist() == [0.0] * 3
 
 

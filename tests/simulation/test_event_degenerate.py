@@ -10,7 +10,7 @@ from event_runs import ESCAPES, bouncing, recorded, same_place, size_ratio
 from plain_python import cases
 from scenes import HALF, ball_mass, grains_in, kinetic_energy, momentum, placed, state
 
-from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, FAILED
+from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.physics.restitution import ConstantRestitution, ContactTimeRestitution
 from agglom_mpi.simulation.particles import COLLISIONS, EXHAUSTED, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
@@ -455,7 +455,7 @@ def test_collapse_ends_at_rounding_and_much_sooner_if_contacts_last(e, times, se
 @SEEDS
 def test_collapse_may_exhaust_the_budget_unless_contacts_last(seed):
     record, _ = simulated(ConstantRestitution(0.1), seed, budget=150)
-    assert (record["state"], record["reason"]) == (FAILED, BUDGET_EXCEEDED)
+    assert (record["state"], record["reason"]) == (FAILED, FailureReason.BUDGET_EXCEEDED)
     assert 0.0 < record["end_time"] < 1.0
     record, _ = simulated(ContactTimeRestitution(0.1, 1e-6), seed, budget=150)
     assert (record["state"], record["reason"]) == (COMPLETED, 0)

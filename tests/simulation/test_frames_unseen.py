@@ -29,7 +29,7 @@ from plain_python import PLAIN, cases
 from processes import output_of, program
 from scenes import HALF
 
-from agglom_mpi.outcome import BUDGET_EXCEEDED, COMPLETED, final_particles
+from agglom_mpi.outcome import COMPLETED, FailureReason, final_particles
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import EventDriven
@@ -187,7 +187,7 @@ def test_a_sample_that_fails_has_the_frames_up_to_there():
     scene = SCENES["event, all bounce"]._replace(engine=EventDriven(2))
     times = np.linspace(0.0, scene.end_time, 50)
     record, _, frames = looked_at(scene, 1, times)
-    assert record["reason"] == BUDGET_EXCEEDED
+    assert record["reason"] == FailureReason.BUDGET_EXCEEDED
     reached = int(np.count_nonzero(frames.particles))
     assert 0 < reached < 50
     assert np.all(frames.particles[:reached] == scene.particles)

@@ -8,7 +8,7 @@ from plain_python import PLAIN
 from scenes import HALF, breaking_event_periodic, image, place_spheres
 from scipy.spatial.distance import pdist
 
-from agglom_mpi.outcome import FAILED, PLACEMENT_JAMMED
+from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.sample import simulate_scene
 
@@ -77,5 +77,5 @@ def test_a_jammed_placement_is_a_failed_record():
     scene = scene._replace(radius=0.5 * 1.001 * math.sqrt(3.0) * HALF)
     record, _ = simulate_scene(scene, np.random.default_rng(1))
     assert record["state"] == FAILED
-    assert record["reason"] == PLACEMENT_JAMMED
+    assert record["reason"] == FailureReason.PLACEMENT_JAMMED
     assert record["steps"] == 0
