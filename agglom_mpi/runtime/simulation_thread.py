@@ -29,6 +29,11 @@ class SimulationThread:
         Of this rank.
     wakeup
         Rung when `poll` has something to return.
+
+    Attributes
+    ----------
+    cancelled
+        Strings whose samples are left out, each with the last batch for which that holds.
     """
 
     def __init__(self, runner: SampleRunner, wakeup: Wakeup) -> None:
@@ -39,7 +44,7 @@ class SimulationThread:
         self._wakeup = wakeup
         self._queued = 0
         self._under_way = 0, -1  # batch and string
-        self._cancelled: dict[int, int] = {}  # strings, each with the last batch that counts
+        self.cancelled: dict[int, int] = {}
         self._thread = threading.Thread(target=self._work, name="simulator", daemon=True)
         self._thread.start()
 
@@ -54,8 +59,8 @@ class SimulationThread:
         Their samples come back as `NOT_NEEDED`, each in its turn.
         """
         first = self._under_way[0]
-        known = {string: last for string, last in self._cancelled.items() if last >= first}
-        self._cancelled = known | dict.fromkeys(strings, self._queued)
+        known = {string: last for string, last in self.cancelled.items() if last >= first}
+        self.cancelled = known | dict.fromkeys(strings, self._queued)
         if self._under_way[1] in strings:
             self._abort_flag.interrupt()
 
@@ -106,7 +111,7 @@ class SimulationThread:
         if self._abort_flag.stopped:  # what was abandoned before has no answer, so this has none
             return False
         number, string = self._under_way
-        if self._cancelled.get(string, 0) >= number:
+        if self.cancelled.get(string, 0) >= number:
             task.cancel()
             return False
         return task.simulate_next()

@@ -60,6 +60,10 @@ class Scheduler:
     ----------
     batch_sizer
         Learns how long samples and messages take.
+    sample_counts
+        Learns how many samples strings need.
+    duplicates
+        Samples of silent ranks that others simulate once more.
     """
 
     def __init__(
@@ -76,8 +80,8 @@ class Scheduler:
         self._ranks = ranks
         self._urgency = min(URGENCY, 1.0 + URGENCY_PER_RANK * ranks)
         self._in_flight = InFlightTable(ranks)
-        self._duplicates = DuplicateSamples()
-        self._sample_counts = SampleCountModel()
+        self.duplicates = DuplicateSamples()
+        self.sample_counts = SampleCountModel()
         self._known: dict[int, set[int]] = {}
         self._generation = -1
         self._open: set[int] = set()
@@ -88,7 +92,7 @@ class Scheduler:
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
-            self._sample_counts.learn(samples)
+            self.sample_counts.learn(samples)
 
     @property
     def in_flight(self) -> int:
@@ -151,7 +155,7 @@ class Scheduler:
         """
         returns, begin = [], 0
         for part in self._in_flight.remove(rank, len(done)):
-            first = self._duplicates.first_returns(part, done[begin : begin + part.size])
+            first = self.duplicates.first_returns(part, done[begin : begin + part.size])
             returns.append((part, first))
             begin += part.size
         return returns
@@ -170,18 +174,18 @@ class Scheduler:
         marked = self._in_flight.mark_silent(now - timeout)
         for rank in marked:
             for part in self._in_flight.ranges(rank):
-                self._duplicates.add(part, needed=part.string in self._next)
+                self.duplicates.add(part, needed=part.string in self._next)
                 self.update(part.string)
         return marked
 
     def _forget(self, string: int) -> None:
         """Learn from a complete string, and forget it."""
-        self._sample_counts.learn(self._demand.samples_used(string))
+        self.sample_counts.learn(self._demand.samples_used(string))
         self._complete.append(string)
         self._open.discard(string)
         self._next.pop(string, None)
         self._known.pop(string, None)
-        self._duplicates.drop(string)
+        self.duplicates.drop(string)
         self._urgent.remove(string)
         self._speculative.remove(string)
 
@@ -207,7 +211,7 @@ class Scheduler:
             self._forget(string)
             return
         queue = self._urgent if string in self._open else self._speculative
-        repeated = self._duplicates.first(string)
+        repeated = self.duplicates.first(string)
         sample = self._skip_known(string, progress.next_sample) if repeated is None else repeated
         if sample >= progress.max_samples:
             queue.remove(string)
@@ -217,7 +221,7 @@ class Scheduler:
 
     def _probability(self, string: int, progress: Progress, sample: int) -> float:
         """Return the probability that a sample is needed; it is 1 of the next one alone."""
-        return self._sample_counts.probability(progress.next_sample, sample)
+        return self.sample_counts.probability(progress.next_sample, sample)
 
     def _skip_known(self, string: int, used: int) -> int:
         """Return the next sample to assign of a string, and keep it."""
@@ -246,8 +250,8 @@ class Scheduler:
             return None
         self._urgent.remove(string)
         self._speculative.remove(string)
-        if self._duplicates.first(string) is not None:
-            part = self._duplicates.take(string, limit)
+        if self.duplicates.first(string) is not None:
+            part = self.duplicates.take(string, limit)
         else:
             part = self._next_range(string, limit)
         self._next[string] = max(self._next[string], part.first + part.size)
@@ -289,7 +293,7 @@ class Scheduler:
         known = self._known.get(string)
         if known:
             count = next((n for n in range(1, count) if first + n in known), count)
-        probability = self._sample_counts.probability
+        probability = self.sample_counts.probability
         least = RELATIVE_PROBABILITY * probability(used, first)
         while count > 1 and probability(used, first + count - 1) < least:
             count //= 2
@@ -297,7 +301,7 @@ class Scheduler:
 
     def _range_limit(self, used: int) -> int:
         """Return the most samples of an open string for one rank, so that all ranks can help."""
-        need = max(self._sample_counts.mean, used + 1.0)
+        need = max(self.sample_counts.mean, used + 1.0)
         return max(1, int(need * len(self._open) / (2 * self._ranks)))
 
     def _min_probability(self, batches: int) -> float:
@@ -308,7 +312,7 @@ class Scheduler:
 
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""
-        need = max(self._sample_counts.mean, self._most_used)
+        need = max(self.sample_counts.mean, self._most_used)
         return self.batch_sizer.batch_size(TAIL_SHARE * len(self._next) * need / self._ranks)
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:

@@ -323,7 +323,7 @@ def test_a_thread_does_not_remember_cancellations_for_ever():
         assert taken(thread) is not None
         thread.cancel([string])
     thread.stop()
-    assert len(thread._cancelled) <= 2
+    assert len(thread.cancelled) <= 2
 
 
 def test_cancellations_at_any_moment_lose_no_sample_and_leave_out_no_other():

@@ -130,7 +130,7 @@ class World:
         self._given_up = set()
         self._ranks, self._chance = ranks, chance
         self._typical, self._trouble = typical, trouble
-        self._held = [deque() for _ in range(ranks)]
+        self.held = [deque() for _ in range(ranks)]
         self._left_out = [set() for _ in range(ranks)]
         self._dead, self._asleep, self._silent = set(), set(), set()
         self._now = 0.0
@@ -143,7 +143,7 @@ class World:
             self._live_on()
             if self._chance.random() < 0.7:
                 self.hand_out()
-            working = [rank for rank in self._awake() if self._held[rank]]
+            working = [rank for rank in self._awake() if self.held[rank]]
             if working:
                 self._give_back(self._chance.choice(working))
                 if self._chance.random() < 0.7:
@@ -178,10 +178,10 @@ class World:
 
     def _look_at_the_clock(self):
         for rank in self.scheduler.mark_silent(self._now, PATIENCE):
-            assert self._held[rank]
+            assert self.held[rank]
             assert rank not in self._silent
             self._silent.add(rank)
-            pairs = [pair for batch in self._held[rank] for pair in batch]
+            pairs = [pair for batch in self.held[rank] for pair in batch]
             self.lost.update(pairs)
             self._given_up.update(pairs)
 
@@ -193,7 +193,7 @@ class World:
                 self._say_something(rank)
             self._look_at_the_clock()
             self.hand_out()
-            if any(self._held[rank] for rank in self._awake()):
+            if any(self.held[rank] for rank in self._awake()):
                 return
         raise AssertionError("nobody has anything to do")
 
@@ -201,19 +201,19 @@ class World:
         """Let ranks have what the scheduler wants them to."""
         for rank, tasks in self.scheduler.assignments(self._now):
             assert rank not in self._silent
-            assert len(self._held[rank]) == min(
-                len(self._held[r]) for r in range(self._ranks) if r not in self._silent
+            assert len(self.held[rank]) == min(
+                len(self.held[r]) for r in range(self._ranks) if r not in self._silent
             )
             batch = []
             for task in tasks:
                 batch += self._check(
-                    task, QUEUE_PROBABILITY if self._held[rank] else MIN_PROBABILITY
+                    task, QUEUE_PROBABILITY if self.held[rank] else MIN_PROBABILITY
                 )
             assert 1 <= len(batch) <= MOST_SAMPLES
-            self._held[rank].append(deque(batch))
-            assert len(self._held[rank]) <= MESSAGES_IN_FLIGHT
-        assert self.scheduler.in_flight == sum(len(b) for held in self._held for b in held)
-        if any(not self._held[rank] for rank in range(self._ranks) if rank not in self._silent):
+            self.held[rank].append(deque(batch))
+            assert len(self.held[rank]) <= MESSAGES_IN_FLIGHT
+        assert self.scheduler.in_flight == sum(len(b) for held in self.held for b in held)
+        if any(not self.held[rank] for rank in range(self._ranks) if rank not in self._silent):
             self._check_that_nothing_useful_is_left()
 
     def _check(self, task, least):
@@ -226,7 +226,7 @@ class World:
         assert 0 <= self.decisions.generation_of[string] - inversion.generation <= GENERATIONS_AHEAD
         waiting = self.waited_for()
         assert not waiting or (string, first) in waiting
-        assert self.scheduler._sample_counts.probability(progress.next_sample, first) >= least
+        assert self.scheduler.sample_counts.probability(progress.next_sample, first) >= least
         batch = [(string, sample) for sample in range(first, first + count)]
         self.handed.update(batch)
         self._given_up.difference_update(batch)
@@ -255,17 +255,17 @@ class World:
             for sample in range(judged, progress.max_samples):
                 if self._free((string, sample)):
                     assert (
-                        self.scheduler._sample_counts.probability(judged, sample) < MIN_PROBABILITY
+                        self.scheduler.sample_counts.probability(judged, sample) < MIN_PROBABILITY
                     )
                     break
 
     def _give_back(self, rank):
         """A rank returns some of its next batch, and what it was the first to return is judged."""
-        batch = self._held[rank][0]
+        batch = self.held[rank][0]
         count = len(batch) if self._chance.random() < 0.5 else self._chance.randint(1, len(batch))
         pairs = [batch.popleft() for _ in range(count)]
         if not batch:
-            self._held[rank].popleft()
+            self.held[rank].popleft()
         done = set(pairs) - self._left_out[rank]
         self.scheduler.batch_sizer.learn([self._typical * self._chance.random() for _ in done])
         for piece, fresh in self.scheduler.returned(rank, [pair in done for pair in pairs]):
@@ -282,7 +282,7 @@ class World:
             assert rank not in self._silent
             for string in strings.tolist():
                 assert self.inversion.progress(string) is None
-                held = {pair for batch in self._held[rank] for pair in batch if pair[0] == string}
+                held = {pair for batch in self.held[rank] for pair in batch if pair[0] == string}
                 assert held
                 if self._chance.random() < 0.8:
                     self._left_out[rank] |= held

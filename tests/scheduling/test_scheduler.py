@@ -128,9 +128,9 @@ def test_samples_that_ranks_fell_silent_with_are_remembered_while_a_rank_holds_t
         world = World(4, random.Random(seed), trouble=0.1, generations=30)
         while not world.inversion.finished:
             world.run(1)
-            held = {pair for batches in world._held for batch in batches for pair in batch}
-            assert world.scheduler._duplicates._samples.keys() <= held
-            most = max(most, len(world.scheduler._duplicates))
+            held = {pair for batches in world.held for batch in batches for pair in batch}
+            assert len(world.scheduler.duplicates) <= len(held)
+            most = max(most, len(world.scheduler.duplicates))
         lost += world.lost.total()
     assert 0 < 5 * most < lost, "it is no test if hardly any come back"
 
@@ -284,6 +284,6 @@ def test_a_string_that_data_make_likelier_to_be_needed_keeps_its_place(used):
                 handed |= {(string, first + i) for i in range(count)}
             scheduler.batch_sizer.learn([1.0])
             scheduler.returned(rank, [True] * int(tasks["count"].sum()))
-            scheduler._sample_counts.learn(MAX_SAMPLES)
+            scheduler.sample_counts.learn(MAX_SAMPLES)
     live = {pair for pair in handed if pair[0] < 6}
     assert len(live) == 6 * MAX_SAMPLES

@@ -13,6 +13,7 @@ from agglom_mpi.search.gaussian_process import (
     GaussianProcess,
     _length_prior,
     _negative_log_likelihood,
+    distances,
     fit_covariance,
     matern,
     standardised,
@@ -37,6 +38,12 @@ def drawn(dimensions, count, seed, decades=(0.0, 0.0, -0.5)):
     covariance = Covariance(10.0 ** decades[0], lengths, 10.0 ** (decades[2] - 1.5))
     points = rng.random((count, dimensions))
     return covariance, points, 5.0 + 0.1 * rng.normal(size=count), rng.integers(1, 6, count)
+
+
+def prior(covariance, points, samples):
+    """Return the covariance of the observed means, shape (n, n)."""
+    between = matern(distances(points / covariance.lengths, points / covariance.lengths))
+    return covariance.variance * between + np.diag(covariance.noise / samples + JITTER)
 
 
 def logarithms(covariance):
@@ -75,8 +82,10 @@ def test_the_slope_of_the_mean_is_its_derivative(dimensions, count, seed, decade
     assert value == pytest.approx(process.mean(at[None])[0], rel=ROUNDING)
     found = differences(lambda x: process.mean(x[None])[0], at, 1e-5)
     # Three derivatives by a length of at least 0.05 are 8000 times the value, times 1e-10.
-    weights = abs(process._weights).sum() * process._scale * covariance.variance
-    assert np.allclose(found, slope, rtol=0.0, atol=1e-5 * weights)
+    inverse = np.linalg.inv(prior(covariance, points, samples))
+    _, scale, standard = standardised(values)
+    size = abs(inverse @ standard).sum() * scale * covariance.variance
+    assert np.allclose(found, slope, rtol=0.0, atol=1e-5 * size)
 
 
 def test_the_slope_is_finite_at_a_point_of_the_data():
@@ -121,7 +130,7 @@ def test_at_the_points_of_the_data_it_expects_what_it_does_elsewhere(
 ):
     covariance, points, values, samples = drawn(dimensions, count, seed, decades)
     process = GaussianProcess(covariance, points, values, samples)
-    at, scale = ROUNDING * covariance.variance, process._scale
+    at, scale = ROUNDING * covariance.variance, standardised(values)[1]
     assert np.allclose(process.mean_at_points, process.mean(points), rtol=0.0, atol=at * scale)
     variances = process.deviation_at_points**2, process.deviation(points) ** 2
     assert np.allclose(*variances, rtol=0.0, atol=at * scale**2)
@@ -138,7 +147,7 @@ def test_grown_by_a_border_it_is_as_if_made_at_once(dimensions, count, seed, dec
         covariance, points, values, samples, GaussianProcess(covariance, *first)
     )
     whole = GaussianProcess(covariance, points, values, samples)
-    close = {"rtol": 0.0, "atol": ROUNDING * covariance.variance * whole._scale}
+    close = {"rtol": 0.0, "atol": ROUNDING * covariance.variance * standardised(values)[1]}
     assert np.allclose(grown.mean(at), whole.mean(at), **close)
     assert np.allclose(grown.deviation(at) ** 2, whole.deviation(at) ** 2, **close)
     assert np.allclose(grown.deviation_at_points**2, whole.deviation_at_points**2, **close)

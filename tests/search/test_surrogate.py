@@ -2,20 +2,21 @@ import os
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from processes import HANG, output_of, program
+from processes import HANG, output_of, program, wait_for
 from search_fakes import judged, unit_box
 from threadpoolctl import threadpool_info
 
-from agglom_mpi.search import acquisition
+from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
 from agglom_mpi.search.baselines import RandomSearch, sobol_strings
-from agglom_mpi.search.gaussian_process import single_threaded
+from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.surrogate import SurrogateSearch, best_and_spread, milestone
@@ -210,10 +211,7 @@ def test_what_is_known_ahead_is_what_is_asked_later(few_candidates, background):
             assert ahead[0] == count
             assert same(ahead[1], batch)
         assert search.known_proposals(generation + 2) is None
-        if background:
-            search._pending[generation + 1].result()
-        ahead = search.known_proposals(generation + 1)
-        assert ahead is not None
+        ahead = wait_for(partial(search.known_proposals, generation + 1), "proposals")
         assert ahead[0] == count + len(batch.parameters)
         assert ahead[1].generation == generation + 1
         ids = np.arange(count, count + len(batch.parameters))
@@ -233,34 +231,33 @@ def test_who_asks_for_the_best_changes_no_bit_of_the_proposals(few_candidates):
     assert late == early
 
 
-def test_the_model_of_a_generation_is_that_of_all_strings_before_it(few_candidates):
+def test_the_best_are_ranked_by_a_process_through_all_strings(few_candidates):
     search = SurrogateSearch(box(3), 5, 12, 5)
     run(search, 12, bowl, 0.05)
-    for fitted in (search._count_before(11), 30):
-        grown = search._model(fitted, 12)
-        whole = type(grown)(grown._covariance, *search._data(len(search)))
-        # Conditions are below 1e7: the noise is a hundredth of the variance or more.
-        assert np.allclose(grown.mean_at_points, whole.mean_at_points, rtol=1e-8)
-        assert np.allclose(grown.deviation_at_points, whole.deviation_at_points, rtol=1e-6)
+    data = search.space.to_unit(search.parameters), search.deviations, search.samples
+    fitted = milestone(len(search) - 5, 6)
+    process = GaussianProcess(fit_covariance(*(column[:fitted] for column in data)), *data)
+    strings, expected, errors = map(list, zip(*search.best(len(search)), strict=True))
+    # Conditions are below 1e7: the noise is a hundredth of the variance or more.
+    assert np.allclose(expected, process.mean_at_points[strings], rtol=1e-8)
+    assert np.allclose(errors, process.deviation_at_points[strings], rtol=1e-6)
 
 
 def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates, monkeypatch):
     go_on = threading.Event()
     search = SurrogateSearch(box(4), 3, 8, 5, background=True)
-    think = search._propose
+    candidates_about = surrogate.candidates_about
 
-    def slow(generation):
-        if generation >= 2:
-            assert go_on.wait(HANG)
-        return think(generation)
+    def slow(*arguments):
+        assert go_on.wait(HANG)
+        return candidates_about(*arguments)
 
-    monkeypatch.setattr(search, "_propose", slow)
+    monkeypatch.setattr(surrogate, "candidates_about", slow)
     run(search, 1)
     search.ask()
     assert search.known_proposals(2) is None
     go_on.set()
-    search._pending[2].result(HANG)
-    assert search.known_proposals(2) is not None
+    assert wait_for(lambda: search.known_proposals(2), "proposals")
 
 
 @pytest.mark.parametrize("generation", [2, 3, 4])
