@@ -206,6 +206,22 @@ def test_particles_may_come_ahead_of_their_samples(path):
     assert [same(file.final_particles(0, j), final(0, j)) for j in range(3)] == [True] * 3
 
 
+def test_particles_that_are_written_again_are_absent_until_they_are_whole(path, monkeypatch):
+    file, (rows, finals) = open_campaign(path), samples_and_finals(0, 0, 3)
+    with CampaignWriter(path) as writer:
+        put_strings(writer, 0, 1)
+        writer.put_samples(rows[:0], finals)
+    assert file.final_particles(0, 2) is not None
+    with CampaignWriter(path) as writer:
+        writer.put_samples(rows, finals)
+        mend = failing(monkeypatch, "final_particles")
+        with pytest.raises(OSError, match="No space left"):
+            writer.flush()
+        assert file.final_particles(0, 2) is None, "a half-written row would count as damage"
+        mend()
+    assert same(file.final_particles(0, 2), final(0, 2))
+
+
 def test_of_two_rows_for_one_sample_the_particles_are_those_of_the_one_that_stays(path):
     rows, finals = samples_and_finals(0, 0, 2)
     late = rows.copy(), finals.copy()
