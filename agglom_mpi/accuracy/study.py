@@ -1,7 +1,5 @@
 """An accuracy study: set-ups, each a parameter string run in one way, in one generation."""
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
@@ -10,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.scene import Engine, SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
@@ -177,13 +176,13 @@ class Study(Experiment):
         """Return the campaign's own, and a digest of each set-up."""
         entries = self.campaign.identity() | {"budget": self._budget, "fewest": FEWEST_SAMPLES}
         for number, (name, setup) in enumerate(self.setups.items()):
-            text = f"number {number}, {setup.samples} samples, {_digest(dict(setup.identity()))}"
-            entries[f"trials.{name}"] = text
+            decides = digest(dict(setup.identity()), STUDY_SEPARATORS)
+            entries[f"trials.{name}"] = f"number {number}, {setup.samples} samples, {decides}"
         return entries
 
     def sha256(self) -> str:
         """Return the digest of `identity`."""
-        return _digest(self.identity())
+        return digest(self.identity(), STUDY_SEPARATORS)
 
     def setup(self, string: int) -> SampleSetup:
         """Return how the samples of a string are simulated."""
@@ -219,10 +218,6 @@ class Study(Experiment):
             name: file.sample_rows(string)[: used.get(string, 0)]
             for string, name in enumerate(self.setups)
         }
-
-
-def _digest(entries: Mapping[str, object]) -> str:
-    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def completed(rows: Rows) -> Rows:

@@ -3,13 +3,17 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from agglom_mpi.config.ensemble import Plan
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.ensemble import Plan
+
+SEPARATORS: Final = (",", ":")
+STUDY_SEPARATORS: Final = (", ", ": ")
+"""What separates the entries of an identity and names from values where it is hashed."""
 
 
 def identity(campaign: "Campaign") -> dict[str, object]:
@@ -45,7 +49,7 @@ def objective(campaign: "Campaign") -> dict[str, object]:
     return entries
 
 
-def _required_plan(plan: Plan) -> dict[str, object]:
+def _required_plan(plan: "Plan") -> dict[str, object]:
     target = plan.stopping.target
     return {
         "search": plan.search.entries(),
@@ -54,10 +58,16 @@ def _required_plan(plan: Plan) -> dict[str, object]:
     }
 
 
-def digest(entries: Mapping[str, object]) -> str:
-    """Return the SHA-256 of an identity as 64 hexadecimal digits."""
+def digest(entries: Mapping[str, object], separators: tuple[str, str] = SEPARATORS) -> str:
+    """Return the SHA-256 of an identity as 64 hexadecimal digits.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
     # JSON writes a float as the shortest text that reads back as the same float64.
-    text = json.dumps(entries, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(entries, sort_keys=True, separators=separators, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -1,12 +1,12 @@
 """The attributes of a campaign file: what it says of the campaign as a whole."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.formatting import printable
 from agglom_mpi.storage.schema import fresh_from
 
@@ -38,12 +38,6 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
     _entries(attributes)
 
 
-def digest(identity: Mapping[str, Any], separators: tuple[str, str] = (",", ":")) -> str:
-    """Return the SHA-256 of an identity, 64 hexadecimal digits; studies write it with blanks."""
-    text = json.dumps(identity, sort_keys=True, separators=separators)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the identity; raises ValueError if it is not what its digest was taken of."""
     try:
@@ -52,7 +46,8 @@ def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise ValueError("attribute identity is no JSON object")
-    if attributes["campaign_sha256"] not in map(digest, (found, found), ((",", ":"), (", ", ": "))):
+    digests = {digest(found, separators) for separators in (SEPARATORS, STUDY_SEPARATORS)}
+    if attributes["campaign_sha256"] not in digests:
         raise ValueError("attribute identity has another digest than campaign_sha256")
     return found
 

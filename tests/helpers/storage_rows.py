@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from agglom_mpi.config.identity import digest
 from agglom_mpi.storage.create import create_campaign_file
-from agglom_mpi.storage.header import digest
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row
 
