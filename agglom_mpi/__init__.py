@@ -6,7 +6,7 @@ from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign_file import open_campaign
-    from agglom_mpi.config.campaign import load_campaign
+    from agglom_mpi.config.loading import load_campaign
     from agglom_mpi.coupling.box import Box
 
 __all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
@@ -15,7 +15,7 @@ __all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
 def __getattr__(name: str) -> Any:
     """Import the entry points when they are first used, so that importing the package is free."""
     if name == "load_campaign":
-        from agglom_mpi.config.campaign import load_campaign
+        from agglom_mpi.config.loading import load_campaign
 
         return load_campaign
     if name == "open_campaign":

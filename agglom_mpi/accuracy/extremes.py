@@ -10,7 +10,8 @@ from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
 from agglom_mpi.accuracy.published_method import as_published
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import format_mean, format_percent, format_seconds
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.statistics import MeanEstimate, mean_of

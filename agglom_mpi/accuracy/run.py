@@ -22,7 +22,8 @@ from agglom_mpi.accuracy.few_body import few_body_section
 from agglom_mpi.accuracy.impact_solver import impact_solver_section
 from agglom_mpi.accuracy.study import Rows, Setup, Study, completed, scene_error
 from agglom_mpi.config.bounds import volume_fraction
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.display import Display
 from agglom_mpi.errors import require_library

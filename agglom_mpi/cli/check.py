@@ -24,7 +24,7 @@ def check(file: str) -> int:
         text, code = check_file(file)
         click.echo(text)
         return code
-    from agglom_mpi.config.campaign import check_campaign
+    from agglom_mpi.config.loading import check_campaign
 
     loaded = check_campaign(file)
     if loaded.plan is None:

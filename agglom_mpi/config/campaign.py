@@ -1,9 +1,7 @@
 """A campaign: everything that its file states, typed and in SI units."""
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -13,16 +11,15 @@ from agglom_mpi.config import describe, identity
 from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable, required_variables
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
-from agglom_mpi.config.objective import Function, Objective
+from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
-from agglom_mpi.config.user_function import UserFunction, load_function, read_function
+from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
     CampaignError,
     MissingSearchLibraryError,
     Problem,
     parse,
-    read_text,
 )
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
@@ -34,60 +31,6 @@ if TYPE_CHECKING:
 
 RESAMPLE_BITS: Final = 32
 """Bits of a sample's number within a generation; the generation is in the bits above."""
-
-
-def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> "Campaign":
-    """Read and validate a campaign file.
-
-    Parameters
-    ----------
-    path
-        The YAML file.
-    allow_code
-        Whether a Python function that its objective names may be executed.
-
-    Returns
-    -------
-    Campaign
-
-    Raises
-    ------
-    CampaignError
-        With everything that is wrong: file, line, field, value and what is allowed.
-    """
-    name = os.fspath(path)
-    campaign = Campaign.from_text(read_text(name), name)
-    if isinstance(campaign.objective, Function) and not allow_code:
-        message = (
-            f"is {campaign.objective.call!r}, Python code, which runs only with your permission: "
-            "--allow-code, or load_campaign(..., allow_code=True)"
-        )
-        raise campaign.function_error(message)
-    return _with_function(campaign, load_function)
-
-
-def check_campaign(path: str | os.PathLike[str]) -> "Campaign":
-    """Read and validate a campaign file; its user function, if any, cannot be called."""
-    name = os.fspath(path)
-    campaign = _with_function(Campaign.from_text(read_text(name), name))
-    function = campaign.user_function
-    return (
-        campaign if function is None else replace(campaign, user_function=function.without_source)
-    )
-
-
-def _with_function(
-    campaign: "Campaign", check: Callable[[UserFunction], object] = lambda function: None
-) -> "Campaign":
-    """Add the source of the function that the objective names, if it does, and `check` it."""
-    if not isinstance(campaign.objective, Function):
-        return campaign
-    try:
-        function = read_function(Path(campaign.name).parent, campaign.objective.call)
-        check(function)
-    except ValueError as error:
-        raise campaign.function_error(str(error)) from None
-    return replace(campaign, user_function=function)
 
 
 @dataclass(frozen=True, eq=False)

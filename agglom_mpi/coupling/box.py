@@ -39,7 +39,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.random_streams import sample_stream

@@ -7,7 +7,8 @@ import numpy as np
 from rich.console import Console
 
 from agglom_mpi.analysis.warm_start import warm_start_strings
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
     ClusterSimulator,

@@ -16,7 +16,8 @@ from agglom_mpi.analysis.resimulation import (
     recorded_parameters,
     recorded_sample,
 )
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import LEDGER

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text

@@ -6,7 +6,7 @@ from accuracy_rows import made_up
 
 from agglom_mpi.accuracy import control_volume as module
 from agglom_mpi.accuracy.time_integration import EVENT
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 
 
 @pytest.fixture(scope="module")

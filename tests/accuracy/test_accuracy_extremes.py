@@ -4,7 +4,7 @@ import pytest
 from accuracy_rows import made_up
 
 from agglom_mpi.accuracy import extremes
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 
 
 @pytest.mark.parametrize("job", ["accretion_2003", "agglomeration_2004"])

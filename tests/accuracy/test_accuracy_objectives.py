@@ -8,7 +8,8 @@ from scipy import stats
 from agglom_mpi.accuracy import time_integration
 from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.stopping_study import OWN
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.user_function import UserFunction
 
 TARGET = "{law: growth_target, ratio: 2}"

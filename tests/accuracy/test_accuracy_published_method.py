@@ -10,7 +10,7 @@ from agglom_mpi.accuracy import published_method
 from agglom_mpi.accuracy.published_method import as_published
 from agglom_mpi.accuracy.study import with_scene
 from agglom_mpi.accuracy.time_integration import EVENT
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import SceneSection
 
 JOBS = Path(__file__).parents[2] / "jobs"

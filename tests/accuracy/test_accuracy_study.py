@@ -20,7 +20,7 @@ from agglom_mpi.accuracy.study import (
     scene_error,
     with_scene,
 )
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import FixedEngine
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries

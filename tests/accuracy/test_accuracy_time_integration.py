@@ -7,7 +7,7 @@ from accuracy_rows import made_up
 from agglom_mpi.accuracy import time_integration as module
 from agglom_mpi.accuracy.document import Section
 from agglom_mpi.accuracy.study import paired_difference
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import format_seconds
 
 COUNT = 400

@@ -20,7 +20,7 @@ from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.summary import selection_bias
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 

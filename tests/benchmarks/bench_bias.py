@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import AdaptiveEngine, EventEngine, FixedEngine
 from agglom_mpi.variables import NAMES
 

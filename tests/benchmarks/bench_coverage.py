@@ -15,7 +15,7 @@ from bench_bias import ROWS
 
 from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.variables import NAMES
 

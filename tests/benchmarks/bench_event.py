@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import rebound_peer as peer
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning import cluster_simulator as virtual
 from agglom_mpi.planning.cluster_simulator import FREE, ClusterSimulator, MessageCosts
 from agglom_mpi.planning.pilot import run_pilot

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from campaign_text import TEXT, campaign, edited
 
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from campaign_text import campaign, edited
 
-from agglom_mpi.config.campaign import Campaign, check_campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import check_campaign, load_campaign
 from agglom_mpi.config.user_function import UserFunction, evaluate, load_function, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaign_text import campaign
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError
 

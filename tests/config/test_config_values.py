@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from campaign_text import campaign, constant, edited
 
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import NAMES
 

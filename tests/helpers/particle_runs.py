@@ -4,7 +4,7 @@ import numpy as np
 from campaign_runs import write_campaign
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.variables import NAMES
 

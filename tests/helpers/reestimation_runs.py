@@ -3,7 +3,7 @@
 import numpy as np
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.variables import NAMES
 

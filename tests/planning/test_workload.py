@@ -3,7 +3,7 @@ import pytest
 from campaign_runs import TINY, write_campaign, write_endless
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.planning import pilot

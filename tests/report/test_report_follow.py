@@ -27,7 +27,7 @@ from screens import screen, started_on
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display import display
 from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import FileProgress, follow, silence_note

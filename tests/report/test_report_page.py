@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
 from agglom_mpi.report.export import ExportError

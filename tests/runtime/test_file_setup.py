@@ -3,7 +3,7 @@ import os
 import pytest
 from campaign_runs import SMALL, write_campaign
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import (
     OutputError,

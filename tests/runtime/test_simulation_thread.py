@@ -10,7 +10,7 @@ import pytest
 from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import HANG, wait_for
 
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime import simulation_thread as thread_module

@@ -11,7 +11,7 @@ from user_function_runs import WORTH, write_own
 from agglom_mpi.accuracy import search_history
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime.experiment import InversionExperiment

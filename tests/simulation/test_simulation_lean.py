@@ -16,8 +16,8 @@ from scenes import (
     merging_event_periodic,
 )
 
-from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.config.describe import missing_arrays
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCooling
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from processes import output_of, program
 
-from agglom_mpi.config.campaign import Campaign, load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import AdaptiveEngine
 from agglom_mpi.variables import NAMES
 

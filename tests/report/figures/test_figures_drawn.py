@@ -8,7 +8,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.figures import FIGURES, convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud

@@ -5,7 +5,7 @@ import pytest
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.config.campaign import load_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.report import sample_particles
 from agglom_mpi.report.drawing import scaled_unit

@@ -1,0 +1,65 @@
+"""A campaign from its file, with the user's function that its objective may name."""
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.objective import Function
+from agglom_mpi.config.user_function import UserFunction, load_function, read_function
+from agglom_mpi.config.yaml_source import read_text
+
+
+def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
+    """Read and validate a campaign file.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    allow_code
+        Whether a Python function that its objective names may be executed.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    CampaignError
+        With everything that is wrong: file, line, field, value and what is allowed.
+    """
+    name = os.fspath(path)
+    campaign = Campaign.from_text(read_text(name), name)
+    if isinstance(campaign.objective, Function) and not allow_code:
+        message = (
+            f"is {campaign.objective.call!r}, Python code, which runs only with your permission: "
+            "--allow-code, or load_campaign(..., allow_code=True)"
+        )
+        raise campaign.function_error(message)
+    return _with_function(campaign, load_function)
+
+
+def check_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """Read and validate a campaign file; its user function, if any, cannot be called."""
+    name = os.fspath(path)
+    campaign = _with_function(Campaign.from_text(read_text(name), name))
+    function = campaign.user_function
+    return (
+        campaign if function is None else replace(campaign, user_function=function.without_source)
+    )
+
+
+def _with_function(
+    campaign: Campaign, check: Callable[[UserFunction], object] = lambda function: None
+) -> Campaign:
+    """Add the source of the function that the objective names, if it does, and `check` it."""
+    if not isinstance(campaign.objective, Function):
+        return campaign
+    try:
+        function = read_function(Path(campaign.name).parent, campaign.objective.call)
+        check(function)
+    except ValueError as error:
+        raise campaign.function_error(str(error)) from None
+    return replace(campaign, user_function=function)
