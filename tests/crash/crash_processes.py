@@ -1,7 +1,7 @@
 """Processes of a run, as the system sees them."""
 
 import psutil
-from processes import HANG, descendants
+from processes import descendants
 
 
 def ranks_below(launcher):
@@ -15,10 +15,3 @@ def ranks_below(launcher):
         if words and "python" in words[0] and any("agglom-invert" in word for word in words):
             found.append(process.pid)
     return sorted(found)
-
-
-def wait_until_gone(numbers):
-    """Wait for the end of processes."""
-    left = [psutil.Process(number) for number in numbers if psutil.pid_exists(number)]
-    _, living = psutil.wait_procs(left, timeout=HANG)
-    assert not living, "a rank outlives the job"

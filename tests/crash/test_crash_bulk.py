@@ -15,7 +15,7 @@ from campaign_runs import (
     running,
     wait_until,
 )
-from crash_processes import ranks_below, wait_until_gone
+from crash_processes import ranks_below
 from held_runs import allow, allow_all, held
 from particle_runs import (
     assert_particles_are_those_of_the_samples,
@@ -23,7 +23,7 @@ from particle_runs import (
     pictures_wanted,
     write_bulk_campaign,
 )
-from processes import output_of
+from processes import output_of, wait_until_gone
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign

@@ -18,10 +18,10 @@ from campaign_runs import (
     wait_until,
     write_campaign,
 )
-from crash_processes import ranks_below, wait_until_gone
+from crash_processes import ranks_below
 from crash_rows import final_rows
 from held_runs import allow, allow_all, held
-from processes import output_of
+from processes import output_of, wait_until_gone
 from reestimation_runs import fresh_bytes, fresh_rows
 
 STRINGS, SAMPLES = 4, 60

@@ -19,7 +19,7 @@ from campaign_runs import (
 )
 from crash_processes import ranks_below
 from held_runs import allow, allow_all, held
-from processes import output_of
+from processes import output_of, wait_until_gone
 
 from agglom_mpi.campaign_file import open_campaign
 
@@ -33,9 +33,10 @@ def kill_in_mid_campaign(folder, chance, ranks):
     with running(folder, "small.yaml", ranks=ranks, inject=held(folder, 0.005)) as process:
         wait_until(lambda: samples_in(path) >= before + more, process)
         rows = open_campaign(path).all_sample_rows()
-        victim = process.pid if ranks is None else chance.choice(ranks_below(process))
-        os.kill(victim, signal.SIGKILL)
+        living = [process.pid] if ranks is None else ranks_below(process)
+        os.kill(chance.choice(living), signal.SIGKILL)
         output_of(process)
+    wait_until_gone(living)
     assert process.returncode not in (0, 2, 75)
     allow_all(folder)
     return rows

@@ -11,10 +11,10 @@ import time
 import h5py
 import pytest
 from campaign_runs import assert_same, finish, need_mpirun, running, state
-from crash_processes import ranks_below, wait_until_gone
+from crash_processes import ranks_below
 from crash_rows import final_rows
 from held_runs import held
-from processes import output_of, wait_for
+from processes import output_of, wait_for, wait_until_gone
 
 from agglom_mpi.analysis.replay import check_file
 

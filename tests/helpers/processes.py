@@ -31,6 +31,13 @@ def wait_for(condition, what, process=None, seconds=HANG):
     return found
 
 
+def wait_until_gone(numbers):
+    """Wait for the end of processes."""
+    left = [psutil.Process(number) for number in numbers if psutil.pid_exists(number)]
+    _, living = psutil.wait_procs(left, timeout=HANG)
+    assert not living, "a rank outlives the job"
+
+
 def start_group(command, **options):
     """Start a program as the leader of a new session and so of a process group."""
     words = [str(word) for word in command]

@@ -20,7 +20,7 @@ from campaign_runs import (
     write_campaign,
 )
 from mpi_injections import RANK, slow
-from processes import output_of
+from processes import output_of, wait_until_gone
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime.messages import ALIVE, SILENT_AFTER, STOP
@@ -217,6 +217,7 @@ def test_a_killed_rank_ends_the_job(undisturbed, farm):
     farm.send(1, signal.SIGKILL)
     output_of(farm.process)  # the gate is never opened
     assert farm.process.returncode not in (0, 2, 75)
+    wait_until_gone(farm.pids)  # Open MPI's launcher does not
     finish(farm.folder, "small.yaml")
     assert_same(farm.path, undisturbed)
     assert_sound(farm.path)
