@@ -31,6 +31,9 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # Started in the background of a script: what tests start would inherit it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        # Under nohup: what tests start would ignore it, which it does not where this handles it.
+        signal.signal(signal.SIGHUP, lambda *_: None)
     if "PYTEST_XDIST_WORKER" in os.environ:
         share_compilations(Path(os.environ[VARIABLE]))
     elif not config.option.collectonly:
