@@ -207,6 +207,7 @@ def run_rank_zero(
                 end, missing = run_leg(request, database, writer, coordinator, display, stop, world)
                 if missing and world is not None:
                     return conclude_without(missing, end, request, display, finish, world)
+            writer.close()
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
