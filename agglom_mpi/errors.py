@@ -50,7 +50,24 @@ def require_library(name: str, extra: str, purpose: str) -> None:
 
 
 def error_text(error: Exception) -> str:
-    """Return an error as one message; the operating system's as `FILE: REASON`."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return printable(f"{error.filename}: {error.strerror}")
+    """Return an error as one message; the operating system's as `FILE: REASON` or `REASON`."""
+    if isinstance(error, OSError) and error.strerror:
+        return printable(
+            f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        )
     return printable(str(error))
+
+
+_EXHAUSTED: Final = {
+    "can't start new thread": "no more threads are allowed here (ulimit -u)",
+    "failed to map segment": "not enough memory is allowed here (ulimit -v)",
+}
+
+
+def exhausted(error: BaseException) -> str:
+    """Return what the machine or a limit of it has too little of; empty for other errors."""
+    if isinstance(error, MemoryError):
+        return "not enough memory is free, or allowed here (ulimit -v)"
+    if isinstance(error, RuntimeError | ImportError):
+        return next((text for sign, text in _EXHAUSTED.items() if sign in str(error)), "")
+    return ""

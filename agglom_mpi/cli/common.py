@@ -1,6 +1,7 @@
 """What all commands share: launching on ranks, exit codes, options and how their texts are read."""
 
 import functools
+import resource
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
@@ -18,8 +19,12 @@ from agglom_mpi.errors import (
     STOPPED,
     UserError,
     error_text,
+    exhausted,
 )
 from agglom_mpi.launcher import is_first_rank
+
+LEAST_ADDRESS_SPACE: Final = 1 << 30
+"""Bytes that a simulation is not begun without: LLVM, short of them, aborts or hangs."""
 
 
 def launch(command: click.Command, simulates: bool) -> None:
@@ -34,12 +39,27 @@ def launch(command: click.Command, simulates: bool) -> None:
     """
     prepare_streams(endures=simulates)
     try:
-        code = _exit_code(command, simulates)
+        code = _too_little_memory() if simulates else FINISHED
+        code = code or _exit_code(command, simulates)
         flush_streams()
     except OSError as error:
         click.echo(f"{command.name}: {error_text(error)}", err=True)
         code = FAILURE
     sys.exit(code)
+
+
+def _too_little_memory() -> int:
+    """Return the exit code, and print why, if less memory is allowed than a simulation needs."""
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if allowed == resource.RLIM_INFINITY or allowed >= LEAST_ADDRESS_SPACE:
+        return FINISHED
+    if is_first_rank():
+        click.echo(
+            f"ulimit -v allows {allowed >> 20} MiB of memory; a simulation needs at least "
+            f"{LEAST_ADDRESS_SPACE >> 20} MiB",
+            err=True,
+        )
+    return BAD_INPUT
 
 
 def _exit_code(command: click.Command, simulates: bool) -> int:
@@ -58,6 +78,11 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
             return INTERRUPTED
         click.echo("interrupted; run the same command again to continue", err=True)
         return STOPPED
+    except (ImportError, MemoryError, RuntimeError) as error:
+        if not (text := exhausted(error)):
+            raise
+        click.echo(f"{command.name}: {text}; what was written is whole", err=True)
+        return FAILURE
 
 
 def run_connected(run: Callable[[Any], int]) -> int:

@@ -14,7 +14,7 @@ from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
-from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text
+from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text, exhausted
 from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
@@ -121,10 +121,11 @@ def run_on_all_ranks(
         if world is not None and world.rank > 0:
             return run_worker(world)
         return run_rank_zero(read, display, finish, StopRequest(max_walltime), world)
-    except BaseException:
+    except BaseException as error:
         if world is None:
             raise
-        print(f"rank {world.rank}:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        text = exhausted(error) or f"\n{traceback.format_exc()}"
+        print(f"rank {world.rank}: {text}", file=sys.stderr, flush=True)
         end_job(world, FAILURE)
         raise
 
@@ -207,6 +208,7 @@ def run_rank_zero(
                 end, missing = run_leg(request, database, writer, coordinator, display, stop, world)
                 if missing and world is not None:
                     return conclude_without(missing, end, request, display, finish, world)
+            writer.close()
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
@@ -242,6 +244,7 @@ def run_leg(
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
         fields = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
+        begun = time.monotonic()
         leg = writer.begin_leg(**fields)
         writer.set_status("running")
         pool = WorkerPool(runner, world)
@@ -251,7 +254,7 @@ def run_leg(
     end = coordinator.shut_down(pool, end)
     writer.end_leg(
         leg,
-        stopped=time.time(),
+        stopped=fields["started"] + time.monotonic() - begun,  # also if the clock has been set
         exit_code=end.code,
         samples=recorder.samples,
         busy_seconds=recorder.busy_seconds,

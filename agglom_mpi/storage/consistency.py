@@ -64,9 +64,18 @@ def check_digests(report: VerificationReport) -> int:
 
 
 def _find_absent_strings(report: VerificationReport) -> None:
-    """Record absent strings: all up to the last of a generation that has begun must be there."""
-    stored, strings = report.numbers("strings"), report.data.string_rows()
-    begun = strings["generation"] <= max(report.bred_strings["generation"].tolist(), default=0)
+    """Record absent strings: all up to the last of a generation that has begun must be there.
+
+    A generation has begun if one of its bred strings has samples: where the disc was full, some of
+    those that were to be stored together may be missing.
+    """
+    stored, strings, bred = (
+        report.numbers("strings"),
+        report.data.string_rows(),
+        report.bred_strings,
+    )
+    tried = np.isin(bred["string"], list(report.numbers("samples") | report.numbers("results")))
+    begun = strings["generation"] <= max(bred["generation"][tried].tolist(), default=0)
     last = max([*strings["string"][begun].tolist(), *report.numbers("results")], default=-1)
     report.add_absent("strings", set(range(last + 1)) - stored, "though later ones are stored")
     report.add_absent("strings", report.numbers("samples") - stored, "though they have samples")

@@ -266,10 +266,11 @@ class CampaignLock:
                 "nothing keeps a second run from writing to the same campaign file",
                 stacklevel=2,
             )
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
-        # Or NFS would keep the name on this machine, and a start on another could not tell it.
+        # A full disc leaves the lock without a name. The name is synced, or NFS would keep it on
+        # this machine, and a start on another could not tell it.
         with suppress(OSError):
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
             os.fsync(descriptor)
         self._descriptor = descriptor
 

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglom_mpi.storage.access import NotACampaign, open_file
+from agglom_mpi.storage.access import NotACampaign, open_file, with_path
 from agglom_mpi.storage.files import require_in_place
 from agglom_mpi.storage.particle_tables import valid_frame_keys
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
@@ -47,7 +47,7 @@ class CampaignWriter:
         self.path = Path(os.path.realpath(path))
         self.clock = Stopwatch()
         self.parallel = False
-        self._running = False
+        self._running = self._closed = False
         self._descriptor = os.open(self.path, os.O_RDONLY)
         self._open(open_file(self.path, write=True))
 
@@ -315,20 +315,26 @@ class CampaignWriter:
             require_in_place(self.path, self._descriptor)
 
     def abandon(self, reason: str) -> None:
-        """Drop what is buffered after a failed write, and set the status if that is possible."""
+        """After a failed write: drop what is buffered, set the status if possible, and close."""
         self.samples.discard()
         self._results.clear()
         with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
             self.set_status("failed", reason)
+        if not self.parallel:
+            with suppress(OSError):
+                self.close()
 
     def close(self) -> None:
-        """Flush and close, if the file is open."""
-        if not self._file:
+        """Flush and close, unless that has been tried; raises OSError with the path."""
+        if self._closed:
             return
+        self._closed = True
         try:
-            self.flush()
+            with self._file:
+                self.flush()
+        except RuntimeError as error:  # HDF5 writes its first block once more
+            raise with_path(error, self.path) from error
         finally:
-            self._file.close()
             os.close(self._descriptor)
 
     def __enter__(self) -> Self:

@@ -1,5 +1,6 @@
 """`agglom check` on files that are being written, were killed, went on, or failed."""
 
+import errno
 import os
 import signal
 
@@ -24,7 +25,9 @@ from processes import output_of
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime import sample_runner as simulator
+from agglom_mpi.storage.schema import ORIGINS
 from agglom_mpi.storage.table import Table
+from agglom_mpi.storage.writer import CampaignWriter
 
 WRITES_AT_ONCE = """
 import agglom_mpi.storage.sample_writer as buffer
@@ -196,3 +199,20 @@ def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder, st
     assert "finished already" in done.stderr
     assert state(path)[0] == "finished"
     assert_sound(path)
+
+
+def test_strings_of_which_a_full_disc_has_kept_some_are_no_damage(folder, wanted, monkeypatch):
+    path, put_strings = folder / "small.h5", CampaignWriter.put_strings
+
+    def put_all_but_the_last(self, first, generation, slots, origins, *rest):
+        put_strings(self, first, generation, slots, origins, *rest)
+        if generation == 1 and ORIGINS[origins[0]] == "offspring":
+            self._tables["strings"].mark_absent(first + len(slots) - 1, 1)
+            raise OSError(errno.ENOSPC, "No space left on device", str(self.path))
+
+    monkeypatch.setattr(CampaignWriter, "put_strings", put_all_but_the_last)
+    assert invert(folder, "small.yaml").returncode == 1
+    assert_sound(path)
+    monkeypatch.undo()
+    finish(folder, "small.yaml")
+    assert_same(path, wanted)

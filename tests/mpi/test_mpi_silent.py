@@ -213,6 +213,20 @@ def test_rank_0_may_be_stopped_and_continued(undisturbed, farm):
 
 
 @pytest.mark.parametrize("ranks", [2, slow(3)])
+def test_a_job_may_be_suspended_and_continued(undisturbed, farm):
+    for rank in farm.ranks:
+        farm.send(rank, signal.SIGSTOP)
+    farm.set_clock(10 * SILENT_AFTER)
+    for rank in farm.ranks:
+        farm.send(rank, signal.SIGCONT)
+    _, errors = farm.end()
+    assert farm.process.returncode == 0, errors
+    assert "no answer" not in errors
+    assert_same(farm.path, undisturbed)
+    assert_sound(farm.path)
+
+
+@pytest.mark.parametrize("ranks", [2, slow(3)])
 def test_a_killed_rank_ends_the_job(undisturbed, farm):
     farm.send(1, signal.SIGKILL)
     output_of(farm.process)  # the gate is never opened

@@ -1,0 +1,91 @@
+"""A disc that is full from any call on, or at one call alone: one message, a whole file, a resume.
+
+`pytest tests/crash/test_crash_faults.py --many 500` lets each of the first 500 calls fail.
+"""
+
+import shutil
+
+import pytest
+from campaign_runs import assert_same, assert_sound, decisions, finish, write_campaign
+from crash_rows import final_rows
+from faulty_runs import FOREVER, compiled, faulty_runs
+
+NUMBERS = {"generations": 4, "max_samples": 12, "population": 8, "parents": 2}
+"""Of a campaign with so few samples that a run takes a moment."""
+CALLS = {"begun": 500, "enlarged": 100}
+"""Calls that take room and are let fail: of a run that begins, and of one whose file grows."""
+SHARE = 20
+"""One in so many of them fails, unless more are asked for."""
+LOCKING = range(2, 5)
+"""Calls that write into the lock file, of which only the name counts."""
+
+
+@pytest.fixture(scope="module")
+def starts(tmp_path_factory):
+    """Return a folder with a campaign and the files that runs begin with, `begun` with none.
+
+    `enlarged.h5` has room for one generation, `finished.h5` is what every run must come to.
+    """
+    folder = tmp_path_factory.mktemp("disc")
+    write_campaign(folder / "small.yaml", **NUMBERS)
+    finish(folder, "small.yaml", "--output", "finished.h5")
+    finish(folder, "small.yaml", "--output", "enlarged.h5", "--generations", "1")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run_faulty(starts):
+    """Return a function that runs the campaign on a disc that fills up."""
+    with faulty_runs(compiled(starts), starts / "small.yaml") as run:
+        yield run
+
+
+def failures(calls, many):
+    """Yield the first and the last call that fails: from one on all of them, or it alone."""
+    step = max(1, calls // (many or calls // SHARE))
+    for index, first in enumerate(range(1, calls + 1, step)):
+        yield first, first if index % 2 else FOREVER
+
+
+def check_end(done, path, before):
+    """Check what a run that began with the final rows `before` says and leaves."""
+    names = {each.name for each in path.parent.iterdir()}
+    assert names <= {"small.yaml", "small.h5", ".small.lock"}
+    if path.exists():
+        assert_sound(path)
+    full, rest = "No space left on device", "everything written before is whole, run again to go on"
+    if done.code == 0:
+        assert done.errors == ""
+    elif done.code == 1:
+        assert done.errors == f"{path}: {full}; {rest}\n"
+    else:
+        lock = path.with_name(".small.lock")
+        assert done.errors in (f"{path}: {full}\n", f"{lock}: {full}\n")
+        assert final_rows(path) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CALLS)
+def test_a_disc_that_is_full_at_any_call_leaves_a_whole_file(
+    starts, run_faulty, tmp_path, case, request
+):
+    start, wanted, codes = starts / f"{case}.h5", decisions(starts / "finished.h5"), []
+    for first, last in failures(CALLS[case], request.config.getoption("--many")):
+        folder = tmp_path / f"call-{first}"
+        folder.mkdir()
+        shutil.copy(starts / "small.yaml", folder)
+        path = folder / "small.h5"
+        if start.exists():
+            shutil.copy(start, path)
+        done = run_faulty(folder, first, last, "small.yaml", "-q")
+        assert done.code in ((1, 2) if first not in LOCKING else (0, 1, 2)), first
+        check_end(done, path, final_rows(start))
+        rows = final_rows(path)
+        finish(folder, "small.yaml")
+        now = final_rows(path)
+        assert [key for key, row in rows.items() if now[key] != row] == []
+        assert_same(path, wanted)
+        codes.append(done.code)
+        shutil.rmtree(folder)
+    counts = {code: codes.count(code) for code in sorted(set(codes))}
+    print(f"{case}: {len(codes)} full discs, by exit code {counts}")
