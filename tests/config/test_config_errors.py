@@ -366,7 +366,10 @@ def test_a_wrong_entry_is_located_and_explained(
         ("title: a\x01\n", "campaign.yaml:1: not valid YAML: the character U+0001 is not allowed"),
         ("a: 1\n---\nb: 2\n", "campaign.yaml:2: not valid YAML: but found another document"),
         ("a: &x [*x]\n", "is nested too deeply or too long"),
-        ("[" * 5000, "campaign.yaml: is nested too deeply"),
+        ("[" * 5000, "campaign.yaml:1: is nested too deeply or too long"),
+        # What is counted when all is parsed takes the parser minutes.
+        ("a: [" + "1," * 400_000, "campaign.yaml:1: is nested too deeply or too long"),
+        (("- " + "[" * 200 + "]" * 200 + "\n") * 2500, "campaign.yaml:1: is nested too deeply"),
         ("1: 2\n", "campaign.yaml:1: has a key that is not a word"),
         ("a: !!python/object:os.system x\n", "campaign.yaml:1: a: cannot read 'x'"),
         (TEXT + "seed: 8\n", "campaign.yaml:35: duplicate key 'seed'; it is already given in line"),

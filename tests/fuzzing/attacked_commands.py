@@ -1,0 +1,118 @@
+"""Commands in this process, as from a terminal, and what holds of each whatever it is given."""
+
+import io
+import re
+import resource
+import signal
+import sys
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from agglom_mpi import cli
+from agglom_mpi.config.user_function import load_function
+from agglom_mpi.errors import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    FAILURE,
+    FINISHED,
+    INTERRUPTED,
+    STOPPED,
+)
+
+SECONDS = 5.0
+"""Processor time after which a command hangs; it does not depend on what else runs."""
+ROOM = 700 << 20
+"""Bytes that a command may take beside what the process has, so that both are below 1 GB."""
+MOST_LINES, LONGEST_LINE = 21, 600
+"""Of what a command says on standard error."""
+DOCUMENTED = {FINISHED, FAILURE, BAD_INPUT, STOPPED, INTERRUPTED, BROKEN_PIPE}
+UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+OUT_OF_MEMORY = re.compile(r"Unable to allocate|MemoryError|campaign file \(\)")
+
+
+class Hang(BaseException):
+    """A command takes too long."""
+
+
+class Ended(NamedTuple):
+    """Exit code of a command, and what it wrote."""
+
+    code: int
+    said: str
+    errors: str
+
+
+def _hang(number, frame):
+    raise Hang
+
+
+@contextmanager
+def limited():
+    """Bound processor time and memory of a block."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    before = signal.signal(signal.SIGPROF, _hang)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + ROOM, hard))
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        signal.signal(signal.SIGPROF, before)
+
+
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+
+
+class Commands:
+    """Runs commands in a working folder.
+
+    Parameters
+    ----------
+    folder
+        Has what they may read and change.
+    """
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def run(self, *words):
+        """Run a command line within limits; assert what holds of all of them."""
+        handlers = {number: signal.getsignal(number) for number in _STOP_SIGNALS}
+        said, errors = (io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2))
+        entry = cli.invert if words[0] == "agglom-invert" else cli.agglom
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            redirect_stdout(said),
+            redirect_stderr(errors),
+            limited(),
+        ):
+            patch.setattr(sys, "argv", [str(word) for word in words])
+            try:
+                entry()
+            except SystemExit as end:
+                code = end.code
+            finally:
+                for number, handler in handlers.items():
+                    signal.signal(number, handler)
+        load_function.cache_clear()
+        ended = Ended(code, *(end.buffer.getvalue().decode() for end in (said, errors)))
+        assert_in_words(ended)
+        return ended
+
+
+def assert_in_words(ended):
+    """Assert that a command ended as documented, and said what it said in bounded plain text."""
+    assert ended.code in DOCUMENTED
+    assert "Traceback" not in ended.errors
+    assert not OUT_OF_MEMORY.search(ended.said + ended.errors)
+    assert not UNPRINTABLE.search(ended.said + ended.errors)
+    lines = ended.errors.splitlines()
+    assert len(lines) <= MOST_LINES
+    assert max(map(len, lines), default=0) <= LONGEST_LINE
+    if ended.code == BAD_INPUT:
+        assert ended.errors.strip()
