@@ -60,11 +60,14 @@ def plan(as_json: bool, **options: Any) -> int:
     this machine's cores. For a better estimate give a file of a few generations with --from. Exit
     code 1 if an estimate would take too many samples.
     """
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.display import print_wide
     from agglom_mpi.planning.forecast import forecast_table, to_json
     from agglom_mpi.planning.plan import Options, plan
 
-    report = plan(Options(**options))
+    asked = Options(**options)
+    with blame_damage(*filter(None, [asked.source])):
+        report = plan(asked)
     if as_json:
         click.echo(to_json(report))
     else:

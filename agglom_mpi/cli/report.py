@@ -71,21 +71,28 @@ def report(
     opened = [read_inversion(file) for file in files]
     for file in opened:
         file.settle()
-    if out is not None:
-        _write_page(opened[0], out, not stored_only, sensitivity)
-    else:
-        several = len(files) > 1
-        if several:
-            text = _comparison(opened, as_json)
-        else:
-            text = _summary(opened[0], sensitivity, as_json)
-        if as_json:
-            click.echo(text)
-        else:
-            from agglom_mpi.display.display import print_wide
+    from agglom_mpi.analysis.damage import blame_damage
 
-            print_wide(text)
+    with blame_damage(*files):
+        if out is not None:
+            _write_page(opened[0], out, not stored_only, sensitivity)
+        else:
+            several = len(files) > 1
+            if several:
+                text = _comparison(opened, as_json)
+            else:
+                text = _summary(opened[0], sensitivity, as_json)
+            _show(text, as_json)
     return max(code, *map(_mention_damage, opened))
+
+
+def _show(text: Any, as_json: bool) -> None:
+    if as_json:
+        click.echo(text)
+        return
+    from agglom_mpi.display.display import print_wide
+
+    print_wide(text)
 
 
 def _mention_damage(file: "CampaignData") -> int:

@@ -24,7 +24,13 @@ from agglom_mpi.runtime.file_setup import (
     output_path,
     prepare,
 )
-from agglom_mpi.runtime.launch import PARALLEL, Nodes, choose_database, find_nodes
+from agglom_mpi.runtime.launch import (
+    PARALLEL,
+    Nodes,
+    check_programs,
+    choose_database,
+    find_nodes,
+)
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
@@ -132,6 +138,7 @@ def run_on_all_ranks(
 def run_worker(world: "Intracomm") -> int:
     """Run a rank other than 0; return the exit code that rank 0 sends."""
     ignore_signals()
+    check_programs(world)
     code, experiment, path = world.bcast(None, root=0)
     if experiment is None:
         return int(code)
@@ -179,6 +186,7 @@ def run_rank_zero(
     stop.listen()
     with ExitStack() as stack:
         try:
+            check_programs(world)
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)

@@ -25,10 +25,16 @@ if TYPE_CHECKING:
 _LEAST_ROOM: Final = 1 << 16
 """Bytes; a disk with less free space counts as full."""
 
-_SYMPTOMS: Final = (
+SYMPTOMS: Final = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
 )
+"""What h5py, NumPy and what evaluates rows raise where a file is damaged, and programs by mistake."""
+
+_MOST_COMPRESSED: Final = 1032
+"""Bytes that one byte compressed by gzip stands for, at most."""
+_SMALL: Final = 1 << 20
+"""Bytes of a table that are not much, whether they are in the file or not."""
 
 
 class NotACampaign(UserError, ValueError):  # noqa: N818 - public name
@@ -150,7 +156,7 @@ def report_damage(path: Path) -> Iterator[None]:
         yield
     except NotACampaign:
         raise
-    except _SYMPTOMS as error:
+    except SYMPTOMS as error:
         if isinstance(error, OSError) and error.errno:
             raise
         text = " ".join(str(error).removeprefix(f"{path}: ").split())
@@ -241,6 +247,8 @@ def _check_tables(file: h5py.File, path: Path) -> None:
         for name in names:
             if file[name].shape != (capacity,):
                 raise ValueError(f"/{name} has the shape {file[name].shape}, not ({capacity},)")
+            if file[name].nbytes > _SMALL + _MOST_COMPRESSED * file[name].id.get_storage_size():
+                raise ValueError(f"/{name} has {capacity} rows, more than are in the file")
     known = [(variable.name.encode(), variable.unit.encode()) for variable in VARIABLES]
     if file[VARIABLE_TABLE.name][...][["name", "unit"]].tolist() != known:
         raise ValueError("/variables has other names or units")

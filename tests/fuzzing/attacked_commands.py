@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import pytest
 
-from agglom_mpi import cli
-from agglom_mpi.config.user_function import load_function
+from agglom_mpi.cli import main
+from agglom_mpi.cli.common import launch
+from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -80,29 +81,37 @@ class Commands:
     def __init__(self, folder):
         self.folder = folder
 
+    def load(self, *words):
+        """Run a sound command line, which loads and compiles all that it needs."""
+        ended = self._run(words)
+        assert ended.code == FINISHED, ended.errors
+
     def run(self, *words):
         """Run a command line within limits; assert what holds of all of them."""
+        with limited():
+            ended = self._run(words)
+        assert_in_words(ended)
+        return ended
+
+    def _run(self, words):
         handlers = {number: signal.getsignal(number) for number in _STOP_SIGNALS}
         said, errors = (io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2))
-        entry = cli.invert if words[0] == "agglom-invert" else cli.agglom
+        inverts = words[0] == invert_command.name
+        command = invert_command if inverts else main
         with (
             pytest.MonkeyPatch.context() as patch,
             redirect_stdout(said),
             redirect_stderr(errors),
-            limited(),
         ):
             patch.setattr(sys, "argv", [str(word) for word in words])
             try:
-                entry()
+                launch(command, simulates=inverts or words[1:2] == ("accuracy",))
             except SystemExit as end:
                 code = end.code
             finally:
                 for number, handler in handlers.items():
                     signal.signal(number, handler)
-        load_function.cache_clear()
-        ended = Ended(code, *(end.buffer.getvalue().decode() for end in (said, errors)))
-        assert_in_words(ended)
-        return ended
+        return Ended(code, *(stream.buffer.getvalue().decode() for stream in (said, errors)))
 
 
 def assert_in_words(ended):
