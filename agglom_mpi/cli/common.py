@@ -1,6 +1,7 @@
 """What all commands share: launching on ranks, exit codes, options and how their texts are read."""
 
 import functools
+import io
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
@@ -19,7 +20,13 @@ from agglom_mpi.errors import (
     UserError,
     error_text,
 )
+from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import is_first_rank
+
+
+def say(text: str, error: bool = False) -> None:
+    """Print a text, on standard error if asked for, without what would command a terminal."""
+    click.echo(printable(text), err=error)
 
 
 def launch(command: click.Command, simulates: bool) -> None:
@@ -37,7 +44,7 @@ def launch(command: click.Command, simulates: bool) -> None:
         code = _exit_code(command, simulates)
         flush_streams()
     except OSError as error:
-        click.echo(f"{command.name}: {error_text(error)}", err=True)
+        say(f"{command.name}: {error_text(error)}", error=True)
         code = FAILURE
     sys.exit(code)
 
@@ -51,7 +58,9 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
         return int(end.code or FINISHED)
     except click.ClickException as error:
         if is_first_rank():
-            error.show()
+            shown = io.StringIO()
+            error.show(shown)
+            say(shown.getvalue().rstrip("\n"), error=True)
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         if not simulates:
@@ -71,7 +80,7 @@ def run_connected(run: Callable[[Any], int]) -> int:
         world = connect()
     except LaunchError as error:
         if is_first_rank():
-            click.echo(str(error), err=True)
+            say(str(error), error=True)
         return error.exit_code
     return run(world)
 
@@ -87,7 +96,7 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
         try:
             code = command(**options)
         except (UserError, OSError) as error:
-            click.echo(error_text(error), err=True)
+            say(error_text(error), error=True)
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
         sys.exit(code)
 

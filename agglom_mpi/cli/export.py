@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import PATH, examples, exit_with
+from agglom_mpi.cli.common import PATH, examples, exit_with, say
 
 
 @click.command(
@@ -72,5 +72,5 @@ def export(
         selection = FrameSelection(paraview, string, samples, frames)
     with blame_damage(file):
         for line in export(Path(file), compact, csv, selection):
-            click.echo(line)
+            say(line)
     return 0

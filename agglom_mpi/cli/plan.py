@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with
+from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with, say
 from agglom_mpi.errors import FAILURE
 
 MOST_RANKS: Final = 10**6
@@ -69,7 +69,7 @@ def plan(as_json: bool, **options: Any) -> int:
     with blame_damage(*filter(None, [asked.source])):
         report = plan(asked)
     if as_json:
-        click.echo(to_json(report))
+        say(to_json(report))
     else:
         print_wide(forecast_table(report))
     return FAILURE if report.not_forecast else 0

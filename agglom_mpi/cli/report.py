@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglom_mpi.cli.common import JSON, PATH, examples, exit_with
+from agglom_mpi.cli.common import JSON, PATH, examples, exit_with, say
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
@@ -88,7 +88,7 @@ def report(
 
 def _show(text: Any, as_json: bool) -> None:
     if as_json:
-        click.echo(text)
+        say(text)
         return
     from agglom_mpi.display.display import print_wide
 
@@ -100,7 +100,7 @@ def _mention_damage(file: "CampaignData") -> int:
     if not file.damaged:
         return FINISHED
     rows = pluralise(file.damaged, "damaged row")
-    click.echo(f"{file.path}: {rows} left out; agglom check {file.path} says which", err=True)
+    say(f"{file.path}: {rows} left out; agglom check {file.path} says which", error=True)
     return FAILURE
 
 
@@ -116,7 +116,7 @@ def _write_page(file: "CampaignData", out: Path, resimulate: bool, sensitivity: 
     from agglom_mpi.report.page import write_report
 
     for line in write_report(file, out, resimulate, sensitivity):
-        click.echo(line)
+        say(line)
 
 
 def _summary(opened: "CampaignData", sensitivity: bool, as_json: bool) -> Any:

@@ -15,6 +15,7 @@ from agglom_mpi.config.campaign import load_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text
+from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
@@ -130,7 +131,8 @@ def run_on_all_ranks(
     except BaseException:
         if world is None:
             raise
-        print(f"rank {world.rank}:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+        text = printable(traceback.format_exc())
+        print(f"rank {world.rank}:\n{text}", file=sys.stderr, flush=True)
         end_job(world, FAILURE)
         raise
 

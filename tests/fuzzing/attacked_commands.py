@@ -90,7 +90,7 @@ class Commands:
         """Run a command line within limits; assert what holds of all of them."""
         with limited():
             ended = self._run(words)
-        assert_in_words(ended)
+        assert_in_words(ended, longest=LONGEST_LINE + 4 * max(map(len, words)))
         return ended
 
     def _run(self, words):
@@ -114,14 +114,17 @@ class Commands:
         return Ended(code, *(stream.buffer.getvalue().decode() for stream in (said, errors)))
 
 
-def assert_in_words(ended):
-    """Assert that a command ended as documented, and said what it said in bounded plain text."""
+def assert_in_words(ended, longest):
+    """Assert that a command ended as documented, and said why in bounded plain text.
+
+    A word of the command line may be quoted in full, its characters escaped.
+    """
     assert ended.code in DOCUMENTED
     assert "Traceback" not in ended.errors
     assert not OUT_OF_MEMORY.search(ended.said + ended.errors)
     assert not UNPRINTABLE.search(ended.said + ended.errors)
     lines = ended.errors.splitlines()
     assert len(lines) <= MOST_LINES
-    assert max(map(len, lines), default=0) <= LONGEST_LINE
+    assert max(map(len, lines), default=0) <= longest
     if ended.code == BAD_INPUT:
         assert ended.errors.strip()

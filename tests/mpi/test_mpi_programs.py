@@ -35,9 +35,7 @@ if rank == "1":
         ),
     ],
 )
-def test_a_rank_of_another_program_is_refused_before_anything_is_written(
-    tmp_path, program, named
-):
+def test_a_rank_of_another_program_is_refused_before_anything_is_written(tmp_path, program, named):
     need_mpirun()
     write_campaign(tmp_path / "small.yaml")
     done = invert(tmp_path, "small.yaml", ranks=2, inject=inject(tmp_path / "inject", program))
