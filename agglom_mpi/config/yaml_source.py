@@ -138,6 +138,9 @@ def parse(text: str, name: str) -> Source:
         line = text.count("\n", 0, error.position) + 1
         message = f"not valid YAML: the character U+{error.character:04X} is not allowed"
         raise CampaignError(Problem(name, line, "", message)) from None
+    except (AssertionError, LookupError, TypeError, ValueError):  # for versions it does not know
+        message = "not valid YAML, or of another version than 1.2"
+        raise CampaignError(Problem(name, None, "", message)) from None
     if root is None:
         raise CampaignError(Problem(name, None, "", "is empty; a campaign needs a scene"))
     builder = _Builder(yaml, name)

@@ -218,6 +218,7 @@ BYTES = [
         b"\n---\n",
         b"\n...\n",
         b"\n%YAML 9.9\n---\n",
+        b"%YAML 1.9\n---\n",
     ),
     *(b"\n\t", b": ", b"- ", b"#", b"&a ", b"*a", b"!!", b"{", b"[", b"'", b'"', b"|\n", b"\\"),
     *(b"\n? a\n: b\n", b"\n<<: *a\n", b"\n%TAG ! !\n---\n", b"\xef\xbf\xbf", b"\xf4\x90\x80\x80"),
