@@ -213,5 +213,5 @@ class _Builder:
     def scalar(self, node: Node, path: FieldPath) -> Any:
         try:
             return self.yaml.constructor.construct_object(node)
-        except (YAMLError, ValueError):
+        except (YAMLError, LookupError, ValueError):
             raise self.error(node, path, f"cannot read '{node.value[:40]}'") from None

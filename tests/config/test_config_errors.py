@@ -372,6 +372,7 @@ def test_a_wrong_entry_is_located_and_explained(
         (("- " + "[" * 200 + "]" * 200 + "\n") * 2500, "campaign.yaml:1: is nested too deeply"),
         ("%YAML 1.9\n---\na: 1\n", "campaign.yaml: not valid YAML, or of another version than 1"),
         ("a:\n%YAML 9.9\n---\n b: 1\n", "campaign.yaml: not valid YAML, or of another version"),
+        ("a: !!bool 7\n", "campaign.yaml:1: a: cannot read '7'"),
         ("1: 2\n", "campaign.yaml:1: has a key that is not a word"),
         ("a: !!python/object:os.system x\n", "campaign.yaml:1: a: cannot read 'x'"),
         (TEXT + "seed: 8\n", "campaign.yaml:35: duplicate key 'seed'; it is already given in line"),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from hypothesis import Phase
 
 from agglom_mpi.cli import main
 from agglom_mpi.cli.common import launch
@@ -27,6 +28,8 @@ SECONDS = 5.0
 """Processor time after which a command hangs; it does not depend on what else runs."""
 ROOM = 700 << 20
 """Bytes that a command may take beside what the process has, so that both are below 1 GB."""
+PHASES = (Phase.generate, Phase.shrink)
+"""Of Hypothesis; to explain a failure it traces every line, which takes longer than `SECONDS`."""
 MOST_LINES, LONGEST_LINE = 21, 600
 """Of what a command says on standard error."""
 DOCUMENTED = {FINISHED, FAILURE, BAD_INPUT, STOPPED, INTERRUPTED, BROKEN_PIPE}

@@ -8,6 +8,7 @@ import shutil
 
 import click
 import pytest
+from attacked_commands import PHASES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -164,7 +165,7 @@ def test_a_mutated_command_line_is_understood_or_refused_in_words(work, cases):
     kept = {name: (work.folder / name).read_bytes() for name in ("tiny.yaml", "tiny.h5")}
     codes = set()
 
-    @settings(max_examples=cases(200), database=None)
+    @settings(max_examples=cases(200), database=None, phases=PHASES)
     @given(command_lines())
     def attack(words):
         ended = work.run(*words)

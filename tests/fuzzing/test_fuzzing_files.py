@@ -7,6 +7,7 @@ import sys
 import flipped_bits
 import numpy as np
 import pytest
+from attacked_commands import PHASES
 from flipped_bits import REFUSED, SOUND
 from hostile_files import alter
 from hypothesis import given, settings
@@ -60,7 +61,7 @@ def test_an_altered_file_is_shown_or_refused_in_words(work, cases):
     sound = (work.folder / "tiny.h5").read_bytes()
     codes = set()
 
-    @settings(max_examples=cases(300), database=None)
+    @settings(max_examples=cases(300), database=None, phases=PHASES)
     @given(st.data())
     def attack(data):
         clear(work.folder)

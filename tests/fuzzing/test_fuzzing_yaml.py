@@ -1,6 +1,7 @@
 """Campaigns in YAML that somebody has mutated: valid, or refused in words that name the file."""
 
 import pytest
+from attacked_commands import PHASES
 from hostile_yaml import JOBS, hostile_yaml
 from hypothesis import given, settings
 
@@ -14,7 +15,7 @@ def test_a_mutated_campaign_is_valid_or_refused_in_words(commands, cases, usual)
     commands.load("agglom", "check", "case.yaml")
     found = set()
 
-    @settings(max_examples=cases(usual), database=None)
+    @settings(max_examples=cases(usual), database=None, phases=PHASES)
     @given(hostile_yaml())
     def attack(content):
         file.write_bytes(content)
