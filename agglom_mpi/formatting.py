@@ -5,8 +5,8 @@ import math
 import re
 from typing import Final, Protocol
 
-_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-"""Control characters, but for tabs and ends of lines."""
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, but for tabs and ends of lines, and those that turn the order of others."""
 
 
 def printable(text: str) -> str:

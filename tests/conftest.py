@@ -22,7 +22,10 @@ settings.load_profile("certain")
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--many", type=int, metavar="N", help="Kills of each set-up of the crash harness."
+        "--many",
+        type=int,
+        metavar="N",
+        help="Cases of each fuzzing test, and kills of each set-up of the crash harness.",
     )
 
 

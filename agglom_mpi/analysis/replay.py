@@ -109,8 +109,9 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
         report.faults.append("attributes: another seed or title than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
-    if not all(np.array_equal(*pair, equal_nan=True) for pair in bounds):
-        report.faults.append("variables: other bounds than in the campaign's text")
+    same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)
+    if not same or not np.array_equal(rows["searched"], box.lower < box.upper):
+        report.faults.append("variables: another box than in the campaign's text")
 
 
 def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[ReplayLog, Inversion]:

@@ -2,7 +2,7 @@
 
 import click
 
-from agglom_mpi.cli.common import examples, exit_with
+from agglom_mpi.cli.common import examples, exit_with, say
 from agglom_mpi.storage.signature import is_hdf5
 
 
@@ -22,7 +22,7 @@ def check(file: str) -> int:
         from agglom_mpi.analysis.replay import check_file
 
         text, code = check_file(file)
-        click.echo(text)
+        say(text)
         return code
     from agglom_mpi.config.loading import check_campaign
 
@@ -31,5 +31,5 @@ def check(file: str) -> int:
         loaded.check_scales(loaded.parameters())
     else:
         loaded.check_searchable()
-    click.echo(loaded.describe())
+    say(loaded.describe())
     return 0

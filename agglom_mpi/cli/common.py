@@ -1,6 +1,7 @@
 """What all commands share: launching on ranks, exit codes, options and how their texts are read."""
 
 import functools
+import io
 import resource
 import sys
 from collections.abc import Callable
@@ -21,10 +22,16 @@ from agglom_mpi.errors import (
     error_text,
     exhausted,
 )
+from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import is_first_rank
 
-LEAST_ADDRESS_SPACE: Final = 1 << 30
-"""Bytes that a simulation is not begun without: LLVM, short of them, aborts or hangs."""
+LEAST_ADDRESS_SPACE: Final = 1 << 29
+"""Bytes that a simulation is not begun without: libraries, short of them, abort or hang."""
+
+
+def say(text: str, error: bool = False) -> None:
+    """Print a text, on standard error if asked for, without what would command a terminal."""
+    click.echo(printable(text), err=error)
 
 
 def launch(command: click.Command, simulates: bool) -> None:
@@ -43,7 +50,7 @@ def launch(command: click.Command, simulates: bool) -> None:
         code = code or _exit_code(command, simulates)
         flush_streams()
     except OSError as error:
-        click.echo(f"{command.name}: {error_text(error)}", err=True)
+        say(f"{command.name}: {error_text(error)}", error=True)
         code = FAILURE
     sys.exit(code)
 
@@ -54,10 +61,10 @@ def _too_little_memory() -> int:
     if allowed == resource.RLIM_INFINITY or allowed >= LEAST_ADDRESS_SPACE:
         return FINISHED
     if is_first_rank():
-        click.echo(
+        say(
             f"ulimit -v allows {allowed >> 20} MiB of memory; a simulation needs at least "
             f"{LEAST_ADDRESS_SPACE >> 20} MiB",
-            err=True,
+            error=True,
         )
     return BAD_INPUT
 
@@ -71,7 +78,9 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
         return int(end.code or FINISHED)
     except click.ClickException as error:
         if is_first_rank():
-            error.show()
+            shown = io.StringIO()
+            error.show(shown)
+            say(shown.getvalue().rstrip("\n"), error=True)
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         if not simulates:
@@ -81,7 +90,7 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
     except (ImportError, MemoryError, RuntimeError) as error:
         if not (text := exhausted(error)):
             raise
-        click.echo(f"{command.name}: {text}; what was written is whole", err=True)
+        say(f"{command.name}: {text}; what was written is whole", error=True)
         return FAILURE
 
 
@@ -96,7 +105,7 @@ def run_connected(run: Callable[[Any], int]) -> int:
         world = connect()
     except LaunchError as error:
         if is_first_rank():
-            click.echo(str(error), err=True)
+            say(str(error), error=True)
         return error.exit_code
     return run(world)
 
@@ -112,7 +121,7 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
         try:
             code = command(**options)
         except (UserError, OSError) as error:
-            click.echo(error_text(error), err=True)
+            say(error_text(error), error=True)
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
         sys.exit(code)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import PATH, examples, exit_with
+from agglom_mpi.cli.common import PATH, examples, exit_with, say
 
 
 @click.command(
@@ -62,6 +62,7 @@ def export(
         raise click.UsageError(message)
     if paraview is None and (string is not None or samples or frames is not None):
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import export
 
     selection = None
@@ -69,6 +70,7 @@ def export(
         from agglom_mpi.report.paraview import FrameSelection
 
         selection = FrameSelection(paraview, string, samples, frames)
-    for line in export(Path(file), compact, csv, selection):
-        click.echo(line)
+    with blame_damage(file):
+        for line in export(Path(file), compact, csv, selection):
+            say(line)
     return 0

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with
+from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with, say
 from agglom_mpi.errors import FAILURE
 
 MOST_RANKS: Final = 10**6
@@ -60,13 +60,16 @@ def plan(as_json: bool, **options: Any) -> int:
     this machine's cores. For a better estimate give a file of a few generations with --from. Exit
     code 1 if an estimate would take too many samples.
     """
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.display import print_wide
     from agglom_mpi.planning.forecast import forecast_table, to_json
     from agglom_mpi.planning.plan import Options, plan
 
-    report = plan(Options(**options))
+    asked = Options(**options)
+    with blame_damage(*filter(None, [asked.source])):
+        report = plan(asked)
     if as_json:
-        click.echo(to_json(report))
+        say(to_json(report))
     else:
         print_wide(forecast_table(report))
     return FAILURE if report.not_forecast else 0

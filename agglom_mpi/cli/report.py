@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglom_mpi.cli.common import JSON, PATH, examples, exit_with
+from agglom_mpi.cli.common import JSON, PATH, examples, exit_with, say
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
@@ -71,21 +71,28 @@ def report(
     opened = [read_inversion(file) for file in files]
     for file in opened:
         file.settle()
-    if out is not None:
-        _write_page(opened[0], out, not stored_only, sensitivity)
-    else:
-        several = len(files) > 1
-        if several:
-            text = _comparison(opened, as_json)
-        else:
-            text = _summary(opened[0], sensitivity, as_json)
-        if as_json:
-            click.echo(text)
-        else:
-            from agglom_mpi.display.display import print_wide
+    from agglom_mpi.analysis.damage import blame_damage
 
-            print_wide(text)
+    with blame_damage(*files):
+        if out is not None:
+            _write_page(opened[0], out, not stored_only, sensitivity)
+        else:
+            several = len(files) > 1
+            if several:
+                text = _comparison(opened, as_json)
+            else:
+                text = _summary(opened[0], sensitivity, as_json)
+            _show(text, as_json)
     return max(code, *map(_mention_damage, opened))
+
+
+def _show(text: Any, as_json: bool) -> None:
+    if as_json:
+        say(text)
+        return
+    from agglom_mpi.display.display import print_wide
+
+    print_wide(text)
 
 
 def _mention_damage(file: "CampaignData") -> int:
@@ -93,7 +100,7 @@ def _mention_damage(file: "CampaignData") -> int:
     if not file.damaged:
         return FINISHED
     rows = pluralise(file.damaged, "damaged row")
-    click.echo(f"{file.path}: {rows} left out; agglom check {file.path} says which", err=True)
+    say(f"{file.path}: {rows} left out; agglom check {file.path} says which", error=True)
     return FAILURE
 
 
@@ -109,7 +116,7 @@ def _write_page(file: "CampaignData", out: Path, resimulate: bool, sensitivity: 
     from agglom_mpi.report.page import write_report
 
     for line in write_report(file, out, resimulate, sensitivity):
-        click.echo(line)
+        say(line)
 
 
 def _summary(opened: "CampaignData", sensitivity: bool, as_json: bool) -> Any:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with
+from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with, say
 
 
 @click.command(
@@ -76,5 +76,5 @@ def simulate(
         out=out,
     )
     text, code = simulate_string(request, as_json)
-    click.echo(text)
+    say(text)
     return code

@@ -7,19 +7,28 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from agglom_mpi.config.bounded_reading import read_bounded
 from agglom_mpi.errors import MissingLibraryError, UserError
+from agglom_mpi.formatting import pluralise
 
 FieldPath = tuple[str | int, ...]
 """Keys and list indices from the top of the file to an entry."""
 
-# Limits, so that an alias that contains itself or doubles at every level ends in a message.
+# Limits, so that an alias that contains itself or doubles at every level ends in a message, and
+# brackets within brackets, which take the parser minutes.
 MAX_DEPTH = 10
 MAX_ENTRIES = 10_000
+TOO_LARGE: Final = "is nested too deeply or too long"
+
+MAX_LINE: Final = 500
+"""Longest text of a problem in characters: keys may be as long as the file."""
+MAX_PROBLEMS: Final = 20
+"""Problems of a campaign that are shown; the others are counted."""
 
 
 class Problem(NamedTuple):
@@ -33,18 +42,22 @@ class Problem(NamedTuple):
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
         field = f"{self.field}: " if self.field else ""
-        return " ".join(f"{place}: {field}{self.message}".split())
+        line = " ".join(f"{place}: {field}{self.message}".split())
+        return line if len(line) <= MAX_LINE else f"{line[: MAX_LINE - 3]}..."
 
 
 class CampaignError(UserError):
-    """All problems of a campaign, one line each, in the order of the file."""
+    """All problems of a campaign, one line each, the first of them, in the order of the file."""
 
     def __init__(self, *problems: Problem) -> None:
         self.problems = tuple(sorted(problems, key=lambda problem: problem.line or 0))
         super().__init__(*self.problems)
 
     def __str__(self) -> str:
-        return "\n".join(map(str, self.problems))
+        lines = [str(problem) for problem in self.problems[:MAX_PROBLEMS]]
+        if more := self.problems[MAX_PROBLEMS:]:
+            lines.append(f"{more[0].file}: {pluralise(len(more), 'more problem')}")
+        return "\n".join(lines)
 
 
 class MissingSearchLibraryError(CampaignError, MissingLibraryError):
@@ -73,8 +86,8 @@ class Source:
         return value
 
 
-MAX_BYTES: Final = 4 << 20
-"""Largest size of a campaign's text; YAML of this size takes some seconds to parse."""
+MAX_BYTES: Final = 1 << 20
+"""Largest size of a campaign's text; YAML of this size takes a second or two to parse."""
 
 
 def read_text(name: str) -> str:
@@ -111,9 +124,12 @@ def parse(text: str, name: str) -> Source:
         Name of the file in errors.
     """
     yaml = YAML(typ="safe", pure=True)
+    yaml.Composer = _BoundedComposer
     yaml.composer.warn_double_anchors = False  # they are legal
     try:
         root = yaml.compose(text)
+    except _TooLargeError as error:
+        raise CampaignError(Problem(name, error.line, "", TOO_LARGE)) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -122,14 +138,38 @@ def parse(text: str, name: str) -> Source:
         line = text.count("\n", 0, error.position) + 1
         message = f"not valid YAML: the character U+{error.character:04X} is not allowed"
         raise CampaignError(Problem(name, line, "", message)) from None
-    except RecursionError:
-        raise CampaignError(Problem(name, None, "", "is nested too deeply")) from None
+    except (AssertionError, LookupError, TypeError, ValueError):  # for versions it does not know
+        message = "not valid YAML, or of another version than 1.2"
+        raise CampaignError(Problem(name, None, "", message)) from None
     if root is None:
         raise CampaignError(Problem(name, None, "", "is empty; a campaign needs a scene"))
     builder = _Builder(yaml, name)
     if not isinstance(root, MappingNode):
         raise builder.error(root, (), "must be a mapping of sections such as `scene:`")
     return Source(name, builder.build(root, (), root), builder.lines)
+
+
+class _TooLargeError(Exception):
+    """The text has too many entries, or too deep ones; the first beyond is in `line`."""
+
+    def __init__(self, line: int) -> None:
+        super().__init__(line)
+        self.line = line
+
+
+class _BoundedComposer(Composer):
+    """Composer that stops at the limits, before the rest of the text is parsed."""
+
+    _entries = _level = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        self._entries += 1
+        self._level += 1
+        if self._level > MAX_DEPTH + 1 or self._entries > 2 * MAX_ENTRIES:  # keys and values
+            raise _TooLargeError(self.parser.peek_event().start_mark.line + 1)
+        node = super().compose_node(parent, index)
+        self._level -= 1
+        return node
 
 
 class _Builder:
@@ -148,7 +188,7 @@ class _Builder:
     def build(self, node: Node, path: FieldPath, place: Node) -> Any:
         """Return the data of `node`; `place` is the node whose line counts (its key, no anchor)."""
         if len(path) > MAX_DEPTH or len(self.lines) > MAX_ENTRIES:
-            raise self.error(place, path[:MAX_DEPTH], "is nested too deeply or too long")
+            raise self.error(place, path[:MAX_DEPTH], TOO_LARGE)
         self.lines[path] = place.start_mark.line + 1
         if isinstance(node, MappingNode):
             return self.mapping(node, path)
@@ -173,5 +213,5 @@ class _Builder:
     def scalar(self, node: Node, path: FieldPath) -> Any:
         try:
             return self.yaml.constructor.construct_object(node)
-        except (YAMLError, ValueError):
+        except (YAMLError, LookupError, ValueError):
             raise self.error(node, path, f"cannot read '{node.value[:40]}'") from None

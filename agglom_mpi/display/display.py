@@ -5,8 +5,9 @@ from functools import cached_property
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 
+from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.display.progress import Progress, format_rate, log_line
 from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
 from agglom_mpi.formatting import value_with_error
@@ -31,8 +32,7 @@ def print_wide(content: RenderableType) -> None:
     launched = launched_size() is not None
     # Open MPI gives its ranks a terminal of its own, wherever their output really goes.
     force_terminal = False if launched else None
-    # Titles and paths are the user's: [brackets] and :colons: in them are plain text.
-    console = Console(markup=False, emoji=False, highlight=False, force_terminal=force_terminal)
+    console = PlainConsole(force_terminal=force_terminal)
     terminal = find_terminal(launched, STDOUT)
     if terminal is not None:
         console.width = terminal.columns
@@ -52,7 +52,7 @@ class Display:
 
     def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
-        self._log = Console(stderr=True, highlight=False, emoji=False, markup=False)
+        self._log = PlainConsole(stderr=True)
         self._live: LiveLines | None = None
         self._began = self._last_output = time.monotonic()
 

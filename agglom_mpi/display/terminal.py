@@ -20,9 +20,10 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Final, NamedTuple, TextIO
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
+from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.display.progress import Progress, terminal_lines
 from agglom_mpi.formatting import ASCII_REPLACEMENT
 
@@ -158,13 +159,8 @@ class LiveLines:
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
         self._shown: Progress | None = None
-        self._console = Console(
-            file=terminal.stream,
-            force_terminal=True,
-            legacy_windows=False,
-            highlight=False,
-            markup=False,
-            emoji=False,
+        self._console = PlainConsole(
+            file=terminal.stream, force_terminal=True, legacy_windows=False
         )
 
     def draw(self, progress: Progress) -> None:

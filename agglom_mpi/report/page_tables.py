@@ -121,7 +121,7 @@ def _leg(row: np.void) -> Iterator[str]:
     lasted = float(row["stopped"] - row["started"])
     ended = np.isfinite(lasted)
     available = lasted * row["ranks"] if ended and lasted > 0.0 else np.nan
-    yield datetime.fromtimestamp(float(row["started"]), UTC).strftime("%Y-%m-%d %H:%M:%S")
+    yield _date(float(row["started"]))
     yield format_duration(lasted) if ended else "no end"
     yield str(row["ranks"])
     yield str(row["nodes"])
@@ -132,6 +132,14 @@ def _leg(row: np.void) -> Iterator[str]:
     yield str(row["exit_code"]) if ended else ""
     yield f"{_text(row['host'])}, {_text(row['processor'])}"
     yield f"{_text(row['code_version'])} {_text(row['git_revision'])[:10]}".strip()
+
+
+def _date(seconds: float) -> str:
+    """Return a Unix time as date and time."""
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    except (OSError, OverflowError, ValueError):
+        return "no date"
 
 
 def _text(value: bytes) -> str:

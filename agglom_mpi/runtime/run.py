@@ -15,6 +15,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text, exhausted
+from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
@@ -24,7 +25,13 @@ from agglom_mpi.runtime.file_setup import (
     output_path,
     prepare,
 )
-from agglom_mpi.runtime.launch import PARALLEL, Nodes, choose_database, find_nodes
+from agglom_mpi.runtime.launch import (
+    PARALLEL,
+    Nodes,
+    check_programs,
+    choose_database,
+    find_nodes,
+)
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
@@ -124,7 +131,7 @@ def run_on_all_ranks(
     except BaseException as error:
         if world is None:
             raise
-        text = exhausted(error) or f"\n{traceback.format_exc()}"
+        text = exhausted(error) or f"\n{printable(traceback.format_exc())}"
         print(f"rank {world.rank}: {text}", file=sys.stderr, flush=True)
         end_job(world, FAILURE)
         raise
@@ -133,6 +140,7 @@ def run_on_all_ranks(
 def run_worker(world: "Intracomm") -> int:
     """Run a rank other than 0; return the exit code that rank 0 sends."""
     ignore_signals()
+    check_programs(world)
     code, experiment, path = world.bcast(None, root=0)
     if experiment is None:
         return int(code)
@@ -180,6 +188,7 @@ def run_rank_zero(
     stop.listen()
     with ExitStack() as stack:
         try:
+            check_programs(world)
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)

@@ -15,7 +15,13 @@ from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 
 from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.storage.header import check_attributes
-from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, VARIABLE_TABLE, table_schemas
+from agglom_mpi.storage.schema import (
+    FORMAT,
+    FORMAT_VERSION,
+    STATUS,
+    VARIABLE_TABLE,
+    table_schemas,
+)
 from agglom_mpi.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -25,10 +31,16 @@ if TYPE_CHECKING:
 _LEAST_ROOM: Final = 1 << 16
 """Bytes; a disk with less free space counts as full."""
 
-_SYMPTOMS: Final = (
+SYMPTOMS: Final = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
 )
+"""What h5py, NumPy and what evaluates rows raise where a file is damaged."""
+
+_MOST_COMPRESSED: Final = 1032
+"""Bytes that one byte compressed by gzip stands for, at most."""
+_SMALL: Final = 1 << 20
+"""Bytes of a table that are not much, whether they are in the file or not."""
 
 
 class NotACampaign(UserError, ValueError):  # noqa: N818 - public name
@@ -150,7 +162,7 @@ def report_damage(path: Path) -> Iterator[None]:
         yield
     except NotACampaign:
         raise
-    except _SYMPTOMS as error:
+    except SYMPTOMS as error:
         if isinstance(error, OSError) and error.errno:
             raise
         text = " ".join(str(error).removeprefix(f"{path}: ").split())
@@ -229,6 +241,7 @@ def _check_tables(file: h5py.File, path: Path) -> None:
     strings, samples = attributes["strings"], attributes["strings"] * attributes["max_samples"]
     capacities = {"strings": strings, "results": strings, "samples": samples}
     capacities |= {"final_particles": samples, "frames": attributes.get("frames", 0)}
+    capacities |= {VARIABLE_TABLE.name: len(VARIABLES), STATUS.name: 1}
     for schema in table_schemas(attributes):
         names = (schema.name, schema.done) if schema.final else (schema.name,)
         dtypes = [file[name].dtype for name in names]
@@ -241,9 +254,14 @@ def _check_tables(file: h5py.File, path: Path) -> None:
         for name in names:
             if file[name].shape != (capacity,):
                 raise ValueError(f"/{name} has the shape {file[name].shape}, not ({capacity},)")
+            if file[name].nbytes > _SMALL + _MOST_COMPRESSED * file[name].id.get_storage_size():
+                raise ValueError(f"/{name} has {capacity} rows, more than are in the file")
     known = [(variable.name.encode(), variable.unit.encode()) for variable in VARIABLES]
-    if file[VARIABLE_TABLE.name][...][["name", "unit"]].tolist() != known:
+    box = file[VARIABLE_TABLE.name][...]
+    if box[["name", "unit"]].tolist() != known:
         raise ValueError("/variables has other names or units")
+    if np.isinf(box["lower"]).any() or np.isinf(box["upper"]).any():
+        raise ValueError("/variables has an infinite bound")
 
 
 def _check_format(file: h5py.File, path: Path) -> None:

@@ -18,6 +18,8 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
+_TEXTS_OPTIONAL: Final = ("purpose",)
+"""Texts that older files lack."""
 
 
 def check_attributes(attributes: Mapping[str, Any]) -> None:
@@ -26,8 +28,8 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
     The identity must have the digest that is stored with it, so that whoever asks for one of its
     entries finds it as it was written.
     """
-    for name in _TEXTS:
-        if not isinstance(attributes.get(name), str):
+    for name in _TEXTS + _TEXTS_OPTIONAL:
+        if not _is_text(attributes.get(name, None if name in _TEXTS else "")):
             raise ValueError(f"attribute {name} is no text")
     for name, least in (_LEAST | _LEAST_OPTIONAL).items():
         value = attributes.get(name, None if name in _LEAST else least)
@@ -36,6 +38,17 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
     _entries(attributes)
+
+
+def _is_text(value: Any) -> bool:
+    """Return whether a value is a text that can be written as UTF-8, as all of the file's are."""
+    if not isinstance(value, str):
+        return False
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.storage.table import checksums
 
 DEEP = "[" * 100_000
@@ -152,3 +153,69 @@ def test_a_report_says_that_damaged_rows_are_left_out(altered, agglom, tmp_path,
     assert done.exit_code == 1
     assert f"1 damaged row left out; agglom check {path}" in done.stderr
     assert done.stdout
+
+
+def column(table, name, value):
+    """Return a change of a column of a table, together with its checksums."""
+
+    def change(file):
+        rows = file[table][:20]
+        rows[name] = value
+        if "crc" in rows.dtype.names:
+            rows["crc"] = checksums(rows)
+        file[table][: len(rows)] = rows
+
+    return change
+
+
+def no_utf8(name):
+    def change(file):
+        del file.attrs[name]
+        file.attrs.create(name, b"\xff\xfe", dtype=h5py.string_dtype())
+
+    return change
+
+
+@pytest.mark.parametrize("name", ["title", "campaign", "purpose"])
+def test_an_attribute_that_is_no_utf8_is_damage(altered, refused, name):
+    assert f"attribute {name} is no text" in refused(altered(no_utf8(name)))
+
+
+@pytest.mark.parametrize("table", ["variables", "status", "generations", "legs"])
+def test_a_table_of_rows_that_are_not_in_the_file_is_damage(altered, refused, table):
+    def change(file):
+        for name in {table, f"{table}_done"} & set(file):
+            dtype = file[name].dtype
+            del file[name]
+            file.create_dataset(name, (10**9,), dtype, chunks=(64,))
+
+    assert f"/{table} has" in refused(altered(change))
+
+
+@pytest.mark.parametrize(
+    ("change", "options"),
+    [
+        (column("variables", "searched", 1), ["report", "--out", "page", "--stored-only"]),
+        (column("results", "string", 0), ["export", "--csv", "csv"]),
+    ],
+    ids=["box", "numbers"],
+)
+def test_rows_that_contradict_each_other_are_damage(
+    altered, mistaken, tmp_path, monkeypatch, change, options
+):
+    path = altered(change)
+    monkeypatch.chdir(tmp_path)
+    said = mistaken(options[0], path, *options[1:], code=1)
+    assert f"{path}: a damaged campaign file; agglom check {path}" in said
+
+
+def test_an_error_with_a_sound_file_is_shown_as_it_is(tiny_folder):
+    with pytest.raises(ZeroDivisionError), blame_damage(tiny_folder / "tiny.h5"):
+        raise ZeroDivisionError
+
+
+def test_a_leg_at_no_date_is_shown(altered, agglom, tmp_path):
+    path = altered(column("legs", "started", 1e300))
+    shown = agglom("report", path, "--out", tmp_path / "page", "--stored-only")
+    assert shown.exit_code == 0
+    assert "no date" in (tmp_path / "page" / "report.html").read_text()

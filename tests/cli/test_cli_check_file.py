@@ -288,7 +288,7 @@ def test_a_damaged_row_that_no_resume_makes_again_is_said_to_stay(copy, table):
 @pytest.mark.parametrize(
     ("table", "column", "value", "expected"),
     [
-        ("variables", "lower", 0.2, "variables: other bounds than in the campaign's text"),
+        ("variables", "lower", 0.2, "variables: another box than in the campaign's text"),
         ("variables", "name", b"velocity", "/variables has other names or units"),
         ("status", "state", b"runny", "status: unknown state 'runny'"),
     ],

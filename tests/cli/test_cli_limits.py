@@ -60,7 +60,7 @@ def test_a_large_file_is_refused_by_its_size(tmp_path):
     path = tmp_path / "large.yaml"
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(CampaignError, match="is larger than 4 MiB"):
+    with pytest.raises(CampaignError, match="is larger than 1 MiB"):
         read_text(str(path))
 
 
@@ -76,7 +76,7 @@ def test_a_pipe_that_gives_too_much_is_refused(tmp_path, piped):
             os._exit(0)
     os.close(writing)
     try:
-        with pytest.raises(CampaignError, match="is larger than 4 MiB"):
+        with pytest.raises(CampaignError, match="is larger than 1 MiB"):
             read_text(f"/dev/fd/{reading}")
     finally:
         os.close(reading)

@@ -367,7 +367,13 @@ def test_a_wrong_entry_is_located_and_explained(
         ("title: a\x01\n", "campaign.yaml:1: not valid YAML: the character U+0001 is not allowed"),
         ("a: 1\n---\nb: 2\n", "campaign.yaml:2: not valid YAML: but found another document"),
         ("a: &x [*x]\n", "is nested too deeply or too long"),
-        ("[" * 5000, "campaign.yaml: is nested too deeply"),
+        ("[" * 5000, "campaign.yaml:1: is nested too deeply or too long"),
+        # What is counted when all is parsed takes the parser minutes.
+        ("a: [" + "1," * 400_000, "campaign.yaml:1: is nested too deeply or too long"),
+        (("- " + "[" * 200 + "]" * 200 + "\n") * 2500, "campaign.yaml:1: is nested too deeply"),
+        ("%YAML 1.9\n---\na: 1\n", "campaign.yaml: not valid YAML, or of another version than 1"),
+        ("a:\n%YAML 9.9\n---\n b: 1\n", "campaign.yaml: not valid YAML, or of another version"),
+        ("a: !!bool 7\n", "campaign.yaml:1: a: cannot read '7'"),
         ("1: 2\n", "campaign.yaml:1: has a key that is not a word"),
         ("a: !!python/object:os.system x\n", "campaign.yaml:1: a: cannot read 'x'"),
         (TEXT + "seed: 8\n", "campaign.yaml:35: duplicate key 'seed'; it is already given in line"),
@@ -466,3 +472,13 @@ def test_a_title_that_cannot_be_printed_is_one_message(escape: str) -> None:
     assert "title: " in said
     assert "cannot be printed" in said
     assert "\n" not in said
+
+
+def test_many_mistakes_are_counted_and_long_ones_cut():
+    with pytest.raises(CampaignError) as raised:
+        Campaign.from_text(TEXT + "".join(f"{'k' * 600}{i}: 1\n" for i in range(100)))
+    lines = str(raised.value).splitlines()
+    assert len(raised.value.problems) == 100
+    assert len(lines) == 21
+    assert lines[-1] == "campaign.yaml: 80 more problems"
+    assert max(map(len, lines)) == 500

@@ -47,7 +47,7 @@ def limited(folder, limit, *before):
 @pytest.mark.parametrize(
     ("limit", "said"),
     [
-        ("-v 400000", "ulimit -v allows 390 MiB of memory; a simulation needs at least 1024 MiB\n"),
+        ("-v 400000", "ulimit -v allows 390 MiB of memory; a simulation needs at least 512 MiB\n"),
         pytest.param("-f 64", "small.h5: File too large\n", marks=pytest.mark.slow),
     ],
 )

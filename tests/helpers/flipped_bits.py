@@ -1,4 +1,4 @@
-"""What becomes of a campaign file in which a bit is flipped, each time in a process of its own.
+"""What becomes of a campaign file in which bits are flipped, each time in a process of its own.
 
 Started as a program, because a process that has loaded little forks fast.
 """
@@ -6,6 +6,8 @@ Started as a program, because a process that has loaded little forks fast.
 import faulthandler
 import json
 import os
+import resource
+import signal
 import sys
 from pathlib import Path
 
@@ -13,6 +15,10 @@ from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.verify import verify_rows
 
 SOUND, REFUSED, WRONG = range(3)
+SECONDS = 5.0
+"""Processor time after which SIGPROF ends a process that hangs."""
+MEMORY = 1 << 30
+"""Bytes that a process may have."""
 
 
 def exit_code_of_reading(path):
@@ -23,6 +29,8 @@ def exit_code_of_reading(path):
     child = os.fork()
     if child == 0:
         faulthandler.disable()
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         code = WRONG
         try:
             verify_rows(path)
@@ -36,17 +44,17 @@ def exit_code_of_reading(path):
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def main(path, flips):
-    """Print the exit codes for flips, (place, bit) each, of a file."""
-    content = bytearray(path.read_bytes())
-    found = []
-    for place, bit in flips:
-        content[place] ^= 1 << bit
+def main(path, cases):
+    """Print the exit codes for cases, each a list of flips, (place, bit), of a file."""
+    sound, found = path.read_bytes(), []
+    for flips in cases:
+        content = bytearray(sound)
+        for place, bit in flips:
+            content[place] ^= 1 << bit
         path.write_bytes(content)
-        content[place] ^= 1 << bit
         found.append(exit_code_of_reading(path))
     print(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), json.loads(sys.argv[2]))
+    main(Path(sys.argv[1]), json.loads(Path(sys.argv[2]).read_text()))

@@ -15,13 +15,14 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
+from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
-from agglom_mpi.storage.table import make_row
+from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 FIGURES = {
@@ -206,6 +207,38 @@ def test_a_title_is_shown_as_it_is_written(copy, tmp_path):
         file.attrs["title"] = "<script>alert(1)</script> & co"
     page = report(copy, tmp_path / "out")
     assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt; &amp; co</h1>" in page
+
+
+SCRIPT = "<script>alert(1)</script>"
+
+
+@pytest.mark.usefixtures("sketched")
+def test_no_text_of_a_file_becomes_a_part_of_the_page(copy, tmp_path):
+    copy = copy.rename(copy.with_name("<b>name.h5"))
+    with CampaignWriter(copy) as writer:
+        writer.put_failure(0, 0, rank=0, host=SCRIPT, text=f"module.py: {SCRIPT}")
+    with h5py.File(copy, "r+") as file:
+        for name in ("title", "created", "code_version", "sources_sha256"):
+            file.attrs[name] = SCRIPT
+        file.attrs["campaign"] = f"# {SCRIPT}\n{file.attrs['campaign']}"
+        legs, status = file["legs"][:1], file["status"][...]
+        for name in ("host", "processor", "code_version"):
+            legs[name] = SCRIPT.encode()
+        status["state"], status["reason"] = b"<script>", SCRIPT.encode()
+        legs["crc"] = checksums(legs)
+        file["legs"][:1], file["status"][...] = legs, status
+    page = report(copy, tmp_path / "out")
+    assert page.count("&lt;script&gt;alert(1)") >= 9
+    assert "<script" not in page
+    assert "<b>" not in page
+
+
+def test_texts_in_a_figure_are_texts(tmp_path):
+    def draw(figure):
+        figure.subplots().set_title(SCRIPT)
+
+    write_drawing(tmp_path, Drawing("x", SCRIPT, draw))
+    assert "<script" not in (tmp_path / "x.svg").read_text()
 
 
 @pytest.mark.usefixtures("sketched")

@@ -38,8 +38,9 @@ def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path, flips
         writer.put_samples(sample_rows(2, 0, 9))
     chance = np.random.default_rng(5)
     places = chance.choice(outside_rows(path), flips).tolist()
-    flipped = [(place, int(chance.integers(8))) for place in places]
-    words = [sys.executable, flipped_bits.__file__, str(path), json.dumps(flipped)]
+    flipped = [[(place, int(chance.integers(8)))] for place in places]
+    (tmp_path / "flips.json").write_text(json.dumps(flipped))
+    words = [sys.executable, flipped_bits.__file__, path, tmp_path / "flips.json"]
     with program(words) as process:
         said, errors = output_of(process)
     assert process.returncode == 0, errors

@@ -1,0 +1,97 @@
+"""Campaign files that somebody has altered: shown, or refused in words, whatever is asked."""
+
+import json
+import shutil
+import sys
+
+import flipped_bits
+import numpy as np
+import pytest
+from attacked_commands import PHASES
+from flipped_bits import REFUSED, SOUND
+from hostile_files import alter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from processes import output_of, program
+
+from agglom_mpi.errors import FAILURE, FINISHED
+
+ASKED = [
+    *("agglom check X", "agglom report X", "agglom report X --json", "agglom report X tiny.h5"),
+    *("agglom report X --sensitivity", "agglom export X --csv csv"),
+    "agglom report X --out page --stored-only",
+    "agglom export X --compact copy.h5",
+    *("agglom simulate X --string 0 --sample 0", "agglom simulate X --string 1 --json"),
+    *("agglom plan tiny.yaml --from X --ranks 1,3", "agglom-invert tiny.yaml -o X"),
+    "agglom-invert tiny.yaml -o X --generations 2 --quiet",
+]
+
+
+@pytest.fixture
+def work(commands, tiny_folder, monkeypatch):
+    """Return commands with a tiny campaign and its file, everything that they need loaded."""
+    for name in ("tiny.yaml", "tiny.h5"):
+        shutil.copy(tiny_folder / name, commands.folder)
+    monkeypatch.setattr("agglom_mpi.report.page.write_drawing", sketch)
+    for line in ASKED:
+        shutil.copy(tiny_folder / "tiny.h5", commands.folder / "x.h5")
+        commands.load(*line.replace("X", "x.h5").split())
+    return commands
+
+
+def sketch(folder, drawing):
+    """Draw a figure, and write something much smaller than it."""
+    drawing.draw(Figure(figsize=drawing.size))
+    for suffix in ("png", "svg"):
+        (folder / f"{drawing.name}.{suffix}").write_text(drawing.name)
+
+
+def clear(folder):
+    """Remove what the commands have written."""
+    for path in folder.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name not in ("tiny.yaml", "tiny.h5"):
+            path.unlink()
+
+
+@pytest.mark.slow
+def test_an_altered_file_is_shown_or_refused_in_words(work, cases):
+    sound = (work.folder / "tiny.h5").read_bytes()
+    codes = set()
+
+    @settings(max_examples=cases(300), database=None, phases=PHASES)
+    @given(st.data())
+    def attack(data):
+        clear(work.folder)
+        (work.folder / "x.h5").write_bytes(sound)
+        alter(data.draw, work.folder / "x.h5")
+        line = data.draw(st.sampled_from(ASKED))
+        ended = work.run(*line.replace("X", "x.h5").split())
+        codes.add(ended.code)
+        if ended.code != FINISHED:
+            # A sample that fails when it is simulated again is said without the file.
+            assert "x.h5" in ended.errors + ended.said or "failed" in ended.said
+
+    attack()
+    assert {FINISHED, FAILURE} <= codes
+    assert (work.folder / "tiny.h5").read_bytes() == sound
+
+
+@pytest.mark.slow
+def test_a_file_with_flipped_bits_is_read_or_refused_in_words(tiny_folder, tmp_path, cases):
+    path = tmp_path / "flipped.h5"
+    shutil.copy(tiny_folder / "tiny.h5", path)
+    chance, count = np.random.default_rng(11), cases(300)
+    # The rest is holes, and rows that are not there.
+    places = np.flatnonzero(np.frombuffer(path.read_bytes(), np.uint8))
+    flips = [
+        [(int(place), int(chance.integers(8))) for place in chance.choice(places, number)]
+        for number in chance.integers(1, 9, count)
+    ]
+    (tmp_path / "flips.json").write_text(json.dumps(flips))
+    with program([sys.executable, flipped_bits.__file__, path, tmp_path / "flips.json"]) as process:
+        said, errors = output_of(process)
+    assert process.returncode == 0, errors
+    assert set(json.loads(said)) == {SOUND, REFUSED}
