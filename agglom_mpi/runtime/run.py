@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import load_campaign
@@ -37,7 +38,7 @@ from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.storage.access import NotACampaign
+from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.files import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.sample_writer import RankWriter
@@ -203,8 +204,10 @@ def run_rank_zero(
         try:
             if lacking := lacking_room(request.path, file, experiment):
                 display.message(lacking)
-            coordinator = Coordinator(experiment, file, writer, display)
-            if coordinator.replay():
+            with blame_damage(path):
+                coordinator = Coordinator(experiment, file, writer, display)
+                complete = coordinator.replay()
+            if complete:
                 broadcast_start(world, FINISHED)
                 file.refresh()  # deciding again may have written rows that were lost
                 if file.status().state != "finished":  # killed just after the last generation
@@ -217,6 +220,10 @@ def run_rank_zero(
                 end, missing = run_leg(request, database, writer, coordinator, display, stop, world)
                 if missing and world is not None:
                     return conclude_without(missing, end, request, display, finish, world)
+        except DamagedCampaign as error:  # while it was replayed
+            display.error(error_text(error))
+            broadcast_start(world, error.exit_code)
+            return error.exit_code
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
             display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
@@ -318,7 +325,12 @@ def conclude(
         show = display.error if end.code == FAILURE else display.message
         show(f"stopped: {end.reason}; everything simulated so far is in {request.path}")
         return end.code
-    finish(request)
+    try:
+        with blame_damage(request.path):
+            finish(request)
+    except DamagedCampaign as error:
+        display.error(error_text(error))
+        return error.exit_code
     return FINISHED
 
 

@@ -5,6 +5,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from campaign_runs import invert
 
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.storage.table import checksums
@@ -219,3 +220,22 @@ def test_a_leg_at_no_date_is_shown(altered, agglom, tmp_path):
     shown = agglom("report", path, "--out", tmp_path / "page", "--stored-only")
     assert shown.exit_code == 0
     assert "no date" in (tmp_path / "page" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(column("samples", "particles", 0), id="decisions"),
+    ],
+)
+def test_a_run_does_not_continue_with_rows_that_contradict_each_other(altered, tiny_folder, change):
+    def without_results(file):
+        change(file)
+        file["results_done"][:] = 0
+        file["generations_done"][:] = 0
+
+    path = altered(without_results)
+    done = invert(tiny_folder, "tiny.yaml", "-o", path)
+    assert done.returncode == 1
+    assert f"{path}: a damaged campaign file" in done.stderr
+    assert done.stderr.count("\n") == 1

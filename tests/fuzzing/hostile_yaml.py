@@ -162,7 +162,8 @@ def _change_value(draw, entries, i, tree):
 
 
 def _move_value(draw, entries, i, tree):
-    entries[i][1] = draw(st.sampled_from(mappings(tree)[-1]))[1]
+    values = [value for found in mappings(tree) for _, value in found]
+    entries[i][1] = copied(draw(st.sampled_from(values)))
 
 
 def _wrap_value(draw, entries, i, tree):
