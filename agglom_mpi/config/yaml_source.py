@@ -11,6 +11,7 @@ from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
+from ruamel.yaml.scanner import Scanner
 
 from agglom_mpi.config.bounded_reading import read_bounded
 from agglom_mpi.errors import MissingLibraryError, UserError
@@ -124,7 +125,7 @@ def parse(text: str, name: str) -> Source:
         Name of the file in errors.
     """
     yaml = YAML(typ="safe", pure=True)
-    yaml.Composer = _BoundedComposer
+    yaml.Scanner, yaml.Composer = _BoundedScanner, _BoundedComposer
     yaml.composer.warn_double_anchors = False  # they are legal
     try:
         root = yaml.compose(text)
@@ -138,7 +139,7 @@ def parse(text: str, name: str) -> Source:
         line = text.count("\n", 0, error.position) + 1
         message = f"not valid YAML: the character U+{error.character:04X} is not allowed"
         raise CampaignError(Problem(name, line, "", message)) from None
-    except (AssertionError, LookupError, TypeError, ValueError):  # for versions it does not know
+    except (AssertionError, KeyError):  # for versions it does not know
         message = "not valid YAML, or of another version than 1.2"
         raise CampaignError(Problem(name, None, "", message)) from None
     if root is None:
@@ -155,6 +156,18 @@ class _TooLargeError(Exception):
     def __init__(self, line: int) -> None:
         super().__init__(line)
         self.line = line
+
+
+class _BoundedScanner(Scanner):
+    """Scanner that stops at brackets within too many brackets.
+
+    It looks ahead, and for every token at all brackets that are open.
+    """
+
+    def fetch_flow_collection_start(self, *arguments: Any, **options: Any) -> None:
+        if self.flow_level > MAX_DEPTH:
+            raise _TooLargeError(self.reader.line + 1)
+        super().fetch_flow_collection_start(*arguments, **options)
 
 
 class _BoundedComposer(Composer):

@@ -18,6 +18,7 @@ import h5py
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.errors import UserError
 from agglom_mpi.runtime.experiment import Experiment
+from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.version import __version__
@@ -176,6 +177,8 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
         return read_campaign(path)
     stored = read_campaign(path)
     check_same_campaign(path, stored.identity, experiment.identity())
+    if stored.fresh_from != sizes.max_samples:  # or decisions would see other samples
+        raise DamagedCampaign(f"{path}: a damaged campaign file (attribute fresh_from is altered)")
     if last_sources(stored) != sources_digest() and not accept_code_change:
         raise OutputError(
             f"{path}: was computed by other simulation sources (version "

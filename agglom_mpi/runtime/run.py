@@ -132,8 +132,9 @@ def run_on_all_ranks(
     except BaseException as error:
         if world is None:
             raise
-        text = exhausted(error) or f"\n{printable(traceback.format_exc())}"
-        print(f"rank {world.rank}: {text}", file=sys.stderr, flush=True)
+        text = exhausted(error)
+        shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
+        print(f"rank {world.rank}:{shown}", file=sys.stderr, flush=True)
         end_job(world, FAILURE)
         raise
 
@@ -260,8 +261,8 @@ def run_leg(
         nodes = find_nodes(world).number
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
-        fields = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
         begun = time.monotonic()
+        fields = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
         leg = writer.begin_leg(**fields)
         writer.set_status("running")
         pool = WorkerPool(runner, world)

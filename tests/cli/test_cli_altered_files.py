@@ -240,3 +240,10 @@ def test_a_run_does_not_continue_with_rows_that_contradict_each_other(altered, t
     assert done.returncode == 1
     assert f"{path}: a damaged campaign file" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_run_does_not_continue_with_another_first_fresh_sample(altered, tiny_folder):
+    path = altered(set_attribute("fresh_from", 0))
+    done = invert(tiny_folder, "tiny.yaml", "-o", path)
+    assert done.returncode == 1
+    assert "attribute fresh_from" in done.stderr
