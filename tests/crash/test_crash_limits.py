@@ -76,7 +76,7 @@ def test_a_limit_on_threads_is_one_message(folder, wanted):
     # Who may still read what root may: the interpreter may lie in root's home.
     access = ["--inh-caps=+dac_override", "--ambient-caps=+dac_override"]
     user = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups", *access]
-    code, errors = limited(folder, "-u 2", *user)
+    code, errors = limited(folder, "-u 1", *user)
     assert (code, errors.count("\n")) == (1, 1), errors
     assert "no more threads are allowed here (ulimit -u)" in errors
     os.remove(folder / ".small.lock")  # it is the other user's
