@@ -85,7 +85,7 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
     except (click.Abort, KeyboardInterrupt):
         if not simulates:
             return INTERRUPTED
-        click.echo("interrupted; run the same command again to continue", err=True)
+        say("interrupted; run the same command again to continue", error=True)
         return STOPPED
     except (ImportError, MemoryError, RuntimeError) as error:
         if not (text := exhausted(error)):

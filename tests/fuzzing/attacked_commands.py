@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from hypothesis import Phase
+from processes import signal_handlers_kept
 
 from agglom_mpi.cli import main
 from agglom_mpi.cli.common import launch
@@ -70,9 +71,6 @@ def limited():
         signal.signal(signal.SIGPROF, before)
 
 
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
-
-
 class Commands:
     """Runs commands in a working folder.
 
@@ -101,11 +99,11 @@ class Commands:
         return ended
 
     def _run(self, words):
-        handlers = {number: signal.getsignal(number) for number in _STOP_SIGNALS}
         said, errors = (io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2))
         inverts = words[0] == invert_command.name
         command = invert_command if inverts else main
         with (
+            signal_handlers_kept(),
             pytest.MonkeyPatch.context() as patch,
             redirect_stdout(said),
             redirect_stderr(errors),
@@ -115,9 +113,6 @@ class Commands:
                 launch(command, simulates=inverts or words[1:2] == ("accuracy",))
             except SystemExit as end:
                 code = end.code
-            finally:
-                for number, handler in handlers.items():
-                    signal.signal(number, handler)
         return Ended(code, *(stream.buffer.getvalue().decode() for stream in (said, errors)))
 
 

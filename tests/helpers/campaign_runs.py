@@ -15,7 +15,15 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from processes import HANG, end_group, output_of, program, start_group, wait_for
+from processes import (
+    HANG,
+    end_group,
+    output_of,
+    program,
+    signal_handlers_kept,
+    start_group,
+    wait_for,
+)
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
@@ -91,8 +99,6 @@ FINAL = "{strings: 6, samples: 12}"
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}
 SHARED = {"tiny": TINY, "small": SMALL, "estimated": SMALL | {"final": FINAL}, "slow": SLOW}
 """Campaigns whose files several tests read: the fixture `shared_campaign` gives them."""
-
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 
 _BIN = Path(sys.executable).parent
 _LAUNCHERS = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "SLURM_", "HYDI_", "PRTE_")
@@ -215,13 +221,8 @@ def invert(folder, *arguments, ranks=None, inject=None, alone=False, **variables
 
 def _invert_here(folder, arguments):
     words = list(map(str, arguments))
-    handlers = {number: signal.getsignal(number) for number in _STOP_SIGNALS}
-    try:
-        with chdir(folder):
-            done = CliRunner().invoke(invert_command, words, prog_name="agglom-invert")
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+    with signal_handlers_kept(), chdir(folder):
+        done = CliRunner().invoke(invert_command, words, prog_name="agglom-invert")
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)

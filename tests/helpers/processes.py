@@ -31,6 +31,18 @@ def wait_for(condition, what, process=None, seconds=HANG):
     return found
 
 
+@contextmanager
+def signal_handlers_kept():
+    """Put the handlers of signals that ask a run to stop back after a run in this process."""
+    stops = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+    handlers = {number: signal.getsignal(number) for number in stops}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
 def wait_until_gone(numbers):
     """Wait for the end of processes."""
     left = [psutil.Process(number) for number in numbers if psutil.pid_exists(number)]
