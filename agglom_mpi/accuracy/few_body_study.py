@@ -37,8 +37,15 @@ from agglom_mpi.physics.restitution import (
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import new_ledger, new_particles
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, run_to_end
+from agglom_mpi.simulation.particles import copy_slot_to, new_ledger, new_particles
+from agglom_mpi.simulation.scene import (
+    AdaptiveSteps,
+    EventDriven,
+    FixedSteps,
+    Scene,
+    new_engine_state,
+    run_to_end,
+)
 from agglom_mpi.statistics import mean_of
 
 if TYPE_CHECKING:
@@ -78,15 +85,19 @@ class FinalStates(NamedTuple):
 
 
 @kernel
-def run_batch(scene, position, velocity, abort, left):
-    """Run the engine of a scene from each state, which the end replaces; see `InitialStates`."""
-    grains = position.shape[2]
+def run_batch(scene, grains, particles, engine_state, ledger, position, velocity, abort, left):
+    """Run the engine of a scene from each state, which the end replaces; see `InitialStates`.
+
+    `grains` are the particles of the scene not placed yet, `particles` as many to work on.
+    """
     for run in range(position.shape[0]):
-        particles = new_particles(scene, grains, None)
+        for i in range(grains.size[0]):
+            copy_slot_to(grains, i, particles, i)
+        particles.size[0] = grains.size[0]
         particles.position[:] = position[run]
         particles.velocity[:] = velocity[run]
         drift = to_mass_frame(scene, particles)
-        end = run_to_end(scene.engine, scene, particles, new_ledger(), abort, None)
+        end = run_to_end(scene, particles, ledger, engine_state, abort)
         to_box_frame(scene, particles, drift, end)
         position[run] = particles.position
         velocity[run] = particles.velocity
@@ -104,8 +115,11 @@ def _run(scene: Scene, starts: InitialStates) -> FinalStates:
     position, velocity = starts.position.copy(), starts.velocity.copy()
     left = np.zeros(len(position), np.int64)
     abort = np.zeros(1, np.uint8)
+    count = scene.particles
+    grains, particles = new_particles(scene, count), new_particles(scene, count)
+    state = grains, particles, new_engine_state(scene.engine, scene, count), new_ledger()
     begin = time.perf_counter()
-    run_batch(scene, position, velocity, abort, left)
+    run_batch(scene, *state, position, velocity, abort, left)
     seconds = time.perf_counter() - begin
     return FinalStates(position, velocity, left, seconds / len(position))
 

@@ -44,13 +44,13 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.random_streams import sample_stream
-from agglom_mpi.simulation.particles import EXHAUSTED
+from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
+from agglom_mpi.simulation.scene import new_engine_state
 from agglom_mpi.simulation.stepwise import (
     OBSERVATION,
     advance_run,
-    empty_ledger,
+    empty_observer,
     empty_particles,
-    new_observer,
     start_run,
 )
 
@@ -190,7 +190,7 @@ class Box:
         until = self._elapsed + _seconds(dt)
         if not until > self._elapsed:
             raise ValueError(f"dt is {dt:g} s; must not be lost in rounding at {self.time:g} s")
-        ledger, pending = empty_ledger(), float(self._observation["pending"][0])
+        ledger, pending = new_ledger(), float(self._observation["pending"][0])
         arguments = self._particles, self._engine_state, self._observer, ledger, until, self._abort
         advance_run(self._scene, *arguments, self._observation)
         reached = float(self._observation["reached"][0])
@@ -245,10 +245,12 @@ class Box:
         particles.grains[:count] = rows.grains
         particles.label[:count] = rows.labels
         particles.labels_given[0] = labels_given
-        self._observer = new_observer(self._scene, self._capacity)
+        self._observer = empty_observer(self._scene, self._capacity)
         self._particles, self._start_time, self._elapsed = particles, time, 0.0
-        self._engine_state = start_run(self._scene, particles, self._observer, self._observation)
-        self._state = homogenise(self._observation[0], empty_ledger(), 0.0, self._volume, time, 0.0)
+        self._engine_state = new_engine_state(self._scene.engine, self._scene, self._capacity)
+        arguments = particles, self._engine_state, self._observer, self._observation
+        start_run(self._scene, *arguments)
+        self._state = homogenise(self._observation[0], new_ledger(), 0.0, self._volume, time, 0.0)
 
 
 def _seconds(dt: float) -> float:

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from agglom_mpi.coupling.state import BoxParticles
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import EqualSizes, Sizes
+from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.simulation.stepwise import empty_particles, overlaps_of, scatter
+from agglom_mpi.simulation.stepwise import empty_particles, overlaps_of
 
 Floats = npt.NDArray[np.float64]
 

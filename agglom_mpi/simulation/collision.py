@@ -255,7 +255,7 @@ def split_particle(scene, particles, i, pieces):
             slot = particles.size[0]
             particles.size[0] += 1
             copy_slot(particles, i, slot)
-            new_label(particles.label, particles.labels_given, slot)
+            new_label(particles, slot)
         for axis in range(3):
             coordinate = centre[axis] + sites[axis, piece]
             particles.position[axis, slot] = wrapped(scene.escape, coordinate, scene.half_width)

@@ -9,7 +9,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating, not_inlined
+from agglom_mpi.kernels import (
+    Submodel,
+    dispatch,
+    inlined,
+    inlined_allocating,
+    kernel,
+    not_inlined,
+)
 from agglom_mpi.simulation.boundary import (
     cell_of,
     distance_along,
@@ -242,4 +249,29 @@ def is_free_of(escape, position, i, j, following, sizes, half_width):
         if square < reach * reach:
             return False
         j = following[j]
+    return True
+
+
+@kernel
+def scatter(escape, velocities, random, sizes, half_width, position, velocity):
+    """Place spheres as the grains of a sample are placed, and draw their velocities.
+
+    Parameters
+    ----------
+    escape, velocities, half_width
+        Those of the scene, without its laws: one machine code serves many scenes.
+    random : numpy.random.Generator
+    sizes : EqualSizes, Sizes, or None if positions are given
+    position, velocity : array, shape (3, N), m and m/s, filled; velocity None if given
+
+    Returns
+    -------
+    bool
+        False if a sphere found no place.
+    """
+    if sizes is not None:  # noqa: SIM102  (types decide this one when it is compiled)
+        if not place_randomly(random, escape, position, sizes, half_width):
+            return False
+    if velocity is not None:
+        draw_velocities(velocities, random, velocity)
     return True

@@ -235,12 +235,27 @@ def measure(scene, particles, out):
 
 
 @inlined
-def measure_ledger(scene, particles, ledger, start, out):
+def measure_initial(scene, particles, drift, initial):
+    """Write the particles' momentum, energies and the drift of their frame into a record.
+
+    Kinetic energy and sum of m|v| are in the centre-of-mass frame, heat is above the scene's
+    temperature.
+    """
+    momentum, _ = total_momentum(particles)
+    initial["begun"] = 1
+    for axis in range(3):
+        initial["drift"][axis] = drift[axis]
+        initial["momentum"][axis] = momentum[axis]
+    initial["energy"], initial["momentum_scale"] = fluctuation_energy(particles)
+    initial["heat"] = thermal_energy(scene.laws.heating, scene, particles)
+
+
+@inlined
+def measure_ledger(scene, particles, ledger, initial, out):
     """Write counts and closure errors into the outcome record.
 
-    `start` holds the momentum, mass, kinetic energy, sum of m|v| and heat at the start: kinetic
-    energy and sum in the centre-of-mass frame, heat above the scene's temperature. With heat the
-    first law is closed; without, kinetic energy against what impacts dissipate.
+    `initial` is what `measure_initial` wrote. With heat the first law is closed; without, kinetic
+    energy against what impacts dissipate.
     """
     counts, energy = ledger.counts, ledger.energy
     out["steps"] = counts[STEPS]
@@ -252,10 +267,10 @@ def measure_ledger(scene, particles, ledger, start, out):
     out["floored_temperatures"] = counts[FLOORED]
     out["largest_residual"] = ledger.residual[0]
     momentum, _ = total_momentum(particles)
-    initial_momentum, _, initial_energy, momentum_scale, heat = start
+    initial_energy, momentum_scale = initial["energy"], initial["momentum_scale"]
     square = 0.0
     for axis in range(3):
-        square += (momentum[axis] - initial_momentum[axis]) ** 2
+        square += (momentum[axis] - initial["momentum"][axis]) ** 2
     change = math.sqrt(square)
     out["momentum_error"] = change / momentum_scale if momentum_scale > 0.0 else change
     kinetic, _ = fluctuation_energy(particles)
@@ -263,7 +278,7 @@ def measure_ledger(scene, particles, ledger, start, out):
     if scene.laws.heating is None:
         balance += energy[DISSIPATED]
     else:
-        balance += thermal_energy(scene.laws.heating, scene, particles) - heat
+        balance += thermal_energy(scene.laws.heating, scene, particles) - initial["heat"]
         balance += energy[RADIATED] + energy[SURFACE] + energy[UNRESOLVED] - energy[REACTION]
     flowed = initial_energy + energy[REACTION] + energy[EXCHANGED] + energy[SURFACE]
     out["energy_error"] = balance / flowed if flowed > 0.0 else balance

@@ -1,12 +1,16 @@
 """Particles of one sample as a struct of arrays, and the ledger of energies and counts."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agglom_mpi.kernels import ANY, dispatch_allocating, inlined, inlined_allocating, not_inlined
-from agglom_mpi.physics.cooling import EulerCooling, ExactCooling
+from agglom_mpi.kernels import Submodel, inlined, inlined_allocating, not_inlined
+from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.restitution import ContactTimeRestitution
+
+FloatsOrNone: TypeAlias = NDArray[np.float64] | None
+IntegersOrNone: TypeAlias = NDArray[np.int64] | None
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -58,7 +62,8 @@ class Particles(NamedTuple):
     grains
         Original grains in each particle, shape (capacity,); only counted where particles can break.
     label, labels_given
-        Identities, shape (capacity,), and how many were given, shape (1,); see `Frames`.
+        Identities, shape (capacity,), and how many were given, shape (1,); see `Frames`. Every
+        scene has them, so that one machine code serves with frames and without.
     """
 
     size: np.ndarray
@@ -70,14 +75,8 @@ class Particles(NamedTuple):
     cooled_to: np.ndarray | None
     last_impact: np.ndarray | None
     grains: np.ndarray | None
-    label: np.ndarray | None = None
-    labels_given: np.ndarray | None = None
-
-
-@inlined_allocating
-def new_ledger() -> Ledger:
-    """Return an empty ledger."""
-    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+    label: np.ndarray
+    labels_given: np.ndarray
 
 
 @inlined
@@ -103,11 +102,10 @@ def set_value(values, i, value):
 
 
 @inlined
-def new_label(label, labels_given, i):
-    """Give slot i a label that no particle had before, where there are labels."""
-    if label is not None:
-        label[i] = labels_given[0]
-        labels_given[0] += 1
+def new_label(particles, i):
+    """Give slot i a label that no particle had before."""
+    particles.label[i] = particles.labels_given[0]
+    particles.labels_given[0] += 1
 
 
 @inlined
@@ -129,7 +127,7 @@ def copy_slot_to(particles: Particles, source: int, others: Particles, target: i
     copy_value(particles.cooled_to, source, others.cooled_to, target)
     copy_value(particles.last_impact, source, others.last_impact, target)
     copy_value(particles.grains, source, others.grains, target)
-    copy_value(particles.label, source, others.label, target)
+    others.label[target] = particles.label[source]
 
 
 @inlined
@@ -188,99 +186,54 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
     permute(particles.label, order, count, whole)
 
 
-@dispatch_allocating
-def new_cooling_times(cooling, capacity):
+def new_ledger() -> Ledger:
+    """Return an empty ledger."""
+    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+
+
+def new_cooling_times(cooling: Submodel | None, capacity: int) -> FloatsOrNone:
     """Return times in s up to which temperatures are cooled, shape (capacity,); None if unused."""
+    return np.zeros(capacity) if isinstance(cooling, ExactCooling) else None
 
 
-@new_cooling_times.register(None, EulerCooling)
-def _no_cooling_times(cooling, capacity):
-    return None
-
-
-@new_cooling_times.register(ExactCooling)
-def _cooling_times(cooling, capacity):
-    return np.zeros(capacity)
-
-
-@dispatch_allocating
-def new_impact_times(restitution, capacity):
+def new_impact_times(restitution: Submodel, capacity: int) -> FloatsOrNone:
     """Return times of last impacts in s, shape (capacity,); None if unused."""
+    remembers = isinstance(restitution, ContactTimeRestitution)
+    return np.full(capacity, -np.inf) if remembers else None
 
 
-@new_impact_times.register(ANY)
-def _no_impact_times(restitution, capacity):
-    return None
-
-
-@new_impact_times.register(ContactTimeRestitution)
-def _impact_times(restitution, capacity):
-    return np.full(capacity, -np.inf)
-
-
-@dispatch_allocating
-def new_grains(fragmentation, capacity):
+def new_grains(fragmentation: Submodel | None, capacity: int) -> IntegersOrNone:
     """Return grains in each particle, shape (capacity,); None where none can break."""
+    return None if fragmentation is None else np.ones(capacity, np.int64)
 
 
-@new_grains.register(None)
-def _no_grain_counts(fragmentation, capacity):
-    return None
-
-
-@new_grains.register(ANY)
-def _grain_counts(fragmentation, capacity):
-    return np.ones(capacity, np.int64)
-
-
-@inlined_allocating
-def new_temperatures(heating, cooling, capacity, start):
+def new_temperatures(
+    heating: Submodel | None, cooling: Submodel | None, capacity: int, start: float
+) -> FloatsOrNone:
     """Return temperatures in K, shape (capacity,); None where nothing changes them."""
-    if heating is None and cooling is None:
-        return None
-    return np.full(capacity, start)
+    return None if heating is None and cooling is None else np.full(capacity, start)
 
 
-@inlined_allocating
-def new_labels(frames, capacity):
-    """Return the numbers of the slots, shape (capacity,); None where no frames are taken."""
-    if frames is None:
-        return None
-    return np.arange(capacity)
-
-
-@inlined_allocating
-def new_count(frames, start):
-    """Return a counter that begins at `start`, shape (1,); None where no frames are taken."""
-    if frames is None:
-        return None
-    return np.full(1, start)
-
-
-@inlined_allocating
-def new_particles(scene, capacity, frames):
-    """Return the grains of a scene, not placed yet, with room for `capacity` particles.
-
-    They have labels if there are `frames` to be taken.
-    """
-    laws = scene.laws
+def new_particles(scene: Any, capacity: int) -> Particles:
+    """Return the grains of a `Scene`, not placed yet, with room for `capacity` particles."""
+    grains = scene.particles
     particles = Particles(
-        np.zeros(1, np.int64),
-        np.zeros((3, capacity)),
-        np.zeros((3, capacity)),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        new_temperatures(laws.heating, scene.cooling, capacity, scene.temperature),
-        new_cooling_times(scene.cooling, capacity),
-        new_impact_times(laws.restitution, capacity),
-        new_grains(laws.fragmentation, capacity),
-        new_labels(frames, capacity),
-        new_count(frames, scene.particles),
+        size=np.full(1, grains),
+        position=np.zeros((3, capacity)),
+        velocity=np.zeros((3, capacity)),
+        radius=np.zeros(capacity),
+        mass=np.zeros(capacity),
+        temperature=new_temperatures(
+            scene.laws.heating, scene.cooling, capacity, scene.temperature
+        ),
+        cooled_to=new_cooling_times(scene.cooling, capacity),
+        last_impact=new_impact_times(scene.laws.restitution, capacity),
+        grains=new_grains(scene.laws.fragmentation, capacity),
+        label=np.arange(capacity),
+        labels_given=np.full(1, grains),
     )
-    particles.size[0] = scene.particles
-    for i in range(scene.particles):
-        particles.radius[i] = scene.radius
-        particles.mass[i] = scene.mass
+    particles.radius[:grains] = scene.radius
+    particles.mass[:grains] = scene.mass
     return particles
 
 

@@ -1,6 +1,10 @@
-"""One sample: a pure function of scene and random stream, from placement to result."""
+"""One sample: a pure function of scene and random stream, from placement to result.
 
-from typing import Any, NamedTuple
+Three kernels, so that two processes can compile them at once: placement, which depends on little
+of a scene; the engine; what is measured at the end.
+"""
+
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -8,24 +12,28 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
-from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.simulation.initial_state import EqualSizes, draw_velocities, place_randomly
+from agglom_mpi.simulation.initial_state import EqualSizes, scatter
 from agglom_mpi.simulation.measurement import (
-    fluctuation_energy,
     is_finite,
     measure,
+    measure_initial,
     measure_ledger,
-    thermal_energy,
     to_box_frame,
     to_mass_frame,
-    total_momentum,
 )
-from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger, new_particles
-from agglom_mpi.simulation.scene import Scene, run_to_end
+from agglom_mpi.simulation.particles import (
+    EXHAUSTED,
+    Ledger,
+    Particles,
+    new_ledger,
+    new_particles,
+)
+from agglom_mpi.simulation.scene import Scene, advance_to, begin, finish, new_engine_state
 from agglom_mpi.simulation.temperature import cool_until
-from agglom_mpi.simulation.trajectory import new_recorder, record_end, record_start, set_drift
+from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
 class Outcome(NamedTuple):
@@ -79,50 +87,52 @@ class Outcome(NamedTuple):
         return measured._replace(objective=self.objective)
 
 
+INITIAL: Final = np.dtype(
+    [("begun", "u1"), ("drift", "f8", 3), ("momentum", "f8", 3)]
+    + [(name, "f8") for name in ("energy", "momentum_scale", "heat")]
+)
+"""State when a run begins, SI: the velocity of the frame of reference that the engine works in; in
+it momentum, kinetic energy and sum of m|v|; heat above the scene's temperature."""
+
+
 @kernel
-def run_sample(scene, random, abort, out, frames):
-    """Place, run and measure one sample; one crossing into compiled code.
+def run_engine(scene, particles, ledger, engine_state, initial, until, abort):
+    """Run particles on to a time; return the time reached in s.
+
+    A run begins where `initial` says that it has not begun, and ends where `until` is the scene's
+    end or the run ends earlier.
 
     Parameters
     ----------
     scene : Scene
-    random : numpy.random.Generator
+    particles : Particles; at the end of the run, those at the time reached
+    ledger : Ledger, added to
+    engine_state : what `new_engine_state` returned for the scene
+    initial : array of `INITIAL`, shape (1,), filled when the run begins
+    until : float, s
     abort : uint8 array, shape (1,); anything but 0 ends the run early
-    out : array of `OUTCOME`, shape (1,), filled
-    frames : Frames, filled, or None
-
-    Returns
-    -------
-    Particles
-        The final state.
     """
-    capacity = scene.particles
-    if scene.laws.fragmentation is not None:
-        capacity = 2 * scene.particles
-    particles = new_particles(scene, capacity, frames)
-    ledger = new_ledger()
+    if not initial[0]["begun"]:
+        measure_initial(scene, particles, to_mass_frame(scene, particles), initial[0])
+        begin(scene.engine, scene, particles, engine_state)
+    time = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
+    if until >= scene.end_time or time < until:
+        finish(scene.engine, scene, particles, ledger, engine_state, time)
+    return time
+
+
+@kernel
+def measure_sample(scene, particles, ledger, initial, end, out):
+    """Return particles at the time `end` in s to the frame of the box, and measure them.
+
+    Parameters
+    ----------
+    scene, particles, ledger, initial
+        As `run_engine` left them.
+    end : float, s
+    out : array of `OUTCOME`, shape (1,), filled
+    """
     record = out[0]
-    record["state"] = result.FAILED
-    occupied = particles.position[:, : scene.particles]
-    sizes = EqualSizes(2.0 * scene.radius)
-    if not place_randomly(random, scene.escape, occupied, sizes, scene.half_width):
-        record["reason"] = result.FailureReason.PLACEMENT_JAMMED
-        return particles
-    draw_velocities(scene.velocities, random, particles.velocity[:, : scene.particles])
-    recorder = new_recorder(frames, scene, capacity)
-    integrate(scene, particles, ledger, abort, record, recorder)
-    return particles
-
-
-@inlined
-def integrate(scene, particles, ledger, abort, record, recorder):
-    """Run particles from where they are to the scene's end, and measure them into `record`."""
-    record_start(recorder, scene, particles)
-    drift = to_mass_frame(scene, particles)
-    set_drift(recorder, drift)
-    heat = thermal_energy(scene.laws.heating, scene, particles)
-    start = (*total_momentum(particles), *fluctuation_energy(particles), heat)
-    end = run_to_end(scene.engine, scene, particles, ledger, abort, recorder)
     record["end_time"] = end
     for i in range(particles.size[0]):
         cool_until(scene.cooling, scene, particles, ledger, i, end)
@@ -133,9 +143,8 @@ def integrate(scene, particles, ledger, abort, record, recorder):
         record["reason"] = result.FailureReason.NON_FINITE
         return
     measure(scene, particles, record)
-    measure_ledger(scene, particles, ledger, start, record)
-    to_box_frame(scene, particles, drift, end)
-    record_end(recorder, scene, particles, end)
+    measure_ledger(scene, particles, ledger, initial[0], record)
+    to_box_frame(scene, particles, initial[0]["drift"], end)
     record["state"] = result.COMPLETED
 
 
@@ -156,12 +165,90 @@ def simulate_scene(
     abort
         Shape (1,); another thread ends the run early by setting it to 1.
     frames
-        Filled if given; from `new_frames` for the scene's number of grains. Without them no code
-        is compiled for frames.
+        Filled if given; from `new_frames` for the scene's number of grains.
 
     `final_particles` makes arrays of SI values of the particles.
     """
     out = np.zeros(1, result.OUTCOME)
-    abort = np.zeros(1, np.uint8) if abort is None else abort
-    particles = run_sample(scene, random, abort, out, frames)
+    out["state"] = result.FAILED
+    capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
+    particles = new_particles(scene, capacity)
+    if place_grains(scene, random, particles):
+        carry_to_end(scene, particles, abort, out, frames)
+    else:
+        out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0], particles
+
+
+def place_grains(scene: Scene, random: np.random.Generator, particles: Particles) -> bool:
+    """Place the grains of a sample and draw their velocities; return whether all found a place."""
+    placed, velocity = np.empty((2, 3, scene.particles))
+    sizes = EqualSizes(2.0 * scene.radius)
+    if not scatter(
+        scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity
+    ):
+        return False
+    particles.position[:, : scene.particles] = placed
+    particles.velocity[:, : scene.particles] = velocity
+    return True
+
+
+def carry_to_end(
+    scene: Scene,
+    particles: Particles,
+    abort: npt.NDArray[np.uint8] | None,
+    out: npt.NDArray[Any],
+    frames: Frames | None = None,
+) -> Ledger:
+    """Run particles from where they are to the scene's end, and measure them.
+
+    Parameters
+    ----------
+    scene, abort, frames
+        As for `simulate_scene`.
+    particles
+        Those at the end afterwards.
+    out
+        Array of `OUTCOME`, shape (1,), filled.
+
+    Returns
+    -------
+    Ledger
+        What was added up.
+    """
+    ledger, initial = new_ledger(), np.zeros(1, INITIAL)
+    abort = np.zeros(1, np.uint8) if abort is None else abort
+    engine_state = new_engine_state(scene.engine, scene, particles.mass.size)
+    run = scene, particles, ledger, engine_state, initial
+    if frames is None:
+        end = run_engine(*run, scene.end_time, abort)
+    else:
+        end = run_with_frames(run, abort, frames)
+    measure_sample(scene, particles, ledger, initial, end, out)
+    if frames is not None and out["state"][0] == result.COMPLETED:
+        for f in np.flatnonzero(frames.times >= scene.end_time).tolist():
+            store_frame(frames, f, scene, particles)
+    return ledger
+
+
+def run_with_frames(
+    run: tuple[Scene, Particles, Ledger, Any, npt.NDArray[Any]],
+    abort: npt.NDArray[np.uint8],
+    frames: Frames,
+) -> float:
+    """Run to the scene's end and store the frames before it; return the time reached in s.
+
+    `run` holds the first arguments of `run_engine`.
+    """
+    scene, particles, _, engine_state, initial = run
+    observer = new_observer(scene, particles.mass.size)
+    for f in np.flatnonzero(frames.times < scene.end_time).tolist():
+        time = frames.times[f]
+        if time > 0.0:
+            reached = run_engine(*run, time, abort)
+            if reached < time:
+                return float(reached)
+            observer.drift[:] = initial["drift"][0]
+            observe_particles(scene, particles, engine_state, observer, time)
+        store_frame(frames, f, scene, observer.copy if time > 0.0 else particles)
+    return float(run_engine(*run, scene.end_time, abort))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, dispatch_allocating
+from agglom_mpi.kernels import Submodel, dispatch, dispatch_allocating, inlined
 from agglom_mpi.physics.restitution import ImpactLaws
 from agglom_mpi.simulation.particles import Ledger, Particles
 
@@ -48,24 +48,17 @@ class Scene(NamedTuple):
     end_time: float
 
 
-@dispatch_allocating
-def run_to_end(
-    engine: Submodel,
-    scene: Submodel,
-    particles: Particles,
-    ledger: Ledger,
-    abort: np.ndarray,
-    recorder: Submodel | None,
-) -> float:
-    """Run a placed scene to its end time, or until `abort[0]` is set; return the time reached in s.
+@dispatch
+def new_engine_state(engine: Submodel, scene: Submodel, capacity: int) -> Submodel:
+    """Return what an engine keeps beside particles, with room for `capacity` of them.
 
-    Frames that a `recorder` has to take between start and end are taken on the way.
+    Called from Python, so that kernels make no arrays of it.
     """
 
 
 @dispatch_allocating
-def initialize(engine: Submodel, scene: Submodel, particles: Particles) -> Submodel:
-    """Return the state that an engine keeps beside particles at the time 0, for `advance_to`."""
+def begin(engine: Submodel, scene: Submodel, particles: Particles, engine_state: Submodel) -> None:
+    """Begin a run of the particles at the time 0."""
 
 
 @dispatch_allocating
@@ -78,11 +71,23 @@ def advance_to(
     until: float,
     abort: np.ndarray,
 ) -> float:
-    """Process what happens up to `until` in s, as `run_to_end` does; return the time reached in s.
+    """Process what happens up to `until` in s, or until `abort[0]` is set.
 
     The particles are not moved to `until`, so that the number of parts a run is done in does not
-    change a bit of it; `copy_at` gives where they are.
+    change a bit of it; `copy_at` gives where they are. Returns the time reached in s.
     """
+
+
+@dispatch
+def finish(
+    engine: Submodel,
+    scene: Submodel,
+    particles: Particles,
+    ledger: Ledger,
+    engine_state: Submodel,
+    time: float,
+) -> None:
+    """Move the particles to `time` in s, up to which the run has come, and close their gaps."""
 
 
 @dispatch
@@ -91,7 +96,16 @@ def copy_at(
     scene: Submodel,
     particles: Particles,
     engine_state: Submodel,
-    recorder: Submodel,
+    observer: Submodel,
     time: float,
 ) -> None:
     """Copy the particles, and move the copies to where they are at `time` in s."""
+
+
+@inlined
+def run_to_end(scene, particles, ledger, engine_state, abort):
+    """Run particles from where they are to the scene's end; return the time reached in s."""
+    begin(scene.engine, scene, particles, engine_state)
+    time = advance_to(scene.engine, scene, particles, ledger, engine_state, scene.end_time, abort)
+    finish(scene.engine, scene, particles, ledger, engine_state, time)
+    return time

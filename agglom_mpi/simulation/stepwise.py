@@ -4,14 +4,13 @@ The engines are those of a sample. Observations are made on copies, so that neit
 the number of parts changes what follows.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi.kernels import inlined, kernel
-from agglom_mpi.simulation.initial_state import draw_velocities, place_randomly
 from agglom_mpi.simulation.measurement import (
     count_overlaps,
     fluctuation_energy,
@@ -22,21 +21,14 @@ from agglom_mpi.simulation.measurement import (
     total_momentum,
 )
 from agglom_mpi.simulation.particles import (
-    EXCHANGED,
-    EXHAUSTED,
     RADIATED,
-    Ledger,
     Particles,
     new_cooling_times,
     new_impact_times,
+    new_ledger,
 )
-from agglom_mpi.simulation.scene import Scene, advance_to, copy_at, initialize
-from agglom_mpi.simulation.trajectory import (
-    FrameRecorder,
-    cool_copies,
-    return_copies_to_box,
-    set_drift,
-)
+from agglom_mpi.simulation.scene import Scene, advance_to, begin, copy_at
+from agglom_mpi.simulation.trajectory import Observer, cool_copies, return_copies_to_box
 
 OBSERVATION: Final = np.dtype(
     [(name, "f8") for name in ("mean_radius", "radius_variance", "mass", "x", "y", "z")]
@@ -64,40 +56,9 @@ def empty_particles(scene: Scene, capacity: int) -> Particles:
     )
 
 
-def empty_ledger() -> Ledger:
-    """Return a ledger without entries."""
-    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
-
-
-def new_observer(scene: Scene, capacity: int) -> Any:
-    """Return a `FrameRecorder` whose copy, of `capacity` particles, shows an observation."""
-    copy = empty_particles(scene, capacity)
-    return FrameRecorder(None, np.zeros(1, np.int64), np.zeros(3), copy, empty_ledger())  # type: ignore[arg-type]
-
-
-@kernel
-def scatter(escape, velocities, random, sizes, half_width, position, velocity):
-    """Place spheres as the grains of a sample are placed, and draw their velocities.
-
-    Parameters
-    ----------
-    escape, velocities, half_width
-        Those of the scene, without its laws: one machine code serves many scenes.
-    random : numpy.random.Generator
-    sizes : EqualSizes, Sizes, or None if positions are given
-    position, velocity : array, shape (3, N), m and m/s, filled; velocity None if given
-
-    Returns
-    -------
-    bool
-        False if a sphere found no place.
-    """
-    if sizes is not None:  # noqa: SIM102  (types decide this one when it is compiled)
-        if not place_randomly(random, escape, position, sizes, half_width):
-            return False
-    if velocity is not None:
-        draw_velocities(velocities, random, velocity)
-    return True
+def empty_observer(scene: Scene, capacity: int) -> Observer:
+    """Return an observer whose copy, of `capacity` particles, shows an observation."""
+    return Observer(np.zeros(3), empty_particles(scene, capacity), new_ledger())
 
 
 @kernel
@@ -107,25 +68,22 @@ def overlaps_of(scene, particles):
 
 
 @kernel
-def start_run(scene, particles, observer, observation):
+def start_run(scene, particles, engine_state, observer, observation):
     """Start a run at the time 0 with particles as they are, and observe them.
 
     Parameters
     ----------
     scene : Scene
     particles : Particles, the engine's own from now on
-    observer : FrameRecorder; its copy shows the particles from now on
+    engine_state : what `new_engine_state` returned for the scene
+    observer : Observer; its copy shows the particles from now on
     observation : array of `OBSERVATION`, shape (1,), filled
-
-    Returns
-    -------
-    NamedTuple
-        The state of the engine, for `advance_run`.
     """
-    set_drift(observer, to_mass_frame(scene, particles))
-    engine_state = initialize(scene.engine, scene, particles)
+    drift = to_mass_frame(scene, particles)
+    for axis in range(3):
+        observer.drift[axis] = drift[axis]
+    begin(scene.engine, scene, particles, engine_state)
     observe(scene, particles, engine_state, observer, 0.0, observation[0])
-    return engine_state
 
 
 @kernel

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating, kernel
+from agglom_mpi.kernels import inlined, kernel
 from agglom_mpi.simulation.boundary import separation, wrapped
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
@@ -19,24 +19,23 @@ from agglom_mpi.simulation.event_driven.cells import (
     choose_range,
     insert,
     max_cells,
-    new_cells,
     reset_cells,
 )
 from agglom_mpi.simulation.event_driven.engine import no_contact, predict_due
-from agglom_mpi.simulation.event_driven.event_queue import earliest, earliest_time, new_event_queue
+from agglom_mpi.simulation.event_driven.event_queue import (
+    earliest,
+    earliest_time,
+    reset_event_queue,
+)
 from agglom_mpi.simulation.event_driven.flights import (
-    NEXT_EVENT,
     RANGE,
-    TRAJECTORY,
-    Flights,
     load_velocity,
     synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
-from agglom_mpi.simulation.event_driven.state import Events, new_events, rebuild, synchronise
+from agglom_mpi.simulation.event_driven.state import rebuild, synchronise
 from agglom_mpi.simulation.time_driven.neighbours import (
     find_partners,
-    new_neighbour_list,
     update_neighbours,
 )
 from agglom_mpi.simulation.time_driven.stepping import move_particles
@@ -116,10 +115,10 @@ def loop(scene, state, events, counts):
 
 
 @kernel
-def events_of_whole_state(scene, particles):
+def events_of_whole_state(scene, particles, events):
     """Run the events of particles with all that the package keeps of them; events and hits."""
     counts = np.zeros(2, np.int64)
-    events = new_events(particles)
+    reset_event_queue(events.event_queue)
     predict_due(scene, events, no_contact(rebuild(scene, particles, events, 0.0), RANGE), 0.0)
     loop(scene, particles, events, counts)
     synchronise(scene, particles, events, scene.end_time)
@@ -127,10 +126,10 @@ def events_of_whole_state(scene, particles):
 
 
 @kernel
-def events_of_bare_state(scene, state):
+def events_of_bare_state(scene, state, events):
     """Run the events of spheres of which only positions and velocities are kept."""
     counts = np.zeros(2, np.int64)
-    events = begin(scene, state)
+    begin(scene, state, events)
     for i in range(scene.particles):
         predict_collision(
             scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NO_PARTICLE
@@ -141,17 +140,11 @@ def events_of_bare_state(scene, state):
     return counts
 
 
-@inlined_allocating
-def begin(scene, state):
+@inlined
+def begin(scene, state, events):
     """Insert all particles into cells, or among the oversize where they are few."""
     count, half = scene.particles, scene.half_width
-    events = Events(
-        Flights(np.zeros(count, TRAJECTORY), np.zeros(count, NEXT_EVENT)),
-        new_cells(count, count),
-        new_event_queue(count),
-        np.empty(0, np.int64),
-        np.empty(0, np.int64),
-    )
+    reset_event_queue(events.event_queue)
     edge = max(2.0 * scene.radius, best_edge(count, 2.0 * scene.radius, half))
     per_axis = (
         0
@@ -167,16 +160,14 @@ def begin(scene, state):
         load_velocity(events.flights, state, i)
         insert(scene, events.cells, events.flights, i)
         schedule_crossing(scene, events.cells, events.flights, i)
-    return events
 
 
 @kernel
-def steps_of_whole_state(scene, particles):
+def steps_of_whole_state(scene, particles, neighbours):
     """Run the fixed steps of particles; steps and hits."""
     counts = np.zeros(2, np.int64)
     count = scene.particles
     partner, squared = np.empty(count, np.int64), np.empty(count)
-    neighbours = new_neighbour_list(count)
     step = scene.end_time / scene.engine.steps
     reach = scene.radius
     for index in range(scene.engine.steps):

@@ -24,12 +24,7 @@ from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
 from agglom_mpi.simulation import sample  # noqa: F401  (registers the engines)
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import (
-    EqualSizes,
-    SpreadVelocities,
-    draw_velocities,
-    place_randomly,
-)
+from agglom_mpi.simulation.initial_state import SpreadVelocities
 from agglom_mpi.simulation.particles import (
     COLLISIONS,
     EXHAUSTED,
@@ -38,7 +33,8 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     new_particles,
 )
-from agglom_mpi.simulation.scene import EventDriven, Scene, run_to_end
+from agglom_mpi.simulation.sample import place_grains
+from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state, run_to_end
 from agglom_mpi.variables import NAMES
 
 ENGINE = EventDriven(100_000)
@@ -131,20 +127,21 @@ def time_of(scene, packing, each):
     return 2.0 / (loss * rate) * math.expm1(loss * each / 2.0)
 
 
-@kernel
 def start(scene, random):
-    count = scene.particles
-    particles = new_particles(scene, count, None)
-    sizes = EqualSizes(2.0 * scene.radius)
-    place_randomly(random, scene.escape, particles.position, sizes, scene.half_width)
-    draw_velocities(scene.velocities, random, particles.velocity)
+    particles = new_particles(scene, scene.particles)
+    place_grains(scene, random, particles)
     return particles
 
 
 @kernel
+def engine_of_scene(scene, particles, ledger, engine_state, abort):
+    run_to_end(scene, particles, ledger, engine_state, abort)
+
+
 def run_engine(scene, particles, abort):
     ledger = new_ledger()
-    run_to_end(scene.engine, scene, particles, ledger, abort, None)
+    engine_state = new_engine_state(scene.engine, scene, particles.mass.size)
+    engine_of_scene(scene, particles, ledger, engine_state, abort)
     return ledger
 
 
@@ -435,7 +432,7 @@ def around_giant(count, oversize):
 
 
 def grains_and_giant(scene, sites, oversize, random):
-    particles = new_state(scene)
+    particles = new_particles(scene, scene.particles)
     count = len(sites)
     particles.position[:, :count] = sites.T
     particles.velocity[:, :count] = SPEED * random.uniform(-1.0, 1.0, (3, count))
@@ -443,11 +440,6 @@ def grains_and_giant(scene, sites, oversize, random):
         particles.radius[count] *= GIANT
         particles.mass[count] *= GIANT**3
     return particles
-
-
-@kernel
-def new_state(scene):
-    return new_particles(scene, scene.particles, None)
 
 
 @pytest.mark.benchmark

@@ -21,8 +21,10 @@ from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
 from agglom_mpi.physics.heating import ContactAreaReaction, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.restitution import ContactTimeRestitution, PressureRestitution
+from agglom_mpi.simulation.event_driven.state import new_events
 from agglom_mpi.simulation.particles import COLLISIONS
 from agglom_mpi.simulation.scene import FixedSteps
+from agglom_mpi.simulation.time_driven.neighbours import new_neighbour_list
 
 COUNT = 1000
 RESTITUTION = 0.9
@@ -90,7 +92,15 @@ def package(scene, particles):
 
 def bare(kernel):
     """Return how to run a bare kernel for its number of hits."""
-    return lambda scene, state: int(kernel(scene, state)[1])
+    return lambda scene, state: int(kernel(scene, state, room_for(scene))[1])
+
+
+def room_for(scene):
+    """Return what an engine keeps beside the particles of a scene."""
+    count = scene.particles
+    if isinstance(scene.engine, FixedSteps):
+        return new_neighbour_list(count)
+    return new_events(count, count)
 
 
 def timed(run, scene, state):

@@ -15,13 +15,10 @@ from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import (
-    EqualSizes,
     SpreadVelocities,
-    draw_velocities,
-    place_randomly,
 )
 from agglom_mpi.simulation.particles import new_ledger, new_particles
-from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.sample import place_grains, simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
 from agglom_mpi.simulation.time_driven.neighbours import (
     AGE,
@@ -94,14 +91,10 @@ def rate(scene):
     return statistics.median(rates), record
 
 
-@numba.njit(error_model="numpy")
 def prepare(scene, random):
-    count = scene.particles
-    particles = new_particles(scene, count, None)
-    sizes = EqualSizes(2.0 * scene.radius)
-    place_randomly(random, scene.escape, particles.position, sizes, scene.half_width)
-    draw_velocities(scene.velocities, random, particles.velocity)
-    return particles, new_ledger(), new_neighbour_list(count)
+    particles = new_particles(scene, scene.particles)
+    place_grains(scene, random, particles)
+    return particles, new_ledger(), new_neighbour_list(scene.particles)
 
 
 @numba.njit(error_model="numpy")

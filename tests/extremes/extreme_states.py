@@ -7,11 +7,10 @@ import numpy as np
 from extreme_scenes import decades
 from hypothesis import strategies as st
 
-from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FAILED, OUTCOME
 from agglom_mpi.physics.restitution import ContactTimeRestitution
-from agglom_mpi.simulation.particles import Particles, new_ledger
-from agglom_mpi.simulation.sample import integrate
+from agglom_mpi.simulation.particles import Particles
+from agglom_mpi.simulation.sample import carry_to_end
 from agglom_mpi.simulation.scene import EventDriven
 
 PLENTY = 10**6
@@ -22,13 +21,6 @@ FULLEST = 0.35
 
 LAYOUTS = ("chain", "lattice", "faces", "overlapping", "apart", "coinciding")
 MOTIONS = ("gas", "gas", "inwards", "decades", "one", "alike")
-
-
-@kernel
-def carry(scene, particles, abort, out):
-    ledger = new_ledger()
-    integrate(scene, particles, ledger, abort, out[0], None)
-    return ledger
 
 
 class Arranged(NamedTuple):
@@ -63,6 +55,8 @@ class Arranged(NamedTuple):
             if isinstance(self.scene.laws.restitution, ContactTimeRestitution)
             else None,
             np.zeros(capacity, np.int64),
+            np.arange(capacity),
+            np.full(1, count),
         )
         particles.position[:, :count] = self.positions.T
         particles.velocity[:, :count] = self.velocities.T
@@ -76,7 +70,7 @@ class Arranged(NamedTuple):
         """Run the state to the end of its scene: the record, the particles, the ledger."""
         particles, out = self.particles(), np.zeros(1, OUTCOME)
         out["state"] = FAILED
-        ledger = carry(self.scene, particles, np.zeros(1, np.uint8), out)
+        ledger = carry_to_end(self.scene, particles, None, out)
         return out[0], particles, ledger
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from extreme_checks import assert_sound, motion
 from extreme_scenes import Drawn
-from extreme_states import Arranged, carry
+from extreme_states import Arranged
 from plain_python import PLAIN, cases
 
 from agglom_mpi.kernels import kernel
@@ -18,7 +18,7 @@ from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import merged_radius
 from agglom_mpi.simulation.initial_state import EqualSizes, place_randomly
 from agglom_mpi.simulation.particles import BREAKUPS, EXHAUSTED, STEPS
-from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.sample import carry_to_end, simulate_scene
 from agglom_mpi.simulation.scene import EventDriven
 
 SLOW = pytest.mark.slow
@@ -335,7 +335,7 @@ def test_an_end_time_of_zero_changes_nothing():
     state = state_of([[0.1, 0, 0], [0.5, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]], 1e-3)
     particles, out = state.particles(), np.zeros(1, OUTCOME)
     before = [None if values is None else values.copy() for values in particles]
-    carry(state.scene._replace(end_time=0.0), particles, np.zeros(1, np.uint8), out)
+    carry_to_end(state.scene._replace(end_time=0.0), particles, None, out)
     assert out[0]["state"] == COMPLETED
     assert out[0]["end_time"] == 0.0
     for values, old in zip(particles, before, strict=True):

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scenes import CONSTANT, HALF, empty_ledger, make_scene
+from scenes import CONSTANT, HALF, make_scene
 
 from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.friction import ConstantFriction
@@ -17,11 +17,12 @@ from agglom_mpi.simulation.event_driven.engine import (
     predict_due,
     process_event,
 )
+from agglom_mpi.simulation.event_driven.event_queue import reset_event_queue
 from agglom_mpi.simulation.event_driven.flights import RANGE
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact
+from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact, new_ledger
 from agglom_mpi.simulation.scene import EventDriven
 
 BUDGET = 20_000
@@ -46,10 +47,10 @@ class Recorded(NamedTuple):
 
 
 @kernel
-def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
+def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, start):
     """Repeat the engine's loop from `start` in s, or until `times` is full; time and collisions."""
     drift = to_mass_frame(scene, particles)
-    events = new_events(particles)
+    reset_event_queue(events.event_queue)
     budget = scene.engine.budget * particles.size[0]
     time, collisions = start, 0
     event = no_contact(rebuild(scene, particles, events, time), RANGE)
@@ -89,10 +90,13 @@ def record_events(scene, particles, ledger, times, pairs, kinds, shape, start):
 
 def recorded(scene, particles, most=100_000, start=0.0):
     """Run on particles, in place, to the scene's end or until `most` collisions have happened."""
-    ledger = empty_ledger()
+    ledger = new_ledger()
     times, pairs = np.empty(most), np.empty((most, 2), np.int64)
     kinds, shape = np.empty(most, np.int64), np.zeros((3, 2), np.int64)
-    time, collisions = record_events(scene, particles, ledger, times, pairs, kinds, shape, start)
+    events = new_events(int(particles.size[0]), particles.mass.size)
+    time, collisions = record_events(
+        scene, particles, ledger, events, times, pairs, kinds, shape, start
+    )
     (per_axis, oversize), (per_axis_last, oversize_last), (compared, _) = shape.tolist()
     return Recorded(
         times[:collisions],

@@ -27,8 +27,15 @@ from agglom_mpi.physics.restitution import (
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.initial_state import EqualSizes, SpreadVelocities, place_randomly
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import EXCHANGED, EXHAUSTED, Ledger, Particles
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene, run_to_end
+from agglom_mpi.simulation.particles import Particles, new_ledger
+from agglom_mpi.simulation.scene import (
+    AdaptiveSteps,
+    EventDriven,
+    FixedSteps,
+    Scene,
+    new_engine_state,
+    run_to_end,
+)
 from agglom_mpi.simulation.time_driven import steppers as fixed  # noqa: F401  (register their engines)
 
 HALF = 0.01
@@ -222,17 +229,15 @@ def state(scene, positions, velocities, radii=None):
         cooled_to=np.zeros(count) if isinstance(cooling, ExactCooling) else None,
         last_impact=np.full(count, -np.inf) if remembers else None,
         grains=np.ones(count, np.int64) if laws.fragmentation is not None else None,
+        label=np.arange(count),
+        labels_given=np.full(1, count),
     )
 
 
-def empty_ledger():
-    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
-
-
 @kernel
-def run_engine(scene, particles, ledger, abort):
+def run_engine(scene, particles, ledger, engine_state, abort):
     drift = to_mass_frame(scene, particles)
-    time = run_to_end(scene.engine, scene, particles, ledger, abort, None)
+    time = run_to_end(scene, particles, ledger, engine_state, abort)
     to_box_frame(scene, particles, drift, time)
     return time
 
@@ -244,8 +249,9 @@ def place_spheres(random, escape, position, diameter, half_width):
 
 def run_from(scene, particles):
     """Run the engine of a scene on particles, in place; its ledger and the time reached."""
-    ledger = empty_ledger()
-    time = run_engine(scene, particles, ledger, np.zeros(1, np.uint8))
+    ledger = new_ledger()
+    engine_state = new_engine_state(scene.engine, scene, particles.mass.size)
+    time = run_engine(scene, particles, ledger, engine_state, np.zeros(1, np.uint8))
     return ledger, time
 
 

@@ -31,7 +31,8 @@ from scenes import HALF
 
 from agglom_mpi.outcome import COMPLETED, FailureReason, final_particles
 from agglom_mpi.simulation.frames import new_frames
-from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.initial_state import scatter
+from agglom_mpi.simulation.sample import measure_sample, run_engine, simulate_scene
 from agglom_mpi.simulation.scene import EventDriven
 
 SHARES = st.lists(
@@ -195,10 +196,13 @@ def test_a_sample_that_fails_has_the_frames_up_to_there():
     assert whole.positions[:reached].tobytes() == frames.positions[:reached].tobytes()
 
 
-def test_without_frames_nothing_of_them_is_kept():
-    _, particles = unseen(SCENES["event"], 1)
-    assert particles.label is None
-    assert particles.labels_given is None
+def test_frames_need_no_machine_code_of_what_runs_without_them():
+    scene = SCENES["quickstart"]
+    kernels = (scatter, run_engine, measure_sample)
+    unseen(scene, 1)
+    before = [getattr(kernel, "signatures", None) for kernel in kernels]
+    looked_at(scene, 1, [0.0, 0.5 * scene.end_time, scene.end_time])
+    assert [getattr(kernel, "signatures", None) for kernel in kernels] == before
 
 
 IN_PLAIN_PYTHON = """

@@ -23,11 +23,6 @@ class Box(NamedTuple):
 
 
 @numba.njit(error_model="numpy")
-def make_lists(capacity):
-    return new_neighbour_list(capacity)
-
-
-@numba.njit(error_model="numpy")
 def look(box, particles, neighbours, time, compacted, wanted, reach, partner, squared):
     update_neighbours(box, particles, neighbours, time, compacted, wanted)
     find_partners(box, particles, neighbours, partner, squared, reach)
@@ -67,7 +62,7 @@ def test_the_lists_name_the_same_partners_as_a_look_at_all(escape, count, drift,
     places[: count // 3] = random.uniform(-HALF, -0.4 * HALF, (count // 3, 3))
     radii = scene.radius * random.choice([1.0, 1.5], count)
     particles = state(scene, places, velocities, radii)
-    neighbours = make_lists(count)
+    neighbours = new_neighbour_list(count)
     partner, squared = np.empty(count, np.int64), np.empty(count)
     step = 0.03 * 2.0 * HALF / count ** (1.0 / 3.0)
     largest = radii.max()

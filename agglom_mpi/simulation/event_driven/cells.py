@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined
+from agglom_mpi.kernels import inlined, not_inlined
 from agglom_mpi.simulation.boundary import cell_of
 
 MAX_OVERSIZE: Final = 48
@@ -69,25 +69,27 @@ PER_AXIS: Final = 0
 OVERSIZE: Final = 1
 
 
-@inlined
-def max_cells(count):
+def _max_cells(count):
     """Cells per axis that memory is kept for: two per particle and axis."""
     return int(2.0 * count ** (1.0 / 3.0)) + 1
 
 
-@inlined
-def padded(per_axis):
+def _padded(per_axis):
     """Cells per axis with the last block filled up."""
     return (per_axis + BLOCK - 1) // BLOCK * BLOCK
 
 
-@inlined_allocating
-def new_cells(count, capacity):
+max_cells = inlined(_max_cells)
+padded = inlined(_padded)
+
+
+def new_cells(count: int, capacity: int) -> Cells:
     """Return cells with room for `count` particles at first and at most `capacity`."""
+    most = _max_cells(count)
     return Cells(
         np.zeros(2, np.int64),
-        np.empty(padded(max_cells(count)) ** 3, np.int32),
-        np.empty((3, 3 * max_cells(count)), np.int64),
+        np.empty(_padded(most) ** 3, np.int32),
+        np.empty((3, 3 * most), np.int64),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),

@@ -1,4 +1,4 @@
-"""The event-driven engine: the event loop, frames between events, runs in parts.
+"""The event-driven engine: the event loop, in as many parts as is asked for.
 
 Each particle keeps its earliest collision and the time at which it leaves its cell (Lubachevsky,
 J. Comput. Phys. 94, 1991, 255); an event queue finds the earliest.
@@ -13,7 +13,12 @@ from agglom_mpi.simulation.boundary import clamped
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import remove
-from agglom_mpi.simulation.event_driven.event_queue import earliest, earliest_time, set_time
+from agglom_mpi.simulation.event_driven.event_queue import (
+    earliest,
+    earliest_time,
+    reset_event_queue,
+    set_time,
+)
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
     invalidate_prediction,
@@ -22,7 +27,8 @@ from agglom_mpi.simulation.event_driven.flights import (
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
 from agglom_mpi.simulation.event_driven.state import (
-    Events,
+    ALIVE,
+    UNPREDICTED,
     compact_after_merge,
     new_events,
     rebuild,
@@ -30,31 +36,22 @@ from agglom_mpi.simulation.event_driven.state import (
     synchronise,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
-from agglom_mpi.simulation.scene import EventDriven, advance_to, copy_at, initialize, run_to_end
+from agglom_mpi.simulation.scene import (
+    EventDriven,
+    advance_to,
+    begin,
+    copy_at,
+    finish,
+    new_engine_state,
+)
 from agglom_mpi.simulation.time_driven.stepping import is_aborted
-from agglom_mpi.simulation.trajectory import copy_particles, finish_frame, next_frame_time
-
-
-@inlined
-def record_frames_before(recorder, scene, particles, flights, following):
-    """Record the frames before the next event, which is at `following` in s."""
-    if recorder is not None:
-        while next_frame_time(recorder, scene.end_time) < following:
-            record_next_frame(recorder, scene, particles, flights)
+from agglom_mpi.simulation.trajectory import copy_particles
 
 
 @not_inlined
-def record_next_frame(recorder, scene, particles, flights):
-    """Record the next frame, before which nothing happens any more."""
-    time = next_frame_time(recorder, scene.end_time)
-    copy_particles_at(recorder, scene, particles, flights, time)
-    finish_frame(recorder, scene, time)
-
-
-@not_inlined
-def copy_particles_at(recorder, scene, particles, flights, time):
+def copy_particles_at(observer, scene, particles, flights, time):
     """Copy the particles to where they are at `time` in s, before which nothing happens."""
-    copy = copy_particles(recorder, particles)
+    copy = copy_particles(observer, particles)
     for i in range(copy.size[0]):
         if copy.mass[i] > 0.0:
             copy_position(scene, copy, flights, i, time)
@@ -102,37 +99,43 @@ NO_CONTACT: Final = 3
 """Kind of an event that is no contact, beside those of `resolve_contact`."""
 
 
-@run_to_end.register(EventDriven)
-def _event_driven(engine, scene, particles, ledger, abort, recorder):
-    events = new_events(particles)
-    due = rebuild(scene, particles, events, 0.0)
-    end = scene.end_time
-    time = run_events(engine, scene, particles, ledger, events, due, end, abort, recorder)
-    synchronise(scene, particles, events, time)
-    compact(particles)
-    return time
+@new_engine_state.register(EventDriven)
+def _new_events(engine, scene, capacity):
+    return new_events(scene.particles, capacity)
 
 
-@inlined
-def run_events(engine, scene, particles, ledger, events, due, end, abort, recorder):
-    """Process events up to `end` in s; return the time reached in s.
+@begin.register(EventDriven)
+def _begin_events(engine, scene, particles, events):
+    reset_event_queue(events.event_queue)
+    events.counts[UNPREDICTED] = rebuild(scene, particles, events, 0.0)
 
-    `due` is the number of particles to predict for first: all at the start, none when a run
-    continues.
-    """
-    budget = engine.budget * particles.size[0]
+
+@advance_to.register(EventDriven)
+def _advance_events(engine, scene, particles, ledger, events, until, abort):
+    budget = engine.budget * scene.particles
     time = 0.0
-    event = no_contact(due, RANGE)
+    event = no_contact(events.counts[UNPREDICTED], RANGE)
+    events.counts[UNPREDICTED] = 0
     while True:
         predict_due(scene, events, event, time)
         time = next_time(events)
-        record_frames_before(recorder, scene, particles, events.flights, time)
-        if time > end or is_aborted(abort):
-            return min(time, end)
+        if time > until or is_aborted(abort):
+            return min(time, until)
         if ledger.counts[STEPS] >= budget:
             ledger.counts[EXHAUSTED] = 1
             return time
         event = process_event(scene, particles, ledger, events, time)
+
+
+@finish.register(EventDriven)
+def _finish_events(engine, scene, particles, ledger, events, time):
+    synchronise(scene, particles, events, time)
+    compact(particles)
+
+
+@copy_at.register(EventDriven)
+def _copy_between_events(engine, scene, particles, events, observer, time):
+    copy_particles_at(observer, scene, particles, events.flights, time)
 
 
 @inlined
@@ -212,34 +215,5 @@ def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
         events.due[k] = size + k - 2
     for k in range(due):
         start_flight(scene, particles, events, events.due[k], now)
-    events.alive[0] += due - 2
+    events.counts[ALIVE] += due - 2
     return compact_after_merge(scene, particles, events, due, now)
-
-
-class EventEngineState(NamedTuple):
-    """State between parts of a run; `due`, shape (1,), is how many have no prediction yet."""
-
-    events: Events
-    due: np.ndarray
-
-
-@initialize.register(EventDriven)
-def _initialize_events(engine, scene, particles):
-    events = new_events(particles)
-    due = np.empty(1, np.int64)
-    due[0] = rebuild(scene, particles, events, 0.0)
-    return EventEngineState(events, due)
-
-
-@advance_to.register(EventDriven)
-def _advance_events(engine, scene, particles, ledger, engine_state, until, abort):
-    due = engine_state.due[0]
-    engine_state.due[0] = 0
-    return run_events(
-        engine, scene, particles, ledger, engine_state.events, due, until, abort, None
-    )
-
-
-@copy_at.register(EventDriven)
-def _copy_between_events(engine, scene, particles, engine_state, recorder, time):
-    copy_particles_at(recorder, scene, particles, engine_state.events.flights, time)

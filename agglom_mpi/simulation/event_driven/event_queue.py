@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.kernels import inlined
 
 
 class EventQueue(NamedTuple):
@@ -29,18 +29,24 @@ class EventQueue(NamedTuple):
     winner: np.ndarray
 
 
-@inlined_allocating
 def new_event_queue(capacity: int) -> EventQueue:
-    """Return a queue with room for `capacity` entries, all without an event."""
+    """Return a queue with room for `capacity` entries, to be reset."""
     entries = 2
     while entries < capacity:
         entries *= 2
-    event_queue = EventQueue(np.full(2 * entries, np.inf), np.empty(2 * entries, np.uint32))
+    return EventQueue(np.empty(2 * entries), np.empty(2 * entries, np.uint32))
+
+
+@inlined
+def reset_event_queue(event_queue: EventQueue) -> None:
+    """Leave all entries without an event."""
+    entries = event_queue.winner.size // 2
     for i in range(entries):
         event_queue.winner[entries + i] = i
+        event_queue.time[entries + i] = np.inf
     for node in range(entries - 1, 0, -1):
         event_queue.winner[node] = event_queue.winner[2 * node]
-    return event_queue
+        event_queue.time[node] = np.inf
 
 
 @inlined

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined
+from agglom_mpi.kernels import inlined, not_inlined
 from agglom_mpi.simulation.event_driven.cell_crossing import schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
     MAX_ALL_PAIRS,
@@ -54,28 +54,32 @@ class Events(NamedTuple):
         Trajectories and next events; positions by cell; order of the events.
     due
         Slots of the particles to predict for after the last event, shape (capacity,).
-    alive
-        Particles present, shape (1,).
+    counts
+        Particles present, and how many of those due a new run or part of one has to predict for
+        first, shape (2,).
     """
 
     flights: Flights
     cells: Cells
     event_queue: EventQueue
     due: np.ndarray
-    alive: np.ndarray
+    counts: np.ndarray
 
 
-@inlined_allocating
-def new_events(particles):
-    """Return the state of an engine without events yet, with the room that the particles have."""
-    capacity = particles.mass.size
-    celled = particles.size[0] if capacity > MAX_ALL_PAIRS else 0
+ALIVE: Final = 0
+UNPREDICTED: Final = 1
+"""Places in `Events.counts`."""
+
+
+def new_events(count: int, capacity: int) -> Events:
+    """Return room for the events of `count` particles at first and at most `capacity`."""
+    celled = count if capacity > MAX_ALL_PAIRS else 0
     return Events(
         Flights(np.zeros(capacity, TRAJECTORY), np.zeros(capacity, NEXT_EVENT)),
         new_cells(celled, capacity),
         new_event_queue(capacity),
         np.empty(capacity, np.int64),
-        np.zeros(1, np.int64),
+        np.zeros(2, np.int64),
     )
 
 
@@ -93,7 +97,7 @@ def compact_after_merge(scene, particles, events, due, now):
 
     Returns how many are due: all after a rebuild, else `due`.
     """
-    cells, alive = events.cells, events.alive[0]
+    cells, alive = events.cells, events.counts[ALIVE]
     cost = pairs_per_prediction(alive, cells.shape[PER_AXIS], cells.shape[OVERSIZE])
     full = particles.size[0] - alive >= scene.particles
     fewer = cells.shape[PER_AXIS] > 0 and alive < cells.limit[1]
@@ -120,7 +124,7 @@ def rebuild(scene, particles, events, now):
     before = particles.size[0]
     compact(particles)
     count = particles.size[0]
-    events.alive[0] = count
+    events.counts[ALIVE] = count
     cells = events.cells
     per_axis, cost = best_cells(scene, particles, cells, count)
     cells.limit[0] = REBUILD_GAIN * (cost + PREDICTION_OVERHEAD)

@@ -78,8 +78,7 @@ BUILT_AT: Final = 2
 """Places in `NeighbourList.validity`."""
 
 
-@inlined_allocating
-def new_neighbour_list(capacity):
+def new_neighbour_list(capacity: int) -> NeighbourList:
     """Return lists for `capacity` particles, out of date; without room if they are always few."""
     listed = capacity if capacity > MAX_ALL_PAIRS else 0
     return NeighbourList(

@@ -13,8 +13,7 @@ from agglom_mpi.kernels import inlined, inlined_allocating
 from agglom_mpi.simulation.boundary import separation
 from agglom_mpi.simulation.collision import BONDED, BOUNCED, merge, resolve_contact
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to, run_to_end
-from agglom_mpi.simulation.temperature import cool_over_step
+from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to
 from agglom_mpi.simulation.time_driven.neighbours import (
     CHANGED,
     find_partners,
@@ -33,38 +32,20 @@ from agglom_mpi.simulation.time_driven.stepping import (
     is_contact,
     is_step_over,
     mark_new,
-    move_particles,
-    new_stepper_state,
-    record_frames_in_step,
     shift_apart,
 )
 
 
-@run_to_end.register(FixedSteps)
-def _fixed_steps(engine, scene, particles, ledger, abort, recorder):
-    steps = new_stepper_state(particles)
+@advance_to.register(FixedSteps)
+def _advance_fixed_steps(engine, scene, particles, ledger, steps, until, abort):
     step = scene.end_time / engine.steps
-    for index in range(engine.steps):
-        time = index * step
+    while is_step_over(steps.number[0] * step, step, until):
+        time = steps.number[0] * step
         if is_aborted(abort):
             return time
+        finish_step(scene, particles, ledger, steps)
         process_contacts_sequentially(scene, particles, ledger, steps, time)
-        record_frames_in_step(recorder, scene, particles, time, step, (index + 1) * step)
-        move_particles(scene, particles, step)
-        cool_over_step(scene.cooling, scene, particles, ledger, step)
-    return scene.end_time
-
-
-@advance_to.register(FixedSteps)
-def _advance_fixed_steps(engine, scene, particles, ledger, engine_state, until, abort):
-    step = scene.end_time / engine.steps
-    while is_step_over(engine_state, engine_state.number[0] * step, step, until) and not is_aborted(
-        abort
-    ):
-        finish_step(scene, particles, ledger, engine_state)
-        time = engine_state.number[0] * step
-        process_contacts_sequentially(scene, particles, ledger, engine_state, time)
-        begin_step(engine_state, time, step)
+        begin_step(steps, time, step)
     return until
 
 
@@ -118,35 +99,17 @@ MAX_STEPS: Final = 10_000_000
 """Steps after which a sample fails: its floor is too small for its end time."""
 
 
-@run_to_end.register(AdaptiveSteps)
-def _adaptive_steps(engine, scene, particles, ledger, abort, recorder):
-    steps = new_stepper_state(particles)
-    time = 0.0
-    while time < scene.end_time and not is_aborted(abort):
-        if ledger.counts[STEPS] >= MAX_STEPS:
-            ledger.counts[EXHAUSTED] = 1
-            break
-        step = process_contacts_simultaneously(engine, scene, particles, ledger, steps, time)
-        step = min(step, scene.end_time - time)
-        record_frames_in_step(recorder, scene, particles, time, step, time + step)
-        move_particles(scene, particles, step)
-        cool_over_step(scene.cooling, scene, particles, ledger, step)
-        time = scene.end_time if time + step >= scene.end_time else time + step
-    return time
-
-
 @advance_to.register(AdaptiveSteps)
-def _advance_adaptive_steps(engine, scene, particles, ledger, engine_state, until, abort):
-    while is_step_over(
-        engine_state, end_of_step(engine_state), engine_state.clock[STEP_LENGTH], until
-    ) and not is_aborted(abort):
+def _advance_adaptive_steps(engine, scene, particles, ledger, steps, until, abort):
+    while is_step_over(end_of_step(steps), steps.clock[STEP_LENGTH], until):
+        time = end_of_step(steps)
         if ledger.counts[STEPS] >= MAX_STEPS:
             ledger.counts[EXHAUSTED] = 1
-            return end_of_step(engine_state)
-        finish_step(scene, particles, ledger, engine_state)
-        time = end_of_step(engine_state)
-        step = process_contacts_simultaneously(engine, scene, particles, ledger, engine_state, time)
-        begin_step(engine_state, time, step)
+        if ledger.counts[EXHAUSTED] > 0 or is_aborted(abort):
+            return time
+        finish_step(scene, particles, ledger, steps)
+        step = process_contacts_simultaneously(engine, scene, particles, ledger, steps, time)
+        begin_step(steps, time, step)
     return until
 
 

@@ -1,4 +1,4 @@
-"""Parts that both published steppers share: state between steps, frames, motion.
+"""Parts that both published steppers share: state between steps, motion.
 
 Between two parts of a run a step is under way: its contacts are resolved, its motion is not done.
 """
@@ -8,17 +8,24 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined
+from agglom_mpi.kernels import inlined
 from agglom_mpi.simulation.boundary import wrapped
 from agglom_mpi.simulation.particles import PARTICLE_STEPS, STEPS
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, copy_at, initialize
+from agglom_mpi.simulation.scene import (
+    AdaptiveSteps,
+    FixedSteps,
+    begin,
+    copy_at,
+    finish,
+    new_engine_state,
+)
 from agglom_mpi.simulation.temperature import cool_over_step
 from agglom_mpi.simulation.time_driven.neighbours import (
     NeighbourList,
     mark_changed,
     new_neighbour_list,
 )
-from agglom_mpi.simulation.trajectory import copy_particles, finish_frame, next_frame_time
+from agglom_mpi.simulation.trajectory import copy_particles
 
 TIME_TOLERANCE: Final = 1e-9
 """Share of a step by which a time may miss its end and still be its end, by rounding."""
@@ -54,10 +61,8 @@ class StepperState(NamedTuple):
     number: np.ndarray
 
 
-@inlined_allocating
-def new_stepper_state(particles):
-    """Return the state of a stepper before the first step."""
-    capacity = particles.mass.size
+def new_stepper_state(capacity: int) -> StepperState:
+    """Return the state of a stepper with room for `capacity` particles."""
     return StepperState(
         np.empty(capacity, np.int64),
         np.empty(capacity),
@@ -69,9 +74,14 @@ def new_stepper_state(particles):
     )
 
 
-@initialize.register(FixedSteps, AdaptiveSteps)
-def _initialize_steps(engine, scene, particles):
-    return new_stepper_state(particles)
+@new_engine_state.register(FixedSteps, AdaptiveSteps)
+def _new_steps(engine, scene, capacity):
+    return new_stepper_state(capacity)
+
+
+@begin.register(FixedSteps, AdaptiveSteps)
+def _begin_steps(engine, scene, particles, steps):
+    return None
 
 
 @inlined
@@ -89,8 +99,8 @@ def end_of_step(steps):
 
 
 @inlined
-def is_step_over(steps, end, length, time):
-    """Whether the step under way, which ends at `end`, is over at `time`; s."""
+def is_step_over(end, length, time):
+    """Whether a step of `length` that ends at `end` is over at `time`; s."""
     return time > end + TIME_TOLERANCE * length
 
 
@@ -102,43 +112,26 @@ def finish_step(scene, particles, ledger, steps):
         cool_over_step(scene.cooling, scene, particles, ledger, steps.clock[STEP_LENGTH])
 
 
+@inlined
+def time_in_step(steps, time):
+    """Time in s from the beginning of the step under way to `time`, at most the step's length."""
+    length = steps.clock[STEP_LENGTH]
+    flight = time - steps.clock[STEP_START]
+    return length if flight > (1.0 - TIME_TOLERANCE) * length else flight
+
+
+@finish.register(FixedSteps, AdaptiveSteps)
+def _finish_steps(engine, scene, particles, ledger, steps, time):
+    step = time_in_step(steps, time)
+    move_particles(scene, particles, step)
+    cool_over_step(scene.cooling, scene, particles, ledger, step)
+
+
 @copy_at.register(FixedSteps, AdaptiveSteps)
-def _in_step(engine, scene, particles, engine_state, recorder, time):
-    length = engine_state.clock[STEP_LENGTH]
-    flight = time - engine_state.clock[STEP_START]
-    if flight > (1.0 - TIME_TOLERANCE) * length:
-        flight = length
-    copy_particles_in_step(recorder, scene, particles, flight)
-
-
-@inlined
-def record_frames_in_step(recorder, scene, particles, begin, step, end):
-    """Record the frames after `begin` and up to `end` in s, between which all move for `step` in s.
-
-    Those at `begin` are stored before: contacts come first in a step, and a run that ends at
-    `begin` has none of them.
-    """
-    if recorder is not None:
-        time = next_frame_time(recorder, scene.end_time)
-        while time <= end:
-            flight = step if time == end else min(step, time - begin)
-            record_frame_in_step(recorder, scene, particles, flight, time)
-            time = next_frame_time(recorder, scene.end_time)
-
-
-@not_inlined
-def record_frame_in_step(recorder, scene, particles, flight, time):
-    """Record the frame at `time` in s, to which all move for `flight` in s."""
-    copy_particles_in_step(recorder, scene, particles, flight)
-    finish_frame(recorder, scene, time)
-
-
-@inlined
-def copy_particles_in_step(recorder, scene, particles, flight):
-    """Copy the particles, and let the copies move for `flight` in s."""
-    copy = copy_particles(recorder, particles)
-    move_particles(scene, copy, flight)
-    cool_over_step(scene.cooling, scene, copy, recorder.ledger, flight)
+def _copy_in_step(engine, scene, particles, steps, observer, time):
+    copy, step = copy_particles(observer, particles), time_in_step(steps, time)
+    move_particles(scene, copy, step)
+    cool_over_step(scene.cooling, scene, copy, observer.ledger, step)
 
 
 @inlined
