@@ -5,13 +5,18 @@ keyed by a hash of every source that can end up in a kernel.
 """
 
 import functools
+import gc
 import hashlib
 import os
+import shutil
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
+import llvmlite.binding as ll
 import numba
 from numba.extending import overload
 
@@ -75,12 +80,25 @@ def _writable(folder: Path) -> bool:
         return False
 
 
+def _copy_folder(source: Path, target: Path) -> None:
+    """Copy a folder as a whole, if there is one and the target is not there yet."""
+    with suppress(OSError):  # the source may be closed to this user, the target there by now
+        if source.is_dir() and not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+                copy = shutil.copytree(source, Path(scratch) / "copy")
+                for folder in (copy, *filter(Path.is_dir, copy.rglob("*"))):
+                    folder.chmod(0o755)  # the read-only mode was copied, too
+                copy.rename(target)
+
+
 @functools.cache
 def cache_folder() -> Path:
     """Return the folder of the compiled kernels of exactly these sources; create it if needed.
 
     `NUMBA_CACHE_DIR` names the parent folder if set, else `XDG_CACHE_HOME` or `~/.cache`; where
-    that cannot be written, a folder of this user in the temporary directory.
+    that cannot be written, a folder of this user in the temporary directory, which begins as a copy
+    of what was compiled there before.
 
     Raises
     ------
@@ -93,6 +111,8 @@ def cache_folder() -> Path:
     parents = [Path(chosen)] if chosen else [Path(home).expanduser() / "agglom_mpi"]
     parents.append(Path(tempfile.gettempdir()) / f"agglom_mpi-{os.getuid()}")
     for parent in parents:
+        if parent is not parents[0]:
+            _copy_folder(parents[0] / key, parent / key)
         if _writable(parent / key):
             return parent / key
     raise OSError(f"no writable folder for compiled kernels, tried: {', '.join(map(str, parents))}")
@@ -104,6 +124,35 @@ def kernel(function: F) -> F:
         _CONFIG.CACHE_DIR = str(cache_folder())
     compiled: F = numba.njit(**_KERNEL)(function)
     return compiled
+
+
+def runs_compiled() -> bool:
+    """Return whether kernels are compiled, not run as plain Python to be debugged."""
+    return not _CONFIG.DISABLE_JIT
+
+
+def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> None:
+    """Compile a kernel for arguments like these, or load it from the cache, and do not run it.
+
+    No reference cycles are looked for meanwhile, which takes a tenth of the time of a compiler.
+    """
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def code_key(sources: Iterable[Path]) -> str:
+    """Return what Numba keeps the machine code of kernels in these files apart by, as text.
+
+    That is its version, the processor, and the times at which the files were changed.
+    """
+    target = ll.get_host_cpu_name(), ll.get_host_cpu_features().flatten()
+    changed = [path.stat().st_mtime_ns for path in sources]
+    return f"{numba.__version__} {sys.version_info[:2]} {target} {changed}"
 
 
 def inlined(function: F) -> F:

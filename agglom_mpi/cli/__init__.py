@@ -12,6 +12,7 @@ from agglom_mpi.version import __version__
 COMMANDS: Final = {
     "accuracy": "Measure error against run time, with figures and tables",
     "check": "Validate a campaign, or verify a campaign file",
+    "compile": "Compile the simulation of campaigns ahead of their runs",
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
     "export": "Write a compact copy, CSV tables or files for ParaView",
     "plan": "Estimate run time for different numbers of ranks",
@@ -52,7 +53,7 @@ def main() -> None:
 
 def agglom() -> None:
     """Run `agglom`."""
-    launch(main, simulates=sys.argv[1:2] == ["accuracy"])
+    launch(main, simulates=sys.argv[1:2] in (["accuracy"], ["compile"]))
 
 
 def invert() -> None:

@@ -12,6 +12,7 @@ import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register t
 from agglom_mpi import outcome as result
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.sample import Outcome, simulate_scene
@@ -52,6 +53,7 @@ def simulate(
     scene = campaign.scene.build(vector, engine)
     frames = None if times is None else new_frames(times, scene.particles)
     random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
+    ensure_compiled(scene, frames is not None)
     begin = time.perf_counter()
     record, particles = simulate_scene(scene, random, frames=frames)
     seconds = time.perf_counter() - begin

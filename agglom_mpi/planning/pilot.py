@@ -41,8 +41,8 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
         If no sample is complete within the time.
     """
     runner = SampleRunner(InversionExperiment(campaign), 0)
-    show("loading or compiling the simulation")
-    runner.warm_up()
+    show("loading the simulation")
+    runner.warm_up(show)
     # A timer thread, because a single sample may take longer than the time limit.
     alarm = Timer(seconds, runner.abort_flag.stop)
     alarm.start()

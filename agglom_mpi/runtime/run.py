@@ -257,7 +257,7 @@ def run_leg(
     with display:
         _announce(display, request, ranks, database, coordinator.inversion)
         runner = SampleRunner(request.experiment, 0)
-        warm_up(runner, world)
+        warm_up(runner, world, display.message)
         nodes = find_nodes(world).number
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
@@ -283,13 +283,20 @@ def run_leg(
     return end, pool.missing
 
 
-def warm_up(runner: SampleRunner, world: "Intracomm | None") -> None:
-    """Compile kernels on one rank of each node, then let the others load them."""
+def warm_up(
+    runner: SampleRunner,
+    world: "Intracomm | None",
+    show: Callable[[str], None] = lambda line: None,
+) -> None:
+    """Compile kernels on one rank of each node, then let the others load them.
+
+    `show` is called with lines on what this rank compiles.
+    """
     if world is None:
-        runner.warm_up()
+        runner.warm_up(show)
         return
     if compiles_for_node(world.rank):
-        runner.warm_up()
+        runner.warm_up(show)
     wait(world.Ibarrier())
     if not compiles_for_node(world.rank):
         runner.warm_up()

@@ -3,6 +3,7 @@
 import time
 import traceback
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,9 @@ from agglom_mpi.runtime.messages import (
     RankMessage,
     failed_sample,
 )
+from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.finished import finished_sample
-from agglom_mpi.simulation.frames import Frames, frame_times, new_frames
+from agglom_mpi.simulation.frames import frame_times, new_frames
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
@@ -53,16 +55,14 @@ class SampleRunner:
         self.grains = experiment.table_sizes.grains
         self._scene: tuple[tuple[int, bytes], Scene] | None = None
 
-    def warm_up(self) -> None:
-        """Compile, or load from the cache, every kernel that samples of this experiment need."""
+    def warm_up(self, show: Callable[[str], None] = lambda line: None) -> None:
+        """Compile, or load from the cache, every kernel that samples of this experiment need.
+
+        `show` is called with lines on what is being compiled.
+        """
         for setup, parameters in self.experiment.kernel_cases():
-            scene = scene_of(setup, parameters)._replace(particles=2)
-            views: list[Frames | None] = [None]
-            if self.experiment.table_sizes.frames:  # with frames there is a kernel of its own
-                views.append(new_frames(np.zeros(1), scene.particles))
-            for frames in views:
-                random = sample_stream(0, parameters, 0)
-                simulate_scene(scene, random, np.ones(1, np.uint8), frames)
+            scene = scene_of(setup, parameters)
+            compile_kernels(scene, bool(self.experiment.table_sizes.frames), show)
 
     def begin(self, task: np.void) -> "Task":
         """Return a `TASK` record as a task of which no sample is simulated yet."""

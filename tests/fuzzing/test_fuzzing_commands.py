@@ -23,6 +23,7 @@ WORK = [
     "agglom_mpi.report.page.write_report",
     "agglom_mpi.report.paraview.write_samples",
     "agglom_mpi.runtime.run.prepare",
+    "agglom_mpi.simulation.compilation.compile_kernels",
 ]
 """Where work begins."""
 

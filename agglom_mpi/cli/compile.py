@@ -1,0 +1,30 @@
+"""`agglom compile`: compile the kernels of campaigns ahead of their runs."""
+
+import click
+
+from agglom_mpi.cli.common import examples, exit_with, say
+
+
+@click.command(epilog=examples("agglom compile jobs/accretion_2003.yaml jobs/quickstart.yaml"))
+@click.argument("campaigns", nargs=-1, required=True, metavar="CAMPAIGN.yaml...")
+@exit_with
+def compile(campaigns: tuple[str, ...]) -> int:
+    """Compile the kernels that CAMPAIGN.yaml needs, unless they are in the cache.
+
+    So that a run or the start of a container does not wait for them. They serve on processors of
+    the same kind and for the same installation; the cache may be read-only afterwards.
+    """
+    from agglom_mpi.config.loading import load_campaign
+    from agglom_mpi.formatting import format_duration
+    from agglom_mpi.kernels import cache_folder
+    from agglom_mpi.simulation.compilation import compile_kernels
+
+    loaded = [load_campaign(path) for path in campaigns]
+    for path, campaign in zip(campaigns, loaded, strict=True):
+        scene = campaign.scene.build(campaign.parameters())
+        seconds = compile_kernels(scene, True, lambda line: say(line, error=True))
+        done = f"compiled in {format_duration(seconds)}" if seconds else "compiled before"
+        say(f"{path}: {done}")
+    files = [path.stat().st_size for path in cache_folder().rglob("*") if path.is_file()]
+    say(f"{sum(files) / 2**20:.1f} MiB of kernels in {cache_folder()}")
+    return 0

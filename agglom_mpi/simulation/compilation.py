@@ -1,0 +1,184 @@
+"""Compilation of the kernels of a kind of scene, ahead of its samples and by two processes at once.
+
+A kind is the types of a scene's submodels. The engine takes most of the time of a compilation, so a
+process of its own compiles everything else meanwhile.
+"""
+
+import hashlib
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.kernels import cache_folder, code_key, compile_ahead, runs_compiled
+from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.simulation import initial_state, sample, trajectory
+from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.scene import Scene, new_engine_state
+
+PLACEMENT: Final = "placement"
+MEASUREMENT: Final = "measurement"
+ENGINE: Final = "engine"
+FRAMES: Final = "frames"
+"""Kernels of a scene; the last one is for frames at set times."""
+
+_ALL: Final = "without frames"
+
+
+def kind_of(scene: Scene) -> str:
+    """Return the names of the types that the kernels of a scene are compiled for."""
+    parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
+    return " ".join(f"{type(part).__module__}.{type(part).__name__}" for part in parts)
+
+
+def is_compiled(scene: Scene, frames: bool = False) -> bool:
+    """Return whether the kernels of a kind of scene were compiled before on this kind of machine.
+
+    With `frames`, that of frames at set times, too.
+    """
+    kinds = [_ALL, FRAMES] if frames else [_ALL]
+    return not runs_compiled() or all(mark_of(scene, what).exists() for what in kinds)
+
+
+def compile_kernels(
+    scene: Scene, frames: bool = False, show: Callable[[str], None] = lambda line: None
+) -> float:
+    """Compile the kernels of a kind of scene, or load them from the cache.
+
+    Parameters
+    ----------
+    scene
+        A scene of the kind.
+    frames
+        Whether frames at set times will be taken.
+    show
+        Called with a line on what is being compiled, where there is something.
+
+    Returns
+    -------
+    float
+        Seconds that compilation took, 0 where all is in the cache.
+    """
+    if not runs_compiled():
+        return 0.0
+    begin, together = time.perf_counter(), not is_compiled(scene)
+    names = [PLACEMENT, MEASUREMENT, ENGINE, *([FRAMES] if frames else [])]
+    is_new = {name: not is_compiled(scene, name == FRAMES) for name in names}
+    if new := [name for name in names if is_new[name]]:
+        show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
+    with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
+        for name in names:
+            if name == ENGINE:
+                finish()
+            compile_ahead(*_example(name, scene._replace(particles=1)))
+            if is_new[name]:
+                show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
+    for what in [_ALL, FRAMES] if frames else [_ALL]:
+        with suppress(OSError):  # a cache that is full may be read-only
+            mark_of(scene, what).touch()
+    return time.perf_counter() - begin if new else 0.0
+
+
+def ensure_compiled(scene: Scene, frames: bool = False) -> None:
+    """Compile the kernels of a kind of scene where they are not in the cache."""
+    kind = kind_of(scene), frames
+    if kind not in READY:
+        if not is_compiled(scene, frames):
+            compile_kernels(scene, frames)
+        READY.add(kind)
+
+
+READY: Final[set[tuple[str, bool]]] = set()
+"""Kinds of scenes, and whether with frames, that this process has found compiled."""
+
+
+def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
+    """Return a kernel and arguments of the types that it is called with."""
+    particles, ledger, initial = new_particles(scene, 1), new_ledger(), np.zeros(1, sample.INITIAL)
+    state = new_engine_state(scene.engine, scene, 1)
+    if name == ENGINE:
+        run = scene, particles, ledger, state, initial
+        return sample.run_engine, (*run, scene.end_time, np.zeros(1, np.uint8))
+    if name == MEASUREMENT:
+        out = np.zeros(1, OUTCOME)
+        return sample.measure_sample, (scene, particles, ledger, initial, scene.end_time, out)
+    if name == FRAMES:
+        observer = trajectory.new_observer(scene, 1)
+        return trajectory.observe_particles, (scene, particles, state, observer, scene.end_time)
+    random, sizes = np.random.default_rng(), initial_state.EqualSizes(2.0 * scene.radius)
+    laws, vectors = (scene.escape, scene.velocities), np.empty((2, 3, 1))
+    return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors)
+
+
+def _nothing() -> None:
+    pass
+
+
+CHILD_PROGRAM: Final = """
+import pickle, sys
+sys.path[:] = pickle.load(sys.stdin.buffer)
+from agglom_mpi.simulation.compilation import compile_for_parent
+compile_for_parent()
+"""
+
+
+@contextmanager
+def engine_compiled_elsewhere(scene: Scene) -> Iterator[Callable[[], object]]:
+    """Let another process compile the engine; gives a function that waits for its end.
+
+    Where there is one core, or no room for another process, the function does nothing, and the
+    engine is compiled here.
+    """
+    process = None
+    if len(os.sched_getaffinity(0)) > 1:
+        with suppress(OSError):  # what it was to compile is compiled here
+            process = subprocess.Popen(
+                [sys.executable, "-c", CHILD_PROGRAM],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            assert process.stdin is not None
+            process.stdin.write(pickle.dumps(sys.path) + pickle.dumps(scene))
+            process.stdin.flush()
+    try:
+        yield process.wait if process is not None else _nothing
+    finally:
+        if process is not None:
+            process.kill()
+            process.wait()
+            assert process.stdin is not None
+            with suppress(OSError):  # it may have ended before it had read all
+                process.stdin.close()
+
+
+def compile_for_parent() -> None:
+    """Compile the engine of the scene on standard input, as the other process; see above.
+
+    It ends when its parent does, however that ends: standard input is closed then.
+    """
+    scene = pickle.load(sys.stdin.buffer)
+
+    def watch() -> None:
+        sys.stdin.buffer.read()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    compile_ahead(*_example(ENGINE, scene._replace(particles=1)))
+    os._exit(0)
+
+
+def mark_of(scene: Scene, what: str) -> Path:
+    """Return the file that says that kernels of a kind of scene were compiled."""
+    sources = [Path(str(module.__file__)) for module in (initial_state, sample, trajectory)]
+    text = f"{code_key(sources)} {kind_of(scene)} {what}"
+    return cache_folder() / f"{hashlib.sha256(text.encode()).hexdigest()}.compiled"

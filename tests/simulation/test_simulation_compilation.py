@@ -1,0 +1,108 @@
+"""Kernels are compiled ahead, by two processes, and then nothing is compiled any more."""
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from processes import HANG
+from scenes import event_periodic
+
+from agglom_mpi.simulation import compilation
+from agglom_mpi.simulation.compilation import compile_kernels, ensure_compiled, is_compiled, kind_of
+from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.simulation.initial_state import scatter
+from agglom_mpi.simulation.sample import measure_sample, run_engine, simulate_scene
+from agglom_mpi.simulation.scene import EventDriven, FixedSteps
+from agglom_mpi.simulation.trajectory import observe_particles
+
+pytestmark = pytest.mark.skipif(
+    os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled then"
+)
+SCENE = event_periodic(0.9, particles=12, size_ratio=0.3, end_time=1e-4)
+KERNELS = (scatter, run_engine, measure_sample, observe_particles)
+
+
+def signatures():
+    return [list(kernel.signatures) for kernel in KERNELS]
+
+
+def test_nothing_is_compiled_after_kernels_were_compiled_ahead():
+    compile_kernels(SCENE, frames=True)
+    before = signatures()
+    assert all(before)
+    frames = new_frames(np.array([0.0, 0.5e-4, 1e-4]), SCENE.particles)
+    record, _ = simulate_scene(SCENE, np.random.default_rng(1), frames=frames)
+    assert record["state"] == 1
+    assert signatures() == before
+
+
+def test_a_kind_of_scene_is_what_its_parts_are_and_not_their_numbers():
+    other = SCENE._replace(radius=1.0, end_time=1.0, engine=EventDriven(7))
+    assert kind_of(other) == kind_of(SCENE)
+    assert kind_of(SCENE._replace(engine=FixedSteps(7))) != kind_of(SCENE)
+    laws = SCENE.laws._replace(friction=EventDriven(7))
+    assert kind_of(SCENE._replace(laws=laws)) != kind_of(SCENE)
+
+
+@pytest.fixture
+def unmarked(tmp_path, monkeypatch):
+    """Let nothing count as compiled, though machine code is in the cache."""
+    compile_kernels(SCENE, frames=True)
+    monkeypatch.setattr(compilation, "mark_of", lambda scene, what: tmp_path / what)
+    monkeypatch.setattr(compilation, "READY", set())
+    return tmp_path
+
+
+def test_what_is_compiled_is_said_and_marked(unmarked):
+    lines = []
+    assert not is_compiled(SCENE)
+    assert compile_kernels(SCENE, frames=False, show=lines.append) > 0.0
+    assert lines[0] == (
+        "compiling 3 kernels of a new kind of scene: placement, measurement, engine"
+    )
+    assert [line.split()[0] for line in lines[1:]] == ["placement", "measurement", "engine"]
+    assert is_compiled(SCENE)
+    assert not is_compiled(SCENE, frames=True)
+    compile_kernels(SCENE, frames=True, show=lines.append)
+    assert lines[4] == "compiling 1 kernel of a new kind of scene: frames"
+    assert is_compiled(SCENE, frames=True)
+    assert compile_kernels(SCENE, frames=True, show=lines.append) == 0.0
+    assert len(lines) == 6
+
+
+@pytest.mark.parametrize("child", ["raise SystemExit(3)", "import os; os.kill(os.getpid(), 9)"])
+def test_without_the_other_process_all_is_compiled_here(unmarked, monkeypatch, child):
+    monkeypatch.setattr(compilation, "CHILD_PROGRAM", child)
+    ensure_compiled(SCENE)
+    assert is_compiled(SCENE)
+
+
+def test_where_no_process_can_be_started_all_is_compiled_here(unmarked, monkeypatch):
+    def fail(*arguments, **options):
+        raise BlockingIOError("Resource temporarily unavailable")
+
+    monkeypatch.setattr(compilation.subprocess, "Popen", fail)
+    ensure_compiled(SCENE)
+    assert is_compiled(SCENE)
+
+
+def test_the_other_process_ends_with_its_parent(tmp_path):
+    """Its standard input is closed then; a cold cache keeps it busy until after that."""
+    with subprocess.Popen(
+        [sys.executable, "-c", compilation.CHILD_PROGRAM],
+        stdin=subprocess.PIPE,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+    ) as process:
+        process.stdin.write(pickle.dumps(sys.path) + pickle.dumps(SCENE))
+        process.stdin.close()
+        assert process.wait(HANG) == 1
+
+
+def test_the_other_process_compiles_the_engine(unmarked, tmp_path):
+    """Here it loads it from the cache that is there already."""
+    with compilation.engine_compiled_elsewhere(SCENE) as finish:
+        if len(os.sched_getaffinity(0)) > 1:
+            assert finish() == 0

@@ -1,0 +1,52 @@
+"""Where compiled kernels are kept."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from agglom_mpi.kernels import cache_folder, sources_digest
+
+KEY = sources_digest()[:16]
+find_folder = cache_folder.__wrapped__
+NOBODY = 65534
+
+
+@pytest.fixture
+def folders(monkeypatch):
+    """Return a chosen parent that may be read only and a temporary directory, as nobody."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as parent:  # every user may go there
+        chosen, temporary = Path(parent, "chosen"), Path(parent, "temporary")
+        (chosen / KEY / "simulation").mkdir(parents=True)
+        temporary.mkdir()
+        (chosen / KEY / "simulation" / "kernel.nbc").write_bytes(b"machine code")
+        for path in (temporary, Path(parent)):
+            path.chmod(0o777)
+        (chosen / KEY).chmod(0o555)
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(chosen))
+        monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(NOBODY)
+        yield chosen, temporary
+        if root:
+            os.seteuid(0)
+        (chosen / KEY).chmod(0o755)
+
+
+def test_what_was_compiled_into_a_read_only_folder_is_used(folders):
+    chosen, temporary = folders
+    assert not os.access(chosen / KEY, os.W_OK, effective_ids=True)
+    found = find_folder()
+    assert found.parent.parent == temporary
+    assert (found / "simulation" / "kernel.nbc").read_bytes() == b"machine code"
+    (found / "simulation" / "more.nbc").write_bytes(b"later")
+    assert find_folder() == found
+    assert (found / "simulation" / "more.nbc").exists()
+
+
+def test_a_folder_that_can_be_written_is_used_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    assert find_folder() == tmp_path / "kernels" / KEY
+    assert find_folder().is_dir()
