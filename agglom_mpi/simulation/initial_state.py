@@ -219,22 +219,45 @@ def remove_from_cell(cell, head, following, i):
 
 @inlined
 def is_free(escape, position, i, cell, head, following, sizes, half_width):
-    """Whether sphere i overlaps none of the placed ones in the cells around it."""
+    """Whether sphere i overlaps none of the placed ones in the cells around it.
+
+    What is most likely in its way comes first: the spheres of its own cell, then those of the seven
+    cells that it is nearest to.
+    """
     cells = head.shape[0]
     if not is_free_of(
         escape, position, i, head[cell[0], cell[1], cell[2]], following, sizes, half_width
     ):
         return False
-    around = min(1, cells - 1)
-    for dx in range(-around, around + 1):
-        a = wrapped_cell(cell[0] + dx, cells)
-        for dy in range(-around, around + 1):
-            b = wrapped_cell(cell[1] + dy, cells)
-            for dz in range(-around, around + 1):
-                j = head[a, b, wrapped_cell(cell[2] + dz, cells)]
-                if not is_free_of(escape, position, i, j, following, sizes, half_width):
-                    return False
+    if cells == 1:
+        return True
+    p = nearer_side(position[0, i], cell[0], cells, half_width)
+    q = nearer_side(position[1, i], cell[1], cells, half_width)
+    s = nearer_side(position[2, i], cell[2], cells, half_width)
+    for farther in range(2):
+        for dx in range(2 + farther):
+            a = wrapped_cell(cell[0] + beside(dx, p), cells)
+            for dy in range(2 + farther):
+                b = wrapped_cell(cell[1] + beside(dy, q), cells)
+                for dz in range(2 + farther):
+                    if farther == 1 and max(dx, dy, dz) < 2:
+                        continue
+                    j = head[a, b, wrapped_cell(cell[2] + beside(dz, s), cells)]
+                    if not is_free_of(escape, position, i, j, following, sizes, half_width):
+                        return False
     return True
+
+
+@inlined
+def nearer_side(coordinate, index, cells, half_width):
+    """1 where a coordinate in m is in the upper half of its cell along an axis, else −1."""
+    return 1 if (coordinate + half_width) * cells > (2 * index + 1) * half_width else -1
+
+
+@inlined
+def beside(number, side):
+    """Offset along an axis: 0, then the nearer `side`, then the other one."""
+    return 0 if number == 0 else (side if number == 1 else -side)
 
 
 @inlined

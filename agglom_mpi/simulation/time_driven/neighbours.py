@@ -95,6 +95,15 @@ def new_neighbour_list(capacity: int) -> NeighbourList:
 
 
 @inlined
+def reset_neighbour_list(neighbours):
+    """Leave the lists out of date and nothing changed, whatever run they were used in before."""
+    neighbours.drift[:] = 0.0
+    neighbours.is_changed[:] = False
+    neighbours.counts[:] = 0
+    neighbours.validity[:] = 0.0
+
+
+@inlined
 def update_neighbours(scene, particles, neighbours, time, compacted, needed):
     """Make the lists hold at `time` in s for neighbours nearer than `needed` in m, or less far.
 

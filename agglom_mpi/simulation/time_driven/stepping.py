@@ -24,6 +24,7 @@ from agglom_mpi.simulation.time_driven.neighbours import (
     NeighbourList,
     mark_changed,
     new_neighbour_list,
+    reset_neighbour_list,
 )
 from agglom_mpi.simulation.trajectory import copy_particles
 
@@ -67,10 +68,10 @@ def new_stepper_state(capacity: int) -> StepperState:
         np.empty(capacity, np.int64),
         np.empty(capacity),
         new_neighbour_list(capacity),
-        np.ones(1, np.bool_),
+        np.empty(1, np.bool_),
         np.zeros(1),
-        np.zeros(2),
-        np.zeros(1, np.int64),
+        np.empty(2),
+        np.empty(1, np.int64),
     )
 
 
@@ -81,7 +82,10 @@ def _new_steps(engine, scene, capacity):
 
 @begin.register(FixedSteps, AdaptiveSteps)
 def _begin_steps(engine, scene, particles, steps):
-    return None
+    reset_neighbour_list(steps.neighbours)
+    steps.merged[0] = True
+    steps.clock[:] = 0.0
+    steps.number[0] = 0
 
 
 @inlined
