@@ -55,7 +55,11 @@ _ALLOCATING: Final[dict[str, Any]] = {
 }
 # Without counting references to arrays, which costs more than half of the time of a short loop.
 _INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
-_DISPATCHED: Final[dict[str, Any]] = {"pipeline_class": COMPILER, "error_model": "numpy"}
+_DISPATCHED: Final[dict[str, Any]] = {
+    "pipeline_class": COMPILER,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
