@@ -280,7 +280,7 @@ def check_storage(folder: Path) -> Iterator[Finding]:
     if kind in SHARED_FILE_SYSTEMS:
         advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=/tmp/numba_$(id -u)"
     compiled = sum(1 for _ in kernels.rglob("*.nbi"))
-    state = f"{compiled} compiled" if compiled else "none compiled yet, 20 to 50 s for a new scene"
+    state = f"{compiled} compiled" if compiled else "none compiled yet, 10 to 25 s for a new scene"
     yield Finding("kernel cache", f"{kernels} ({kind}), {state}", advice)
 
 

@@ -1,16 +1,13 @@
 """Speed of the event engine, beside the steppers and beside REBOUND where that is installed.
 
 Run with `pytest tests/benchmarks/bench_event.py -m benchmark -s` (about five minutes, half of them
-REBOUND's), or one part of it with `-k gas`, `merging`, `published`, `million`, `first`, `oversize`.
+REBOUND's), or one part of it with `-k gas`, `merging`, `published`, `million`, `oversize`.
 One thread each. The engine is timed alone: placement and measuring are set aside.
 """
 
 import math
-import os
 import resource
 import statistics
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -380,34 +377,6 @@ def resident():
     """Bytes of memory in use now."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize()
-
-
-FIRST_SAMPLE = """
-import sys
-from agglom_mpi import load_campaign
-campaign = load_campaign(sys.argv[1])
-campaign.simulate(eval(sys.argv[2]), 0, "event")
-"""
-
-
-@pytest.mark.benchmark
-def test_print_the_time_to_a_first_sample(tmp_path):
-    print("\na process from its start to the end of its first sample, s")
-    widths = (22, 24, 10)
-    print_row(widths, ("job", "nothing compiled yet", "again"))
-    for job, (row, _) in ROWS.items():
-        folder = tmp_path / job
-        folder.mkdir()
-        arguments = (str(JOBS / f"{job}.yaml"), repr(named(row)))
-        cold, warm = (seconds_of_process(folder, arguments) for _ in range(2))
-        print_row(widths, (job, f"{cold:.1f}", f"{warm:.2f}"))
-
-
-def seconds_of_process(folder, arguments):
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
-    begin = time.perf_counter()
-    subprocess.run([sys.executable, "-c", FIRST_SAMPLE, *arguments], env=environment, check=True)
-    return time.perf_counter() - begin
 
 
 def around_giant(count, oversize):
