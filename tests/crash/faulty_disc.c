@@ -1,4 +1,4 @@
-/* A disc that fills up: loaded before the C library, it lets calls that take room fail.
+/* A disc that fills up, or a quota that is used up: loaded before the C library, it lets calls that take room fail.
 
    Counted are those that write to, lengthen, create, rename or sync what lies in one folder. Of the
    first write that fails half of the bytes are written, as on a disc with a little room left. */
@@ -16,15 +16,16 @@
 
 static char folder[PATH_MAX];
 static long calls, first_failure, last_failure;
-static int halved;
+static int halved, failure;
 
-/* Let the calls with the numbers from `first` to `last`, counted from 1, fail from now on. */
-void fail_calls(const char *below, long first, long last) {
+/* Let the calls from number `first` to `last`, counted from 1, fail with `error` from now on. */
+void fail_calls(const char *below, long first, long last, int error) {
     snprintf(folder, sizeof folder, "%s/", below);
     calls = 0;
     halved = 0;
     first_failure = first;
     last_failure = last;
+    failure = error;
 }
 
 long count_calls(void) { return calls; }
@@ -37,7 +38,7 @@ static int fails(void) {
     calls++;
     if (calls < first_failure || calls > last_failure)
         return 0;
-    errno = ENOSPC;
+    errno = failure;
     return 1;
 }
 

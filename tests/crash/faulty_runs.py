@@ -4,6 +4,7 @@ The disc is `faulty_disc.c`. Imports and kernels are loaded once, so that a run 
 """
 
 import ctypes
+import errno
 import json
 import os
 import shutil
@@ -48,15 +49,16 @@ def compiled(folder):
 def faulty_runs(library, campaign):
     """Yield a function that runs `agglom-invert` in a folder, with calls that fail.
 
-    Its arguments are the folder, the numbers of the first and the last call that fails, and the
-    words of the command. The kernels that it needs are those of `campaign`.
+    Its arguments are the folder, the numbers of the first and the last call that fails, the words
+    of the command, and the error number. The kernels that it needs are those of `campaign`.
     """
     env = environment(Path(__file__).parents[1] / "helpers", LD_PRELOAD=str(library))
     command = [sys.executable, __file__, campaign.parent, campaign.name]
     with program(command, env=env, stdin=subprocess.PIPE) as server:
 
-        def run(folder, first, last, *arguments):
-            job = {"folder": str(folder), "calls": [first, last], "arguments": arguments}
+        def run(folder, first, last, *arguments, error=errno.ENOSPC):
+            calls = [first, last, error]
+            job = {"folder": str(folder), "calls": calls, "arguments": arguments}
             server.stdin.write(json.dumps(job) + "\n")
             server.stdin.flush()
             code = server.stdout.readline()

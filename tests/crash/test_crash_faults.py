@@ -1,8 +1,10 @@
-"""A disc that is full from any call on, or at one call alone: one message, a whole file, a resume.
+"""A disc that is full or a quota that is used up, at any call: one message, a whole file, a resume.
 
 `pytest tests/crash/test_crash_faults.py --many 500` lets each of the first 500 calls fail.
 """
 
+import errno
+import os
 import shutil
 
 import pytest
@@ -41,19 +43,20 @@ def run_faulty(starts):
 
 
 def failures(calls, many):
-    """Yield the first and the last call that fails: from one on all of them, or it alone."""
+    """Yield the first and the last call that fails, and how: all from one on, or it alone."""
     step = max(1, calls // (many or calls // SHARE))
     for index, first in enumerate(range(1, calls + 1, step)):
-        yield first, first if index % 2 else FOREVER
+        error = errno.EDQUOT if index % 3 == 2 else errno.ENOSPC
+        yield first, first if index % 2 else FOREVER, error
 
 
-def check_end(done, path, before):
-    """Check what a run that began with the final rows `before` says and leaves."""
+def check_end(done, path, before, full):
+    """Check what a run that began with the final rows `before` says and leaves; `full` is why."""
     names = {each.name for each in path.parent.iterdir()}
     assert names <= {"small.yaml", "small.h5", ".small.lock"}
     if path.exists():
         assert_sound(path)
-    full, rest = "No space left on device", "everything written before is whole, run again to go on"
+    rest = "everything written before is whole, run again to go on"
     if done.code == 0:
         assert done.errors == ""
     elif done.code == 1:
@@ -70,16 +73,16 @@ def test_a_disc_that_is_full_at_any_call_leaves_a_whole_file(
     starts, run_faulty, tmp_path, case, request
 ):
     start, wanted, codes = starts / f"{case}.h5", decisions(starts / "finished.h5"), []
-    for first, last in failures(CALLS[case], request.config.getoption("--many")):
+    for first, last, error in failures(CALLS[case], request.config.getoption("--many")):
         folder = tmp_path / f"call-{first}"
         folder.mkdir()
         shutil.copy(starts / "small.yaml", folder)
         path = folder / "small.h5"
         if start.exists():
             shutil.copy(start, path)
-        done = run_faulty(folder, first, last, "small.yaml", "-q")
+        done = run_faulty(folder, first, last, "small.yaml", "-q", error=error)
         assert done.code in ((1, 2) if first not in LOCKING else (0, 1, 2)), first
-        check_end(done, path, final_rows(start))
+        check_end(done, path, final_rows(start), os.strerror(error))
         rows = final_rows(path)
         finish(folder, "small.yaml")
         now = final_rows(path)
