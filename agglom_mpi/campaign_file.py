@@ -215,8 +215,8 @@ class CampaignFile(CampaignData):
     def plot_cloud(self, string: int | None = None, figure: Any = None) -> Any:
         """Draw the particles of a sample at successive times ([B] fig. 5).
 
-        Frames that are not stored are resimulated; the first time, the kind of scene is compiled,
-        which takes 20 s or more.
+        Frames that are not stored are resimulated; the first time on a machine, the kind of scene
+        is compiled, which takes 10 s or more, and 3 s where campaigns of it were run.
 
         Parameters
         ----------

@@ -279,7 +279,7 @@ class Campaign:
         frames
             Number of frames of the particles to record, evenly spaced from 0 to the end time, or
             their times in s, ascending; recording does not change the outcome. The first use in a
-            kind of scene compiles its kernels anew.
+            kind of scene compiles a small kernel more.
 
         Returns
         -------

@@ -43,7 +43,7 @@ WIDE: Final = 8.0
 
 RESIMULATION_MESSAGE: Final = (
     "simulating the best string again for pictures of its particles, which are not stored; the "
-    "first time, its kind of scene is compiled"
+    "first time on a machine, its kind of scene is compiled"
 )
 
 
