@@ -226,7 +226,7 @@ def carry_to_end(
     else:
         end = run_with_frames(run, abort, frames)
     measure_sample(scene, particles, ledger, initial, end, out)
-    if frames is not None and out["state"][0] == result.COMPLETED:
+    if frames is not None and out["state"][0] == result.COMPLETED and end >= scene.end_time:
         for f in np.flatnonzero(frames.times >= scene.end_time).tolist():
             store_frame(frames, f, scene, particles)
     return ledger
@@ -263,6 +263,8 @@ def run_with_frames(
             reached = run_engine(*run, time, abort)
             if reached < time:
                 return float(reached)
+            if abort[0]:
+                break
             observer.drift[:] = initial["drift"][0]
             observe_particles(scene, particles, engine_state, observer, time)
         store_frame(frames, f, scene, observer.copy if time > 0.0 else particles)

@@ -168,7 +168,7 @@ KILLED_WHILE_COMPILING = """
 import os, signal
 import agglom_mpi.runtime.sample_runner as simulator
 
-def warm_up(self):
+def warm_up(self, show=None):
     os.kill(os.getpid(), signal.SIGKILL)
 
 simulator.SampleRunner.warm_up = warm_up
