@@ -1,6 +1,7 @@
 """A disc that is full or a quota that is used up, at any call: one message, a whole file, a resume.
 
-`pytest tests/crash/test_crash_faults.py --many 500` lets each of the first 500 calls fail.
+`pytest tests/crash/test_crash_faults.py --many 500` lets each of the first 500 calls fail, once by
+itself and once with all that follow it.
 """
 
 import errno
@@ -43,11 +44,12 @@ def run_faulty(starts):
 
 
 def failures(calls, many):
-    """Yield the first and the last call that fails, and how: all from one on, or it alone."""
+    """Yield the first and the last call that fails, with the error: it alone, then all from it."""
     step = max(1, calls // (many or calls // SHARE))
     for index, first in enumerate(range(1, calls + 1, step)):
         error = errno.EDQUOT if index % 3 == 2 else errno.ENOSPC
-        yield first, first if index % 2 else FOREVER, error
+        yield first, first, error
+        yield first, FOREVER, error
 
 
 def check_end(done, path, before, full):
@@ -74,7 +76,7 @@ def test_a_disc_that_is_full_at_any_call_leaves_a_whole_file(
 ):
     start, wanted, codes = starts / f"{case}.h5", decisions(starts / "finished.h5"), []
     for first, last, error in failures(CALLS[case], request.config.getoption("--many")):
-        folder = tmp_path / f"call-{first}"
+        folder = tmp_path / f"call-{first}-{last}"
         folder.mkdir()
         shutil.copy(starts / "small.yaml", folder)
         path = folder / "small.h5"
@@ -84,7 +86,7 @@ def test_a_disc_that_is_full_at_any_call_leaves_a_whole_file(
         assert done.code in ((1, 2) if first not in LOCKING else (0, 1, 2)), first
         check_end(done, path, final_rows(start), os.strerror(error))
         rows = final_rows(path)
-        finish(folder, "small.yaml")
+        finish(folder, "small.yaml", "-q")
         now = final_rows(path)
         assert [key for key, row in rows.items() if now[key] != row] == []
         assert_same(path, wanted)
