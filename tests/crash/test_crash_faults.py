@@ -13,8 +13,8 @@ from campaign_runs import assert_same, assert_sound, decisions, finish, write_ca
 from crash_rows import final_rows
 from faulty_runs import FOREVER, compiled, faulty_runs
 
-NUMBERS = {"generations": 4, "max_samples": 12, "population": 8, "parents": 2}
-"""Of a campaign with so few samples that a run takes a moment."""
+NUMBERS = {"particles": 10, "generations": 4, "max_samples": 12, "population": 8, "parents": 2}
+"""Of a campaign with so few samples, and particles, that a run takes a moment."""
 CALLS = {"begun": 500, "enlarged": 100}
 """Calls that take room and are let fail: of a run that begins, and of one whose file grows."""
 SHARE = 20
