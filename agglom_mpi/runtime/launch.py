@@ -1,19 +1,15 @@
 """The MPI world, if there is one, its nodes, and who writes the campaign file."""
 
 import os
-import socket
 import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import h5py
-import numpy as np
 
 from agglom_mpi.errors import UserError
-from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import launched_size
-from agglom_mpi.runtime.file_setup import OutputError, sources_digest
-from agglom_mpi.version import __version__
+from agglom_mpi.runtime.file_setup import OutputError
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -55,41 +51,6 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
             "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
         )
     return world
-
-
-PROGRAM: Final = "S256"
-"""Version, digest of the sources and host of a rank, the first message of every version."""
-
-
-def check_programs(world: "Intracomm | None") -> None:
-    """Tell rank 0 which program each rank runs; collective, before anything else is sent.
-
-    Raises
-    ------
-    LaunchError
-        On rank 0, if a rank runs another version, or other sources that decide results.
-    """
-    if world is None:
-        return
-    own = " ".join([__version__, sources_digest(), socket.gethostname()])
-    programs = np.zeros(world.size if world.rank == 0 else 0, PROGRAM)
-    world.Gather(np.array([own.encode()], PROGRAM).view("u1"), programs.view("u1"), root=0)
-    if world.rank == 0:
-        refuse_others([program.decode(errors="replace") for program in programs.tolist()])
-
-
-def refuse_others(programs: list[str]) -> None:
-    """Raise a LaunchError unless all ranks run the program of rank 0: `VERSION DIGEST HOST`."""
-    version, digest, _ = programs[0].split(" ", 2)
-    others = [i for i, each in enumerate(programs) if each.split(" ", 2)[:2] != [version, digest]]
-    if others:
-        their, sources, host = programs[others[0]].split(" ", 2)
-        more = f", and {pluralise(len(others) - 1, 'more rank')}" if others[1:] else ""
-        raise LaunchError(
-            f"rank {others[0]} on {host}{more} runs another agglom_mpi, {their} with the sources "
-            f"{sources[:12]}, than rank 0, {version} with the sources {digest[:12]}; all ranks of "
-            "a job need the same"
-        )
 
 
 GATHERED: Final = "gathered"

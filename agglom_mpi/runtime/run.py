@@ -29,9 +29,15 @@ from agglom_mpi.runtime.file_setup import (
 from agglom_mpi.runtime.launch import (
     PARALLEL,
     Nodes,
-    check_programs,
     choose_database,
     find_nodes,
+)
+from agglom_mpi.runtime.programs import (
+    MixedJobError,
+    Start,
+    check_programs,
+    own_program,
+    receive_start,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
@@ -143,7 +149,12 @@ def run_worker(world: "Intracomm") -> int:
     """Run a rank other than 0; return the exit code that rank 0 sends."""
     ignore_signals()
     check_programs(world)
-    code, experiment, path = world.bcast(None, root=0)
+    try:
+        _, code, experiment, path = receive_start(world)
+    except MixedJobError as error:
+        print(error_text(error), file=sys.stderr, flush=True)
+        end_job(world, error.exit_code)
+        return error.exit_code
     if experiment is None:
         return int(code)
     runner = SampleRunner(experiment, world.rank)
@@ -176,7 +187,7 @@ def broadcast_start(
     With a `path` they write their samples there themselves.
     """
     if world is not None:
-        world.bcast((code, experiment, path), root=0)
+        world.bcast(tuple(Start(own_program(), code, experiment, path)), root=0)
 
 
 def run_rank_zero(
@@ -190,7 +201,7 @@ def run_rank_zero(
     stop.listen()
     with ExitStack() as stack:
         try:
-            check_programs(world)
+            check_programs(world, display.message)
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)
@@ -200,6 +211,8 @@ def run_rank_zero(
         except (UserError, OSError) as error:
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
             display.error(error_text(error))
+            if isinstance(error, MixedJobError) and world is not None:
+                end_job(world, code)
             broadcast_start(world, code)
             return code
         try:

@@ -1,11 +1,13 @@
 """Ranks of one job that do not run the same program."""
 
+import sys
+
 import pytest
-from campaign_runs import inject, invert, need_mpirun, write_campaign
+from campaign_runs import environment, inject, invert, need_mpirun, write_campaign
 from mpi_injections import RANK
+from processes import output_of, program
 
 from agglom_mpi.errors import BAD_INPUT
-from agglom_mpi.runtime.launch import LaunchError, refuse_others
 from agglom_mpi.version import __version__
 
 OLD_VERSION = f"""{RANK}
@@ -21,6 +23,24 @@ import agglom_mpi.runtime.file_setup as file_setup
 if rank == "1":
     file_setup.sources_digest = lambda: 64 * "f"
 """
+
+IMPATIENT = """
+import agglom_mpi.runtime.programs as programs
+
+programs.NOTED_AFTER, programs.GIVEN_UP_AFTER = 0.1, 0.5
+"""
+
+SAYS_NOTHING = "from mpi4py import MPI; MPI.COMM_WORLD.bcast(None, root=0)"
+"""As ranks of versions that did not say what they are: they wait for what to do."""
+
+SENDS_AN_OLD_START = """
+from time import sleep
+from mpi4py import MPI
+
+MPI.COMM_WORLD.bcast((0, ["an experiment"], None), root=0)
+sleep(600.0)
+"""
+"""As rank 0 of such versions."""
 
 
 @pytest.mark.parametrize(
@@ -46,8 +66,33 @@ def test_a_rank_of_another_program_is_refused_before_anything_is_written(tmp_pat
     assert not (tmp_path / "small.h5").exists()
 
 
-def test_many_other_ranks_are_counted():
-    programs = ["1.0 abc node0"] * 2 + ["1.1 abc node1"] * 5000
-    with pytest.raises(LaunchError, match=r"rank 2 on node1, and 4999 more ranks .* 1\.1 .* 1\.0"):
-        refuse_others(programs)
-    refuse_others(["1.0 abc node0", "1.0 abc node 1"])
+def mixed_job(folder, *programs):
+    """Exit code and standard error of a job whose ranks run these programs."""
+    need_mpirun()
+    write_campaign(folder / "small.yaml")
+    words = [word for each in programs for word in (":", "-n", "1", *each)]
+    env = environment(inject(folder / "inject", IMPATIENT))
+    with program(["mpirun", *words[1:]], cwd=folder, env=env) as process:
+        _, errors = output_of(process)
+    assert "Traceback" not in errors
+    assert not (folder / "small.h5").exists()
+    return process.returncode, errors
+
+
+INVERT = "agglom-invert", "small.yaml"
+
+
+def test_ranks_that_do_not_say_what_they_are_end_the_job(tmp_path):
+    silent = sys.executable, "-c", SAYS_NOTHING
+    code, errors = mixed_job(tmp_path, INVERT, silent, INVERT, silent)
+    assert code == BAD_INPUT
+    noted, ended = errors.splitlines()[:2]
+    assert noted == "waiting for the first message from rank 1, 3"
+    assert ended.startswith("no first message from rank 1, 3 in 500 ms: another program")
+
+
+@pytest.mark.slow
+def test_a_rank_zero_that_does_not_ask_is_refused_by_the_others(tmp_path):
+    code, errors = mixed_job(tmp_path, (sys.executable, "-c", SENDS_AN_OLD_START), INVERT)
+    assert code == BAD_INPUT
+    assert errors.startswith("rank 0 runs another program (TypeError: ")
