@@ -4,6 +4,7 @@ import json
 import shutil
 import signal
 import sys
+import time
 from collections import Counter
 
 import flipped_bits
@@ -30,7 +31,7 @@ ASKED = [
     "agglom-invert tiny.yaml -o X --generations 2 --quiet",
 ]
 BATCH = 100
-"""Altered files that one process sees."""
+"""Files that one process sees."""
 
 
 @pytest.fixture
@@ -61,9 +62,12 @@ def clear(folder):
             path.unlink()
 
 
-def codes_of_altered_files(work, sound, count, number):
-    """Exit codes that commands gave for `count` altered files; asserts what holds of each."""
-    codes = set()
+def ends_of_altered_files(work, sound, count, number):
+    """Exit codes and processor times in s of commands for `count` altered files.
+
+    Asserts what holds of each.
+    """
+    ends = []
 
     @seed(number)
     @settings(max_examples=count, database=None, phases=PHASES)
@@ -73,48 +77,59 @@ def codes_of_altered_files(work, sound, count, number):
         (work.folder / "x.h5").write_bytes(sound)
         alter(data.draw, work.folder / "x.h5")
         line = data.draw(st.sampled_from(ASKED))
+        begun = time.process_time()
         ended = work.run(*line.replace("X", "x.h5").split())
-        codes.add(ended.code)
+        ends.append((ended.code, time.process_time() - begun))
         if ended.code != FINISHED:
             # Of a sample that is simulated again, it is said that it fails or differs.
             assert "x.h5" in ended.errors + ended.said or line.startswith("agglom simulate")
 
     attack()
-    return sorted(codes)
+    return ends
+
+
+def batches(count):
+    """Return the numbers of files that one process after the other sees."""
+    return [min(BATCH, count - done) for done in range(0, count, BATCH)]
 
 
 @pytest.mark.slow
 def test_an_altered_file_is_shown_or_refused_in_words(work, cases):
     sound = (work.folder / "tiny.h5").read_bytes()
     # A process that has read thousands of them crashes at last, far from what did the damage.
-    batches = [min(BATCH, cases(300) - done) for done in range(0, cases(300), BATCH)]
-    codes = {
-        code
-        for number, count in enumerate(batches)
-        for code in called_in_child(codes_of_altered_files, work, sound, count, number)
-    }
-    assert {FINISHED, FAILURE} <= codes
+    ends = [
+        end
+        for number, count in enumerate(batches(cases(300)))
+        for end in called_in_child(ends_of_altered_files, work, sound, count, number)
+    ]
+    codes = Counter(code for code, _ in ends)
+    slowest = max(seconds for _, seconds in ends)
+    print(f"{len(ends)} altered files, by exit code {dict(codes)}, the slowest {slowest:.2f} s")
+    assert {FINISHED, FAILURE} <= codes.keys()
     assert (work.folder / "tiny.h5").read_bytes() == sound
 
 
 @pytest.mark.slow
 def test_a_file_with_flipped_bits_is_read_or_refused_in_words(tiny_folder, tmp_path, cases):
-    path = tmp_path / "flipped.h5"
-    shutil.copy(tiny_folder / "tiny.h5", path)
-    chance, count = np.random.default_rng(11), cases(300)
+    path, listed = tmp_path / "flipped.h5", tmp_path / "flips.json"
+    content = (tiny_folder / "tiny.h5").read_bytes()
     # The rest is holes, and rows that are not there.
-    places = np.flatnonzero(np.frombuffer(path.read_bytes(), np.uint8))
-    flips = [
-        [(int(place), int(chance.integers(8))) for place in chance.choice(places, number)]
-        for number in chance.integers(1, 9, count)
-    ]
-    (tmp_path / "flips.json").write_text(json.dumps(flips))
-    with program([sys.executable, flipped_bits.__file__, path, tmp_path / "flips.json"]) as process:
-        said, errors = output_of(process)
-    assert process.returncode == 0, errors
-    found = Counter(json.loads(said))
+    places = np.flatnonzero(np.frombuffer(content, np.uint8))
+    chance, found = np.random.default_rng(11), Counter()
+    for count in batches(cases(300)):
+        flips = [
+            [(int(place), int(chance.integers(8))) for place in chance.choice(places, number)]
+            for number in chance.integers(1, 9, count)
+        ]
+        listed.write_text(json.dumps(flips))
+        path.write_bytes(content)
+        with program([sys.executable, flipped_bits.__file__, path, listed]) as process:
+            said, errors = output_of(process)
+        assert process.returncode == 0, errors
+        found.update(json.loads(said))
+    print(f"{found.total()} files with flipped bits, by exit code or signal {dict(found)}")
     # Some damage makes HDF5 itself crash or never end, and nothing above it can catch that.
     ends = (signal.SIGSEGV, signal.SIGABRT, signal.SIGPROF)
     crashed = sum(found.pop(-number, 0) for number in ends)
     assert set(found) == {SOUND, REFUSED}
-    assert 100 * crashed <= count
+    assert 100 * crashed <= cases(300)
