@@ -137,6 +137,10 @@ def examples(*commands: str) -> str:
     return "\n  ".join([f"\b\n{heading}", *commands])  # \b: click does not wrap what follows
 
 
+LONGEST_DURATION: Final = 1e9
+"""Seconds that can be asked for: 30 years, and less than what waits and timers take."""
+
+
 def read_duration(
     context: click.Context, parameter: click.Parameter, text: str | None
 ) -> float | None:
@@ -158,7 +162,7 @@ def read_duration(
         seconds += 86400.0 * float(days or 0)
     except ValueError:
         seconds = -1.0
-    if not 0.0 < seconds < float("inf"):
+    if not 0.0 < seconds <= LONGEST_DURATION:
         raise click.BadParameter(
             f"{text!r} is no duration; allowed: 90, 90s, 30m, 2h, 1:30:00, 1-12:00:00"
         )

@@ -4,16 +4,26 @@ from typing import Any, Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, GENERATIONS, JSON, examples, exit_with, say
+from agglom_mpi.cli.common import (
+    ALLOW_CODE,
+    GENERATIONS,
+    JSON,
+    examples,
+    exit_with,
+    read_duration,
+    say,
+)
 from agglom_mpi.errors import FAILURE
 
 MOST_RANKS: Final = 10**6
+MOST_DIGITS: Final = 18
+"""Of a number of ranks; Python refuses to read some thousand."""
 
 
 def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, ...]:
     """Return the numbers of ranks of a text like `1,10,100`."""
     words = [word.strip() for word in text.split(",")]
-    counts = [int(word) if word.isdecimal() else 0 for word in words]
+    counts = [int(word) if word.isdecimal() and len(word) <= MOST_DIGITS else 0 for word in words]
     if not all(1 <= count <= MOST_RANKS for count in counts):
         allowed = f"allowed: numbers from 1 to {MOST_RANKS} like 1,10,100"
         raise click.BadParameter(f"{text!r} is no list of numbers of ranks; {allowed}")
@@ -43,10 +53,11 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0.0, min_open=True),
-    default=20.0,
+    callback=read_duration,
+    default="20",
     show_default=True,
-    help="Time to spend on pilot samples, in s.",
+    metavar="TIME",
+    help="Time to spend on pilot samples, in s or like 5m.",
 )
 @GENERATIONS
 @ALLOW_CODE

@@ -9,6 +9,16 @@ from agglom_mpi.config.user_function import read_function
 from agglom_mpi.config.yaml_source import MAX_BYTES, CampaignError, read_text
 
 
+@pytest.mark.parametrize("value", ["9" * 5000, "1" + 30 * "0", "nan", "inf"])
+@pytest.mark.parametrize(
+    ("option", "allowed"), [("--ranks", "numbers from 1 to 1000000"), ("--seconds", "90s, 30m")]
+)
+def test_a_plan_has_limits_however_they_are_written(agglom, option, allowed, value):
+    done = agglom("plan", "tiny.yaml", option, value)
+    assert done.exit_code == 2
+    assert f"allowed: {allowed}" in done.stderr.replace("90, ", "")
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -39,7 +39,23 @@ def test_no_walltime_is_none():
 
 @pytest.mark.parametrize(
     "text",
-    ["", "soon", "0", "-5", "1d", "1:2:3:4", "5:", "-", "1-", "1-1-1", "nan", "inf", "30 min", "m"],
+    [
+        "",
+        "soon",
+        "0",
+        "-5",
+        "1d",
+        "1:2:3:4",
+        "5:",
+        "-",
+        "1-",
+        "1-1-1",
+        "nan",
+        "inf",
+        "30 min",
+        "m",
+        "1e300h",
+    ],
 )
 def test_nonsense_is_no_walltime(text):
     with pytest.raises(click.BadParameter, match=r"allowed: 90, 90s, 30m"):
