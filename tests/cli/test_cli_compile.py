@@ -22,3 +22,14 @@ def test_a_campaign_is_compiled_once(agglom, tiny_folder):
 def test_a_mistake_is_found_before_anything_is_compiled(mistaken, monkeypatch):
     monkeypatch.setattr(compilation, "compile_kernels", None)
     assert "missing.yaml" in mistaken("compile", "tiny.yaml", "missing.yaml")
+
+
+def test_a_campaign_with_code_is_compiled_without_running_it(agglom, tiny_folder, tmp_path):
+    text = (tiny_folder / "tiny.yaml").read_text()
+    law = "objective: {law: function, call: own:worth}\n"
+    path = tmp_path / "own.yaml"
+    path.write_text(re.sub(r"objective: .*\n", law, text))
+    (tmp_path / "own.py").write_text("raise SystemExit('executed')\n")
+    done = agglom("compile", path)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"{path}: compiled")
