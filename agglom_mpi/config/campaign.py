@@ -199,6 +199,23 @@ class Campaign:
         if problems:
             raise CampaignError(*problems)
 
+    def warnings(self, parameters: Mapping[str, float | str] | None = None) -> list[Problem]:
+        """Return what is unlikely in the campaign, or in one string of it; `str` of each is a line.
+
+        Parameters
+        ----------
+        parameters
+            Values of a string as for `parameters`; None: the whole search box.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown or a value impossible.
+        """
+        from agglom_mpi.config.plausibility import implausible
+
+        return implausible(self, parameters)
+
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
         if generations < 1:
@@ -377,6 +394,31 @@ class Campaign:
     def sha256(self) -> str:
         """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
+
+    def try_function(self) -> float | None:
+        """Call the objective's function with one sample from the middle of the box.
+
+        Returns
+        -------
+        float or None
+            What it returns; None if the objective is no function.
+
+        Raises
+        ------
+        CampaignError
+            If it raises, or returns something else than a finite float; or the sample fails.
+        """
+        if self.user_function is None:
+            return None
+        try:
+            return self.simulate(self.parameters()).objective
+        except RuntimeError as error:
+            message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
+            raise self.function_error(message) from error
+
+    def description(self) -> dict[str, object]:
+        """Return what `describe` says, by headings, and the identity, as plain values for JSON."""
+        return describe.as_dict(self)
 
     def describe(self) -> str:
         """Return a plain text on what would run, as `agglom check` prints it."""

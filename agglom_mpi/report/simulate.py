@@ -1,6 +1,7 @@
 """One parameter string simulated, and what `agglom simulate` prints and writes of it."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -18,6 +19,7 @@ from agglom_mpi.analysis.resimulation import (
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import require_library
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
@@ -65,6 +67,8 @@ class SimulationRequest(NamedTuple):
     allow_code: bool = False
     frames: int | None = None
     out: Path | None = None
+    strict: bool = False
+    """Whether what is unlikely in a YAML campaign is an error."""
 
 
 class SelectedString(NamedTuple):
@@ -90,8 +94,12 @@ class SelectedString(NamedTuple):
     format_version: int = 0
 
 
-def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int]:
+def simulate_string(
+    request: SimulationRequest, as_json: bool, show: Callable[[str], None] = lambda line: None
+) -> tuple[str, int]:
     """Simulate a parameter string, and return the text to print and the exit code.
+
+    `show` is called with warnings about what is unlikely in a YAML campaign.
 
     The exit code is 1 if a sample fails, or differs from the recorded one.
 
@@ -105,7 +113,12 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
     if request.out is not None:
         require_output(request.out)
         request = request._replace(sample=request.sample or 0)
-    selected = _recorded_string(request) if is_hdf5(request.source) else _set_string(request)
+    if is_hdf5(request.source):
+        selected = _recorded_string(request)
+    else:
+        selected = _set_string(request)
+        selected.campaign.check_scales(selected.parameters)
+        warn(selected.campaign.warnings(request.settings), request.strict, show)
     campaign, parameters, first, recorded, version = selected
     samples = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + sample for sample in samples]
