@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.damage import blame_damage
+from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.loading import load_campaign
@@ -79,8 +80,12 @@ def invert(options: Options, world: "Intracomm | None") -> int:
     display = Display(options.quiet)
 
     def finish(request: RunRequest) -> None:
-        if not options.quiet:
-            display.table(summary_table(read_campaign(request.path)))
+        if options.quiet:
+            return
+        file = read_campaign(request.path)
+        display.table(summary_table(file))
+        for line in run_warnings(file):
+            display.message(f"warning: {line}")
 
     return run_on_all_ranks(
         lambda: read_request(options, display.message),
