@@ -1,6 +1,7 @@
 """The result of one sample: its columns, failure reasons, summary for decisions, particles left."""
 
 import math
+from collections.abc import Mapping
 from enum import IntEnum
 from itertools import repeat
 from typing import Any, Final, NamedTuple
@@ -94,6 +95,37 @@ LEDGER: Final = (
     "overlaps",
 )
 """Columns that say how exact a sample is; near 0 if it is."""
+
+
+def same_values(one: tuple[Any, ...], other: object) -> bool:
+    """Return whether two tuples of a kind hold the same values; arrays by their elements.
+
+    nan is the same as nan, so that two runs of one sample are equal.
+    """
+    if type(one) is not type(other):
+        return False
+    return all(map(_same, one, other))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        numbers = getattr(one, "dtype", np.dtype("O")).kind in "fc"
+        return np.array_equal(one, other, equal_nan=numbers)
+    return bool(one == other) or (one != one and other != other)
+
+
+def brief(name: str, values: Mapping[str, Any]) -> str:
+    """Return values as `Name(number=1.5, array=<3 values, 1 to 2.5>)`, arrays in few words."""
+    return f"{name}({', '.join(f'{key}={_brief(value)}' for key, value in values.items())})"
+
+
+def _brief(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_brief(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, np.ndarray):
+        ends = f", {value.min():.4g} to {value.max():.4g}" if value.size else ""
+        return f"<{value.size} values{ends}>"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class SampleSummary(NamedTuple):

@@ -12,10 +12,12 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
-from agglom_mpi.analysis.estimates import Estimate
-from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
+from agglom_mpi.outcome import COMPLETED, summaries
+from agglom_mpi.search.moment_targets import MomentTargets
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -198,6 +200,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         best=[
             _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
+            | _moments(file, string)
             for string in order[:best]
         ],
         verdict=selection_bias(estimates, PairedSamples.behind(estimates, file)),
@@ -220,12 +223,31 @@ def _entry(
     return entry
 
 
+def _moments(file: CampaignData, string: int) -> dict[str, Any]:
+    """Return the `moments` that have a target of their own, of the fresh samples if there are any.
+
+    Empty where the objective has none, so that other entries are as ever.
+    """
+    law = objective_of(file)
+    if not isinstance(law, MomentTargets):
+        return {}
+    rows = file.all_sample_rows()
+    rows = rows[(rows["string"] == string) & (rows["state"] == COMPLETED)]
+    fresh = rows["sample"] >= file.fresh_from
+    used = rows["sample"] < file.samples_used.get(string, 0)
+    reached = law.reached(summaries(rows[fresh if fresh.any() else used]))
+    return {"moments": {moment.name: moment.as_dict() for moment in reached}}
+
+
 class FitWidth:
     """A renderable with as many of its columns as fit the width of the terminal."""
 
     def __init__(self, make: Callable[[int], RenderableType], most: int) -> None:
         self._make = make
         self._most = most
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement.get(console, options.update(width=_WIDE), self._make(self._most))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for count in range(self._most, 0, -1):
@@ -245,7 +267,8 @@ def summary_table(file: CampaignData) -> RenderableType:
     """
     summary = collect_summary(file)
     table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
-    return Group(table, *_footer(summary))
+    note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
+    return Group(table, *_footer(summary, note))
 
 
 def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
@@ -267,6 +290,7 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
         _add_row(table, label, best, name, style)
     if again:
         _add_estimates(table, best)
+    _add_moments(table, best)
     for name, label, style in (
         ("mean_radius_ratio", f"mean b/b0{', as searched' if again else ''}", ".4g"),
         ("growth_number", "(mean b/b0)^3", ".4g"),
@@ -294,7 +318,27 @@ def _add_estimates(table: Table, best: list[dict[str, Any]]) -> None:
         table.add_row(label, *("" if value is None else format(value, style) for value in values))
 
 
-def _footer(summary: Summary) -> list[str]:
+def _add_moments(table: Table, best: list[dict[str, Any]]) -> None:
+    """Add what was reached of each target of moments, and its share of the objective."""
+    found = [entry.get("moments", {}) for entry in best]
+    for name, first in (found[0] if found else {}).items():
+        reached = [entry[name] for entry in found]
+        table.add_row(f"{name}, wanted {first['target']:g}", *(_text(m["value"]) for m in reached))
+        table.add_row("  adds to objective", *(_text(m["miss"]) for m in reached))
+
+
+def _text(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+SEARCH_ESTIMATES: Final = (
+    "objectives as searched are of each string's own samples; the progress of a run shows the "
+    "search's estimates, which rest on more"
+)
+"""Said of a search that ranks strings by more than their own samples."""
+
+
+def _footer(summary: Summary, notes: Sequence[str] = ()) -> list[str]:
     shown = [entry["string"] for entry in summary.best]
     estimated = sum(entry["reestimate"] is not None for entry in summary.best)
     fresh = f" and {summary.samples_fresh} fresh ones" if summary.samples_fresh else ""
@@ -304,6 +348,7 @@ def _footer(summary: Summary) -> list[str]:
         f"samples used of {summary.samples_simulated} simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
         *describe_bias(summary.verdict, shown, estimated),
+        *notes,
     ]
     if summary.hit_maximum:
         lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")

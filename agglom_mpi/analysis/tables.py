@@ -1,6 +1,5 @@
 """The tables of a campaign file as pandas DataFrames."""
 
-from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -35,7 +34,7 @@ def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
     if name == "samples":
         return samples(data)
     if name == "estimates":
-        return estimates(estimates_of(data))
+        return estimates(data)
     return strings(data)
 
 
@@ -79,13 +78,18 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     return _with_units(frame, SAMPLES.fields)
 
 
-def estimates(rows: Sequence[Estimate]) -> "pd.DataFrame":
-    """Tabulate estimates on fresh samples, one row each."""
+def estimates(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate estimates on fresh samples, one row each, with the variables in use."""
+    rows = estimates_of(data)
     frame = _pandas().DataFrame(rows, columns=list(Estimate._fields))
     counts = {"string", "samples", "failed"}
     for name in frame.columns:
         frame[name] = frame[name].astype(np.int64 if name in counts else np.float64)
     units = {name: "" if name == "string" else "1" for name in frame.columns}
+    strings = [estimate.string for estimate in rows]
+    for place, name in enumerate(_used_names(data.variable_rows()), 1):
+        frame.insert(place, name, data.values(strings, name))
+        units[name] = VARIABLES[NAMES.index(name)].unit
     frame.attrs["units"] = units
     return frame
 

@@ -1,8 +1,10 @@
 """`agglom check`: validate a campaign, or verify a campaign file."""
 
+import json
+
 import click
 
-from agglom_mpi.cli.common import examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
 from agglom_mpi.storage.signature import is_hdf5
 
 
@@ -10,11 +12,16 @@ from agglom_mpi.storage.signature import is_hdf5
     epilog=examples("agglom check jobs/quickstart.yaml", "agglom check accretion_2003.h5")
 )
 @click.argument("file")
+@ALLOW_CODE
+@STRICT
+@JSON
 @exit_with
-def check(file: str) -> int:
+def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     """Validate CAMPAIGN.yaml and print what would run, or verify the contents of FILE.h5.
 
-    Verifies checksums, the agreement of all numbers, and that the stored samples lead to the stored
+    Of a campaign, warns of what is unlikely, on standard error; with --allow-code, simulates one
+    sample in the middle of the box and calls the objective's function with it. Of a file, verifies
+    checksums, the agreement of all numbers, and that the stored samples lead to the stored
     decisions of the search; also while the file is being written. Exit codes: 0 valid or sound, 1
     damaged, 2 invalid, no campaign file, or a newer format version.
     """
@@ -22,14 +29,25 @@ def check(file: str) -> int:
         from agglom_mpi.analysis.replay import check_file
 
         text, code = check_file(file)
-        say(text)
+        sound = {"file": file, "sound": code == 0, "lines": text.splitlines()}
+        say(json.dumps(sound, indent=2) if as_json else text)
         return code
     from agglom_mpi.config.loading import check_campaign
+    from agglom_mpi.config.yaml_source import warn
 
-    loaded = check_campaign(file)
+    loaded = check_campaign(file, allow_code)
     if loaded.plan is None:
         loaded.check_scales(loaded.parameters())
     else:
         loaded.check_searchable()
+    warnings = loaded.warnings()
+    warn(warnings, strict, lambda line: say(line, error=True))
+    value = loaded.try_function() if allow_code else None
+    if as_json:
+        found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
+        say(json.dumps(found if value is None else found | {"function_value": value}, indent=2))
+        return 0
     say(loaded.describe())
+    if value is not None:
+        say(f"Function\n  a sample in the middle of the box is worth {value:.6g}")
     return 0

@@ -201,6 +201,11 @@ GENERATIONS: Final = click.option(
     type=click.IntRange(1, 10**6),
     help="Maximum number of generations, instead of the campaign's.",
 )
+STRICT: Final = click.option(
+    "--strict",
+    is_flag=True,
+    help="Treat warnings about what is unlikely in the campaign as errors.",
+)
 JSON: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 MAX_WALLTIME: Final = click.option(
     "--max-walltime",

@@ -20,7 +20,7 @@ from agglom_mpi.cli.common import PATH, examples, exit_with, say
     "--csv",
     type=PATH,
     metavar="DIR",
-    help="Write strings.csv, samples.csv and generations.csv.",
+    help="Write strings.csv, samples.csv, estimates.csv and generations.csv.",
 )
 @click.option(
     "--paraview",

@@ -11,6 +11,7 @@ from agglom_mpi.cli.common import (
     GENERATIONS,
     MAX_WALLTIME,
     QUIET,
+    STRICT,
     accept_code_change,
     examples,
     run_connected,
@@ -36,6 +37,7 @@ from agglom_mpi.version import __version__
 @DATABASE
 @accept_code_change("a file")
 @ALLOW_CODE
+@STRICT
 @click.version_option(__version__)
 def invert_command(**options: Any) -> None:
     """Run the inversion that the YAML file CAMPAIGN describes, or continue it.

@@ -4,7 +4,16 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with, say
+from agglom_mpi.cli.common import (
+    ALLOW_CODE,
+    JSON,
+    PATH,
+    SETTINGS,
+    STRICT,
+    examples,
+    exit_with,
+    say,
+)
 
 
 @click.command(
@@ -38,6 +47,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     help="Directory for the figures, PNG and SVG, and the ParaView file of that sample.",
 )
 @ALLOW_CODE
+@STRICT
 @JSON
 @exit_with
 def simulate(
@@ -50,6 +60,7 @@ def simulate(
     frames: int | None,
     out: Path | None,
     allow_code: bool,
+    strict: bool,
     as_json: bool,
 ) -> int:
     """Simulate one parameter string of CAMPAIGN.yaml, or replay one recorded in FILE.h5.
@@ -72,9 +83,10 @@ def simulate(
         string=string,
         sample=sample,
         allow_code=allow_code,
+        strict=strict,
         frames=frames,
         out=out,
     )
-    text, code = simulate_string(request, as_json)
+    text, code = simulate_string(request, as_json, show=lambda line: say(line, error=True))
     say(text)
     return code

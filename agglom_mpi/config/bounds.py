@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from math import pi
 from typing import Annotated, Any, Final, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, create_model
 
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.units import quoted, to_si
 from agglom_mpi.config.validation import Section
 from agglom_mpi.config.yaml_source import FieldPath
@@ -26,6 +26,10 @@ MAX_SIZE_RATIO: Final = 0.8986
 ZERO_ALLOWED: Final = frozenset(
     {"relative_speed", "friction", "activation_energy", "reaction_heat"}
 )
+
+
+LOGARITHMIC: Final = ("log", "log10", "logarithmic")
+"""What a mapping may say of a scale, where a range should be a list."""
 
 
 class Range(NamedTuple):
@@ -62,14 +66,14 @@ def read_value(variable: Variable, value: Any) -> float:
 def read_variable(name: str, value: Any) -> float:
     """Return a value of the variable `name` in SI units; raise a ValueError if impossible."""
     if name not in NAMES:
-        close = get_close_matches(name, NAMES, n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(NAMES)}"
-        raise ValueError(f"unknown variable; {hint}")
+        raise ValueError(f"unknown variable; {suggestion(name, NAMES)}")
     return read_value(VARIABLES[NAMES.index(name)], value)
 
 
 def read_range(value: Any, variable: Variable) -> Range:
     """Return a variable's entry: one value, or [lower, upper] or [lower, upper, log]."""
+    if isinstance(value, dict):
+        raise ValueError(f"is a mapping; must be one value or a list, like {_as_list(value)}")
     if not isinstance(value, list):
         number = read_value(variable, value)
         return Range(number, number)
@@ -83,6 +87,16 @@ def read_range(value: Any, variable: Variable) -> Range:
     if logarithmic and lower <= 0.0:
         raise ValueError(f"is {quoted(value)}; without 0, to be searched by its logarithm")
     return Range(lower, upper, logarithmic)
+
+
+def _as_list(entry: dict[str, Any]) -> str:
+    """Return how the range is written that a mapping such as {range: [1, 2], scale: log} means."""
+    ends = next((list(part) for part in entry.values() if isinstance(part, list)), None)
+    if ends is None:
+        ends = [part for part in entry.values() if part not in LOGARITHMIC]
+    scale = ["log"] if any(part in LOGARITHMIC for part in entry.values()) else []
+    found = ends if len(ends) == 2 else ["lower", "upper"]
+    return f"[{', '.join(map(str, found + scale))}]"
 
 
 def _field(variable: Variable) -> Any:

@@ -26,6 +26,7 @@ from agglom_mpi.physics import scales
 from agglom_mpi.variables import COUNT, NAMES
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.estimate import StringEstimate
     from agglom_mpi.simulation.sample import Outcome
 
 
@@ -198,6 +199,23 @@ class Campaign:
         if problems:
             raise CampaignError(*problems)
 
+    def warnings(self, parameters: Mapping[str, float | str] | None = None) -> list[Problem]:
+        """Return what is unlikely in the campaign, or in one string of it; `str` of each is a line.
+
+        Parameters
+        ----------
+        parameters
+            Values of a string as for `parameters`; None: the whole search box.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown or a value impossible.
+        """
+        from agglom_mpi.config.plausibility import implausible
+
+        return implausible(self, parameters)
+
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
         if generations < 1:
@@ -294,16 +312,71 @@ class Campaign:
         """
         from agglom_mpi.config.simulate import simulate
 
-        if isinstance(parameters, Mapping):
-            string = self.parameters(parameters)
-        else:
-            string = np.asarray(parameters, dtype=np.float64)
-            if string.shape != (COUNT,):
-                message = f"have the shape {string.shape}; must be {COUNT} numbers"
-                raise CampaignError(Problem(self.name, None, "parameters", message))
+        string = self._string(parameters)
         self.check_scales(string)
         times = None if frames is None else self._frame_times(frames, string)
         return simulate(self, string, sample, self.engine(engine), times)
+
+    def estimate(
+        self,
+        parameters: Mapping[str, float | str] | npt.ArrayLike,
+        samples: int = 100,
+        engine: str | Engine | None = None,
+    ) -> "StringEstimate":
+        """Simulate samples 0, 1, … of a string; return the mean ± standard error of what they give.
+
+        Parameters
+        ----------
+        parameters, engine
+            As for `simulate`.
+        samples
+            Number of samples, at least 1. Of a single one there is no standard error.
+
+        Returns
+        -------
+        StringEstimate
+            Its `print` is that of `agglom simulate`. Samples that fail are left out and counted.
+
+        Raises
+        ------
+        CampaignError
+            If parameters, samples or engine are not possible.
+        RuntimeError
+            If all samples fail, with the reason of the first.
+
+        Examples
+        --------
+        >>> from agglom_mpi import load_campaign
+        >>> campaign = load_campaign("jobs/quickstart.yaml")
+        >>> estimate = campaign.estimate({"hardness": "67 MPa"}, samples=30)
+        >>> estimate.samples, estimate.mean_radius_ratio.error < 0.1
+        (30, True)
+        """
+        from agglom_mpi.config.estimate import estimate_of
+
+        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
+            message = f"is {samples!r}; must be a whole number of at least 1"
+            raise CampaignError(Problem(self.name, None, "samples", message))
+        string, outcomes, failures = self._string(parameters), [], []
+        for sample in range(samples):
+            try:
+                outcomes.append(self.simulate(string, sample, engine))
+            except RuntimeError as error:
+                failures.append(error)
+        if not outcomes:
+            raise failures[0]
+        return estimate_of(self, string, outcomes, len(failures))
+
+    def _string(
+        self, parameters: Mapping[str, float | str] | npt.ArrayLike
+    ) -> npt.NDArray[np.float64]:
+        if isinstance(parameters, Mapping):
+            return self.parameters(parameters)
+        string = np.asarray(parameters, dtype=np.float64)
+        if string.shape != (COUNT,):
+            message = f"have the shape {string.shape}; must be {COUNT} numbers"
+            raise CampaignError(Problem(self.name, None, "parameters", message))
+        return string
 
     def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         from agglom_mpi.simulation.frames import frame_times
@@ -321,6 +394,31 @@ class Campaign:
     def sha256(self) -> str:
         """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
+
+    def try_function(self) -> float | None:
+        """Call the objective's function with one sample from the middle of the box.
+
+        Returns
+        -------
+        float or None
+            What it returns; None if the objective is no function.
+
+        Raises
+        ------
+        CampaignError
+            If it raises, or returns something else than a finite float; or the sample fails.
+        """
+        if self.user_function is None:
+            return None
+        try:
+            return self.simulate(self.parameters()).objective
+        except RuntimeError as error:
+            message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
+            raise self.function_error(message) from error
+
+    def description(self) -> dict[str, object]:
+        """Return what `describe` says, by headings, and the identity, as plain values for JSON."""
+        return describe.as_dict(self)
 
     def describe(self) -> str:
         """Return a plain text on what would run, as `agglom check` prints it."""

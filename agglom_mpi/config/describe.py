@@ -97,6 +97,14 @@ def text(campaign: "Campaign") -> str:
     )
 
 
+def as_dict(campaign: "Campaign") -> dict[str, object]:
+    """Return the paragraphs as plain values for JSON, and what decides results."""
+    (_, run), *others = sections(campaign)
+    found: dict[str, object] = {"file": campaign.name, "title": campaign.title, "run": run}
+    found |= {heading.lower().replace(" ", "_"): lines for heading, lines in others}
+    return found | {"sha256": campaign.sha256(), "identity": campaign.identity()}
+
+
 def sections(campaign: "Campaign") -> list[Paragraph]:
     """Return headings with their lines."""
     used, left_out = submodels(campaign.scene)

@@ -41,8 +41,10 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     return _with_function(campaign, load_function)
 
 
-def check_campaign(path: str | os.PathLike[str]) -> Campaign:
-    """Read and validate a campaign file; its user function, if any, cannot be called."""
+def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
+    """Read and validate a campaign file; its user function can be called only if allowed."""
+    if allow_code:
+        return load_campaign(path, allow_code)
     name = os.fspath(path)
     campaign = _with_function(Campaign.from_text(read_text(name), name))
     function = campaign.user_function

@@ -40,6 +40,7 @@ KINDS: Final = {
 """Names of dimensions in messages, by SI unit."""
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_EXPONENT = re.compile(r"(?<=[A-Za-zµΩ°])(-?[1-9])(?![\w.])")
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
 
 
@@ -123,10 +124,11 @@ def _convert(text: str, unit: str) -> float:
 
 
 def _unit(registry: "UnitRegistry", text: str) -> Any:
+    """Return the unit of a text; in `kg/m3` and `J kg-1 K-1` a number behind a name is a power."""
     from pint.errors import UndefinedUnitError
 
     try:
-        return registry.parse_units(text)
+        return registry.parse_units(_EXPONENT.sub(r"^\1", text))
     except UndefinedUnitError as error:
         names = error.unit_names
         unknown = names if isinstance(names, str) else ", ".join(names)

@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from typing import Annotated, Any, Final, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.units import quoted
 from agglom_mpi.config.yaml_source import CampaignError, FieldPath, Problem, Source
 
@@ -99,9 +99,7 @@ def _unquoted(quoted: str) -> str:
 
 def _unknown_key(key: str, models: Models) -> str:
     allowed = [name for model in models for name in model.model_fields]
-    close = get_close_matches(key, allowed, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(allowed)}"
-    return f"unknown key '{key[:40]}'; {hint}"
+    return f"unknown key '{key[:40]}'; {suggestion(key, allowed)}"
 
 
 def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
@@ -138,8 +136,17 @@ def _tags(model: type[BaseModel]) -> tuple[str, ...]:
     return tuple(tag for field in fields if field for tag in get_args(field.annotation))
 
 
-WholeNumber = Annotated[int, Field(strict=True)]
-"""An integer that is written as one: no text, no `true`, no 100.0."""
+MAX_EXACT: Final = 2**53
+"""Largest size of a whole number up to which float64 tells it from its neighbours."""
+
+
+def _whole(value: Any) -> Any:
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT
+    return int(value) if exact else value
+
+
+WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
+"""An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
 
 Flag = Annotated[bool, Field(strict=True)]
 """`true` or `false`: no 1, no `yes`."""

@@ -3,6 +3,7 @@
 YAML 1.2, in which `1e8` is a number and `no` is a text.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -59,6 +60,14 @@ class CampaignError(UserError):
         if more := self.problems[MAX_PROBLEMS:]:
             lines.append(f"{more[0].file}: {pluralise(len(more), 'more problem')}")
         return "\n".join(lines)
+
+
+def warn(problems: Sequence[Problem], strict: bool, show: Callable[[str], None]) -> None:
+    """Show each problem as a line that begins with `warning:`; if strict, raise a CampaignError."""
+    if strict and problems:
+        raise CampaignError(*problems)
+    for problem in problems:
+        show(f"warning: {problem}")
 
 
 class MissingSearchLibraryError(CampaignError, MissingLibraryError):

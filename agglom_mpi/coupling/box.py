@@ -93,7 +93,7 @@ class Box:
         How many grains each particle is made of, shape (n,), where aggregates break; 1 if not
         given.
     particles
-        Number n, where no array says it; that of the scene if not given.
+        Number n, where no array but temperatures says it; that of the scene if not given.
     sample
         Number of the random start: what is not given is that of
         `campaign.simulate(parameters, sample)`.

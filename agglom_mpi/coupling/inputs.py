@@ -16,6 +16,8 @@ Floats = npt.NDArray[np.float64]
 
 VECTORS: Final = ("positions", "velocities")
 """Arguments with three components per particle."""
+DEFINING: Final = ("radii", "positions", "velocities")
+"""Arguments whose arrays say how many particles there are."""
 UNITS: Final = {"radii": "m", "positions": "m", "velocities": "m/s", "temperatures": "K"}
 
 
@@ -89,12 +91,15 @@ def is_distribution(value: Any) -> bool:
 def count_particles(particles: int | None, default: int, **inputs: Any) -> int:
     """Return the number of particles of a box, on which all its inputs must agree.
 
+    The argument `particles` says it, or an array of `DEFINING`; else it is that of the scene, so
+    that a list of three temperatures does not make a box of three grains.
+
     Parameters
     ----------
     particles
         The argument `particles`, if given.
     default
-        The number if no input says one.
+        The number of the scene.
     inputs
         The other inputs by name, None for those not given.
 
@@ -117,13 +122,14 @@ def count_particles(particles: int | None, default: int, **inputs: Any) -> int:
             shape = _numbers(name, values).shape
             if len(shape) == (2 if name in VECTORS else 1):
                 counts[name] = shape[0]
-    if not counts:
-        return default
-    first, count = next(iter(counts.items()))
+    said = [name for name in ("particles", *DEFINING) if name in counts]
+    first, count = (said[0], counts[said[0]]) if said else ("the scene", default)
     for name, other in counts.items():
         if other != count:
+            is_for, hint = ("for", "") if said else ("is for", f", or give particles={other}")
             raise ValueError(
-                f"{name} are for {other} particles, but {first} for {count}; must be for as many"
+                f"{name} are for {other} particles, but {first} {is_for} {count}; must be for as "
+                f"many{hint}"
             )
     if count < 1:
         raise ValueError(f"{first} are for no particle; must be for at least 1")

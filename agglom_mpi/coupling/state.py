@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.outcome import same_values
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
     CAPPED,
@@ -77,6 +78,12 @@ class State(NamedTuple):
     capped_iterations: int
     floored_temperatures: int
 
+    def __eq__(self, other: object) -> bool:
+        return same_values(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not same_values(self, other)
+
 
 class BoxParticles(NamedTuple):
     """The n particles of a box in SI units; copies, free to be changed.
@@ -100,6 +107,12 @@ class BoxParticles(NamedTuple):
     temperatures: npt.NDArray[np.float64]
     grains: npt.NDArray[np.int64]
     labels: npt.NDArray[np.int64]
+
+    def __eq__(self, other: object) -> bool:
+        return same_values(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not same_values(self, other)
 
 
 def homogenise(

@@ -6,11 +6,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
 from rich.console import RenderableType
+from rich.measure import Measurement
 
 from agglom_mpi.display.plain_console import PlainConsole
-from agglom_mpi.display.progress import Progress, format_rate, log_line
+from agglom_mpi.display.progress import Progress, best_of, format_rate, log_line
 from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
-from agglom_mpi.formatting import value_with_error
 from agglom_mpi.launcher import launched_size
 
 if TYPE_CHECKING:
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 TABLE_WIDTH: Final = 88
-"""Columns of a table of six strings, which files and pipes get in full."""
+"""Columns of a table of six strings, which files and pipes get at least."""
+WIDEST: Final = 10_000
+"""Columns of the widest table that they get in full."""
 
 LOG_INTERVAL: Final = 20.0
 """Time without a log line after which the progress is logged, s."""
@@ -37,7 +39,9 @@ def print_wide(content: RenderableType) -> None:
     if terminal is not None:
         console.width = terminal.columns
     elif not console.is_terminal:
-        console.width = max(TABLE_WIDTH, console.width)
+        options = console.options.update(width=WIDEST)
+        natural = Measurement.get(console, options, content).maximum
+        console.width = max(TABLE_WIDTH, console.width, natural)
     console.print(content, soft_wrap=terminal is None)
 
 
@@ -143,9 +147,10 @@ class Display:
 
 def generation_line(summary: "GenerationSummary", total: int, samples: int, rate: float) -> str:
     """Return the result of a generation in one line."""
-    best = value_with_error(summary.objective, summary.standard_error)
+    best = best_of(summary)
+    source = f" {best.source}" if best.source else ""
     return (
-        f"generation {summary.generation + 1}/{total}: best {best} (string {summary.best}), "
+        f"generation {summary.generation + 1}/{total}: best {best}{source}, "
         f"mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings, "
         f"{samples} samples, {format_rate(rate)}"
     )

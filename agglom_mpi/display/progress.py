@@ -10,6 +10,8 @@ from agglom_mpi.formatting import encodable, pluralise, value_with_error
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from agglom_mpi.search.decisions import GenerationSummary
+
 
 MAX_BAR_WIDTH: Final = 40
 MIN_BAR_WIDTH: Final = 8
@@ -24,6 +26,24 @@ class Best(NamedTuple):
     objective: float
     standard_error: float
     mean_of_top: float
+    estimated: bool = False
+    """Whether the objective is the search's own estimate, not that of the string's samples."""
+
+    def __str__(self) -> str:
+        """Return it as `0.0123 ± 0.0045 (string 762)`; `source` is to follow."""
+        value = value_with_error(self.objective, self.standard_error)
+        return f"{value} (string {self.string})"
+
+    @property
+    def source(self) -> str:
+        """What tells the objective from that of the table; empty if it is the same."""
+        return "as the search estimates" if self.estimated else ""
+
+
+def best_of(summary: "GenerationSummary") -> Best:
+    """Return the best string of a generation."""
+    values = summary.objective, summary.standard_error, summary.mean_of_top
+    return Best(summary.best, *values, summary.estimated)
 
 
 class Progress(NamedTuple):
@@ -89,8 +109,9 @@ def _time_phrases(progress: Progress) -> list[Phrase]:
 def _quality_phrases(progress: Progress) -> list[Phrase]:
     found: list[Phrase] = []
     if (best := progress.best) is not None:
-        value = value_with_error(best.objective, best.standard_error)
-        found.append((f"best {value} (string {best.string})", "green"))
+        found.append((f"best {best}", "green"))
+        if best.source:
+            found.append((best.source, "green"))
         if math.isfinite(best.mean_of_top):
             found.append((f"mean of top {best.mean_of_top:.3g}", ""))
     if progress.failed:

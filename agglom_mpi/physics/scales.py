@@ -1,4 +1,4 @@
-"""Scales of a scene for one parameter string: size and mass of a grain, end time.
+"""Scales of a scene for one parameter string: size and mass of a grain, end time, collisions.
 
 Values that float64 cannot calculate with are refused.
 """
@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from agglom_mpi.physics.constants import GAS_CONSTANT
+from agglom_mpi.physics.kinetic_theory import enskog_rate
 
 LIGHTEST: Final = 1e-100
 HEAVIEST: Final = 1e100
@@ -83,3 +84,33 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
         )
     gap = spacing - 2.0 * grain_radius(scene, value)
     return gap / critical_speed * math.log(0.01) / math.log(0.9)
+
+
+def speed_variance(scene: Any, value: Mapping[str, float]) -> float:
+    """Return ⟨|v − ⟨v⟩|²⟩ of the starting velocities in m²/s²; arguments as for `grain_radius`.
+
+    A uniform distribution over a width L has the variance L²/12: `uniform_x` has L = v⁰ in x alone,
+    `spread` L = 2v⁰ in x and `transverse` times that in y and z.
+    """
+    if scene.velocities.law == "uniform_x":
+        return value["relative_speed"] ** 2 / 12.0
+    width = 2.0 * value["relative_speed"]
+    return width**2 * (1.0 + 2.0 * scene.velocities.transverse**2) / 12.0
+
+
+def collision_rate(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the collisions per grain and s if all were elastic, by Enskog's theory.
+
+    ω = 4nσ²χ√(πT/m) of the equal spheres at the start, with the contact value χ of Carnahan and
+    Starling, once the starting velocities have become a Maxwellian of the same energy: T/m is a
+    third of `speed_variance`. Losses make it smaller, bonding makes it end; arguments as for
+    `grain_radius`.
+    """
+    diameter = 2.0 * grain_radius(scene, value)
+    density = value["size_ratio"] ** 3 / diameter**3
+    return enskog_rate(density, diameter, speed_variance(scene, value) / 3.0, 1.0)
+
+
+def expected_collisions(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the collisions per grain until the end time, by `collision_rate`."""
+    return collision_rate(scene, value) * end_time(scene, value)

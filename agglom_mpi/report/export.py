@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from agglom_mpi.report.paraview import FrameSelection, SelectedSample
 
-TABLES: Final = ("generations", "strings", "samples")
+TABLES: Final = ("generations", "estimates", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
 
 
@@ -98,7 +98,7 @@ def _sizes(copy: Path, original: Path) -> str:
 
 
 def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
-    """Write the three tables as CSV into a directory, and yield a line on each.
+    """Write the tables as CSV into a directory, and yield a line on each.
 
     The directory is made; no table has its name before all are complete. Numbers are written with
     as many digits as tell them apart, so that they read back to the same float64, by Python's

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Best, Progress
@@ -92,6 +93,7 @@ class FileProgress:
                 row["population"],
                 int(row["evaluations"]),
                 int(row["samples_used"]),
+                ranks_itself(self.data.identity),
             )
             for row in new
         ]
@@ -133,7 +135,8 @@ class FileProgress:
             return None
         row = self.data.generation_rows()[-1]
         names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
-        return Best(*(row[name].item() for name in names))
+        best = Best(*(row[name].item() for name in names))
+        return best._replace(estimated=ranks_itself(self.data.identity))
 
     def _in_phase(self, progress: Progress, ours: np.ndarray, elapsed: float) -> Progress:
         """Return the progress of the search or, once it is over, of the stage after it."""

@@ -1,7 +1,7 @@
 """One parameter string simulated, and what `agglom simulate` prints and writes of it."""
 
 import json
-import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -17,15 +17,13 @@ from agglom_mpi.analysis.resimulation import (
     recorded_sample,
 )
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import value_with_error
-from agglom_mpi.outcome import LEDGER
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
-from agglom_mpi.statistics import mean_of
 from agglom_mpi.storage.signature import is_hdf5
-from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -69,6 +67,8 @@ class SimulationRequest(NamedTuple):
     allow_code: bool = False
     frames: int | None = None
     out: Path | None = None
+    strict: bool = False
+    """Whether what is unlikely in a YAML campaign is an error."""
 
 
 class SelectedString(NamedTuple):
@@ -94,8 +94,12 @@ class SelectedString(NamedTuple):
     format_version: int = 0
 
 
-def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int]:
+def simulate_string(
+    request: SimulationRequest, as_json: bool, show: Callable[[str], None] = lambda line: None
+) -> tuple[str, int]:
     """Simulate a parameter string, and return the text to print and the exit code.
+
+    `show` is called with warnings about what is unlikely in a YAML campaign.
 
     The exit code is 1 if a sample fails, or differs from the recorded one.
 
@@ -109,7 +113,12 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
     if request.out is not None:
         require_output(request.out)
         request = request._replace(sample=request.sample or 0)
-    selected = _recorded_string(request) if is_hdf5(request.source) else _set_string(request)
+    if is_hdf5(request.source):
+        selected = _recorded_string(request)
+    else:
+        selected = _set_string(request)
+        selected.campaign.check_scales(selected.parameters)
+        warn(selected.campaign.warnings(request.settings), request.strict, show)
     campaign, parameters, first, recorded, version = selected
     samples = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + sample for sample in samples]
@@ -119,16 +128,19 @@ def simulate_string(request: SimulationRequest, as_json: bool) -> tuple[str, int
         outcomes = [campaign.simulate(parameters, number, engine, frames) for number in numbers]
     except RuntimeError as error:
         return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
-    report, code = _report(campaign, parameters, outcomes), 0
+    estimate, code = estimate_of(campaign, parameters, outcomes), 0
+    extra: dict[str, Any] = {}
     if campaign.user_function is not None and campaign.user_function.source is None:
-        report["note"] = OBJECTIVE_LEFT_OUT
+        extra["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
         same = is_same(recorded, outcomes[0].record, version)
-        report["replay"] = AGREEMENT[same]
+        extra["replay"] = AGREEMENT[same]
         code = 0 if same else 1
     if request.out is not None:
-        report["files"] = _write_frames(request, campaign, outcomes[0])
-    return (json.dumps(report, indent=2) if as_json else _as_text(report)), code
+        extra["files"] = _write_frames(request, campaign, outcomes[0])
+    if as_json:
+        return json.dumps(estimate.as_dict() | extra, indent=2), code
+    return _as_text(estimate, extra), code
 
 
 def _set_string(request: SimulationRequest) -> SelectedString:
@@ -161,61 +173,10 @@ def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void |
     return recorded_sample(file, request.string, request.sample)
 
 
-def _mean(values: list[float]) -> dict[str, float | None]:
-    value, error, _ = mean_of(values)
-    return {"mean": value, "standard_error": _finite(error)}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _report(
-    campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: list[Outcome]
-) -> dict[str, Any]:
-    """Return means over the outcomes, and the worst of each column of the ledger, for JSON."""
-    objective = campaign.objective.build(campaign.scene.particles)
-    ratios = [outcome.mean_radius_ratio for outcome in outcomes]
-    value, error = objective.of_ensemble([outcome.measured for outcome in outcomes])
-    measured = {
-        "mean_radius_ratio": _mean(ratios),
-        "radius_spread": _mean([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
-        "particles_left": _mean([float(outcome.particles) for outcome in outcomes]),
-        "temperature_K": _mean([float(outcome.record["mean_temperature"]) for outcome in outcomes]),
-        "collisions": _mean([float(outcome.collisions) for outcome in outcomes]),
-        "merges": _mean([float(outcome.merges) for outcome in outcomes]),
-        "breakups": _mean([float(outcome.breakups) for outcome in outcomes]),
-        "steps": _mean([float(outcome.steps) for outcome in outcomes]),
-        "seconds": _mean([outcome.seconds for outcome in outcomes]),
-    }
-    used = campaign.variables.used
-    return {
-        "parameters": {n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
-        "samples": len(outcomes),
-        "objective": {"mean": _finite(value), "standard_error": _finite(error)},
-        "measured": measured,
-        "ledger": {
-            name: max((outcome.ledger[name] for outcome in outcomes), key=abs) for name in LEDGER
-        },
-    }
-
-
-def _as_text(report: dict[str, Any]) -> str:
-    """Return a report as lines for the terminal."""
-    units = {variable.name: variable.unit for variable in VARIABLES}
-    lines = ["parameters"]
-    for name, value in report["parameters"].items():
-        unit = "" if units[name] == "1" else f" {units[name]}"
-        lines.append(f"  {name:<22}{value:.6g}{unit}")
-    lines.append(f"mean ± standard error over {report['samples']} samples")
-    for name, entry in {"objective": report["objective"], **report["measured"]}.items():
-        mean, error = (math.nan if v is None else v for v in entry.values())
-        lines.append(f"  {name:<22}{value_with_error(mean, error)}")
-    lines.append("ledger, worst sample")
-    lines.extend(f"  {name:<22}{value:.3g}" for name, value in report["ledger"].items())
-    lines.extend(report[name] for name in ("note", "replay") if name in report)
-    lines.extend(report.get("files", []))
-    return "\n".join(lines)
+def _as_text(estimate: StringEstimate, extra: dict[str, Any]) -> str:
+    """Return an estimate and what is said beside it as lines for the terminal."""
+    lines = [str(estimate), *(extra[name] for name in ("note", "replay") if name in extra)]
+    return "\n".join([*lines, *extra.get("files", [])])
 
 
 def require_output(directory: Path) -> None:

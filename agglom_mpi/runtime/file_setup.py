@@ -73,7 +73,7 @@ DECIDING: Final = (
     "analysis/warm_start.py",
 )
 """Files of the package that decide what a sample computes, and what is decided by it."""
-WORDING: Final = ("config/describe.py",)
+WORDING: Final = ("config/describe.py", "config/plausibility.py", "config/suggestions.py")
 """Files among them that only describe it."""
 _NO_MEANING: Final = ("ctx", "kind", "type_comment")
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.display.progress import Best, Progress
+from agglom_mpi.display.progress import Best, Progress, best_of
 from agglom_mpi.display.remaining_time import DurationStatistics
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.runtime.messages import storable
@@ -300,9 +300,7 @@ class RunRecorder:
 
     def _store_generation(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
-        self._best = Best(
-            summary.best, summary.objective, summary.standard_error, summary.mean_of_top
-        )
+        self._best = best_of(summary)
         if summary.generation in self._stored_generations:
             return
         self.generation_times.add(self.generation_seconds)

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.damage import blame_damage
+from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text, exhausted
@@ -65,6 +67,7 @@ class Options(NamedTuple):
     accept_code_change: bool = False
     database: str | None = None
     allow_code: bool = False
+    strict: bool = False
 
 
 class RunRequest(NamedTuple):
@@ -83,21 +86,30 @@ def invert(options: Options, world: "Intracomm | None") -> int:
     display = Display(options.quiet)
 
     def finish(request: RunRequest) -> None:
-        if not options.quiet:
-            display.table(summary_table(read_campaign(request.path)))
+        if options.quiet:
+            return
+        file = read_campaign(request.path)
+        display.table(summary_table(file))
+        for line in run_warnings(file):
+            display.message(f"warning: {line}")
 
     return run_on_all_ranks(
-        lambda: read_request(options), display, finish, world, max_walltime=options.max_walltime
+        lambda: read_request(options, display.message),
+        display,
+        finish,
+        world,
+        max_walltime=options.max_walltime,
     )
 
 
-def read_request(options: Options) -> RunRequest:
-    """Load the campaign that the options name; raise the user's mistakes."""
+def read_request(options: Options, show: Callable[[str], None] = lambda line: None) -> RunRequest:
+    """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
     campaign = load_campaign(options.campaign, options.allow_code)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     campaign.check_libraries()
+    warn(campaign.warnings(), options.strict, show)
     path = output_path(campaign, options.output)
     experiment = InversionExperiment(campaign, warm_start_strings(campaign, path))
     return RunRequest(experiment, path, options.accept_code_change, options.database)

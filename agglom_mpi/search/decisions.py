@@ -62,6 +62,8 @@ class GenerationSummary(NamedTuple):
     """Strings evaluated so far."""
     samples_used: int
     """Samples used so far, of all evaluated strings."""
+    estimated: bool = False
+    """Whether the objective is the search's own estimate, not that of the string's ensemble."""
 
 
 Decision = StringsProposed | StringEvaluated | GenerationSummary

@@ -305,6 +305,7 @@ class Inversion:
             population=np.array([string for string, *_ in ranked]),
             evaluations=len(self.results),
             samples_used=self._samples_used,
+            estimated=error is not None,
         )
 
     def _stop_reason(self, mean_of_top: float) -> str | None:

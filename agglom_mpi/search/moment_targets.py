@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives import Objective, ReachedMoment
 from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
 
 CENTRAL: Final = ("second", "third", "fourth")
@@ -105,6 +105,13 @@ class MomentTargets(Objective):
         samples = zip(*(rows[name].tolist() for name in columns), strict=True)
         return np.array([self.of_moments(mean, (m2, m3, m4)) for mean, m2, m3, m4 in samples])
 
+    def reached(self, outcomes: Sequence[SampleSummary]) -> tuple[ReachedMoment, ...]:
+        """Return each target with the moment of all samples together and its standard error."""
+        accumulator = self.accumulator()
+        for outcome in outcomes:
+            accumulator.add(outcome)
+        return accumulator.reached if outcomes else ()
+
     def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
         """Return the objective of all samples plus the first-order influence of each."""
         accumulator = self.accumulator()
@@ -147,6 +154,17 @@ class MomentAccumulator:
         if math.isinf(self.value):
             return 0.0
         return self._sums.standard_error(self._slopes(), self._pooled.central)
+
+    @property
+    def reached(self) -> tuple[ReachedMoment, ...]:
+        """Each target with its moment so far, and the standard error of that."""
+        mean, central, found = self._mean.mean, self._pooled.central, []
+        for term in self._objective.terms:
+            value, error = moment(term.name, mean, central), math.nan
+            if self._mean.count > 1 and math.isfinite(value):
+                error = self._sums.standard_error(gradient(term.name, mean, central), central)
+            found.append(ReachedMoment(*term, value, error, abs(term.deviation(value))))
+        return tuple(found)
 
     def influence_value(self, outcome: SampleSummary) -> float:
         """Return the objective of all samples plus the first-order influence of this one."""

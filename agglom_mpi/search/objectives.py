@@ -17,13 +17,46 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol, TypeVar
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.statistics import RunningMean
+
+
+class ReachedMoment(NamedTuple):
+    """A moment of the final radii that an objective has a target for, and what was reached.
+
+    Attributes
+    ----------
+    name, target, weight
+        As in the objective.
+    value, error
+        Of the samples, with its standard error; nan below two samples.
+    miss
+        Its share of the objective.
+    """
+
+    name: str
+    target: float
+    weight: float
+    value: float
+    error: float
+    miss: float
+
+    def __str__(self) -> str:
+        return (
+            f"{value_with_error(self.value, self.error)}, wanted {self.target:g}, adds "
+            f"{self.miss:.3g} to the objective"
+        )
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Return all but the name as plain values; nan and inf become None."""
+        numbers = {name: getattr(self, name) for name in self._fields[1:]}
+        return {name: value if math.isfinite(value) else None for name, value in numbers.items()}
 
 
 class ObjectiveAccumulator(Protocol):
@@ -85,6 +118,10 @@ class Objective(ABC):
             accumulator.add(outcome)
         value = accumulator.value
         return (math.inf, math.nan) if math.isnan(value) else (value, accumulator.standard_error)
+
+    def reached(self, outcomes: Sequence[SampleSummary]) -> tuple[ReachedMoment, ...]:
+        """Return each moment with a target of its own, as completed samples have it."""
+        return ()
 
     def of_rows(self, rows: NDArray[np.void]) -> tuple[float, float]:
         """Return the same of rows of completed samples, (n,); see `outcome.summaries`."""

@@ -81,6 +81,12 @@ class Outcome(NamedTuple):
     final: FinalParticles
     frames: Frames | None = None
 
+    def __repr__(self) -> str:
+        """Return the numbers in full and arrays in a few words, without record and particles."""
+        shown = {name: getattr(self, name) for name in self._fields[:12]}
+        frames = {} if self.frames is None else {"frames": f"<{len(self.frames.times)} frames>"}
+        return result.brief("Outcome", shown | frames)
+
     @property
     def measured(self) -> result.SampleSummary:
         """Summary that decisions are based on."""

@@ -184,6 +184,16 @@ def test_without_room_or_fresh_samples_there_are_no_estimates(tmp_path):
         assert len(open_campaign(path).estimates) == 0
 
 
+def test_estimates_have_the_variables_of_their_strings(path):
+    file = open_campaign(path)
+    table, strings = file.estimates, file.strings.set_index("string")
+    names = file.variables["name"].tolist()
+    assert table.columns[: 1 + len(names)].tolist() == ["string", *names]
+    for name in names:
+        assert table[name].tolist() == strings[name][table["string"]].tolist()
+        assert table.attrs["units"][name] == file.strings.attrs["units"][name]
+
+
 def test_where_the_search_has_gone_on_the_order_is_its_own(path):
     with CampaignWriter(path) as writer:
         put_result(writer, 4, 0.05)

@@ -9,6 +9,7 @@ from rich.console import Console
 from agglom_mpi.analysis.file_comparison import best_objectives, compare, comparison_table, to_json
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.display.display import print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.storage.schema import RESULTS
@@ -50,6 +51,16 @@ def said(files):
     out = io.StringIO()
     Console(file=out, width=200).print(comparison_table(compare(files)))
     return out.getvalue()
+
+
+def test_a_pipe_gets_all_columns(tmp_path, capsys):
+    long = "a_campaign_with_a_name_that_says_all_about_it"
+    files = [file_of(tmp_path, f"{long}_{n}", [0.3]) for n in (1, 2)]
+    print_wide(comparison_table(compare(files)))
+    shown = capsys.readouterr().out
+    assert "best as searched" in shown.splitlines()[0]
+    assert shown.count("0.3000 ± 0.0100") == 2
+    assert "…" not in shown
 
 
 def test_the_best_strings_of_seeds_have_a_median_and_a_range(tmp_path):

@@ -72,7 +72,7 @@ def test_a_run_does_not_continue_a_copy(tiny_folder, copy):
 def test_tables_read_back_bit_for_bit(agglom, tmp_path):
     done = agglom("export", "tiny.h5", "--csv", tmp_path / "tables")
     assert done.exit_code == 0, done.stderr
-    names = ["generations", "samples", "strings"]
+    names = ["estimates", "generations", "samples", "strings"]
     assert sorted(os.listdir(tmp_path / "tables")) == [f"{name}.csv" for name in names]
     for name in names:
         table = getattr(open_campaign("tiny.h5"), name)
@@ -97,8 +97,8 @@ def test_tables_read_back_bit_for_bit(agglom, tmp_path):
 def test_both_at_once(agglom, tmp_path):
     done = agglom("export", "tiny.h5", "--csv", tmp_path, "--compact", tmp_path / "c.h5")
     assert done.exit_code == 0
-    assert len(done.stdout.splitlines()) == 4
-    assert len(os.listdir(tmp_path)) == 4
+    assert len(done.stdout.splitlines()) == 5
+    assert len(os.listdir(tmp_path)) == 5
 
 
 def test_one_of_all_must_be_given(agglom):

@@ -168,8 +168,8 @@ SCENE = [
     ),
     (
         "  engine",
-        "  engine: {law: event, budget: 1e3}",
-        ("15: scene.engine.budget:", "is 1000.0", "whole number"),
+        "  engine: {law: event, budget: 1e30}",
+        ("15: scene.engine.budget:", "is 1e+30", "whole number"),
     ),
     (
         "  engine",
@@ -200,6 +200,20 @@ SCENE = [
 
 VARIABLES = [
     ("  density", "  density: [1, 2, 3]", ("19: variables.density:", "is [1, 2, 3]")),
+    *(
+        ("  density", f"  density: {entry}", ("19: variables.density: is a mapping", expected))
+        for entry, expected in (
+            ("{range: [1, 2], scale: log}", "one value or a list, like [1, 2, log]"),
+            ("{min: 1 g/cm3, max: 2 g/cm3}", "like [1 g/cm3, 2 g/cm3]"),
+            ("{from: 1}", "like [lower, upper]"),
+        )
+    ),
+    (
+        "  relative_speed",
+        "  speed: 1",
+        ("17: variables.speed: unknown key 'speed'; did you mean 'relative_speed'?",),
+    ),
+    ("  density", "  density: 3 kg/mm5", ("19: variables.density: wrong unit: 'kg/mm5'",)),
     ("  density", "  density: [5, 5]", ("is [5, 5]", "less than", "lower end")),
     ("  density", "  density: [5, 4]", ("is [5, 4]", "less than", "lower end")),
     ("  density", "  density: 1e-320", ("is 1e-320", "1e+100", "between 1e-100")),

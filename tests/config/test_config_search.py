@@ -102,7 +102,7 @@ def message(*edits: tuple[str, str]) -> str:
         ),
         ("{method: surrogate, batch: 1}", ("search.batch:", "is 1", "at least 2")),
         ("{method: surrogate, batch: 10001}", ("search.batch:", "is 10001", "at most 10000")),
-        ("{method: surrogate, batch: 24.0}", ("search.batch:", "is 24.0", "whole number")),
+        ("{method: surrogate, batch: 24.5}", ("search.batch:", "is 24.5", "whole number")),
         ("{method: surrogate, initial: 7}", ("search.initial:", "is 7", "at least 8")),
         ("{method: surrogate, initial: 10001}", ("search.initial:", "is 10001", "at most 10000")),
         ("{method: cmaes, population: 3}", ("search.population:", "is 3", "at least 4")),

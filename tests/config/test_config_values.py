@@ -42,6 +42,10 @@ def test_lengths_are_converted_to_the_nearest_float(text: str, value: float) -> 
         ("  hardness: [", "67 N/mm^2", 67e6),
         ("  friction: 0", "35 %", 0.35),
         ("  density", "2.5 g/cm^3", 2500.0),
+        ("  density", "2.5 g/cm3", 2500.0),
+        ("  density", "2500 kg/m3", 2500.0),
+        ("  density", "2500 kg m-3", 2500.0),
+        ("  hardness: [", "67 N/mm2", 67e6),
         ("  heat_capacity", "1 kJ/kg/K", 1000.0),
         ("  heat_capacity", "1 kJ/kg/degC", 1000.0),
         ("  heat_capacity", "1e3", 1000.0),
@@ -50,6 +54,13 @@ def test_lengths_are_converted_to_the_nearest_float(text: str, value: float) -> 
 def test_variables_take_units(begin: str, text: str, value: float) -> None:
     name = begin.split(":")[0].strip()
     assert campaign((begin, f"  {name}: {text}")).variables.fixed[name] == value
+
+
+@pytest.mark.parametrize("text", ["3e2", "300.0", "300"])
+def test_a_whole_number_may_be_written_with_an_exponent(text: str) -> None:
+    written = campaign(("  particles", f"  particles: {text}"))
+    assert type(written.scene.particles) is int
+    assert written.identity() == campaign(("  particles", "  particles: 300")).identity()
 
 
 def test_short_and_long_forms_are_the_same() -> None:
@@ -123,6 +134,7 @@ def test_parameters_may_lie_outside_the_search_box() -> None:
     ("values", "expected"),
     [
         ({"hardnes": 1.0}, "campaign.yaml: hardnes: unknown variable; did you mean 'hardness'?"),
+        ({"speed": 1.0}, "campaign.yaml: speed: unknown variable; did you mean 'relative_speed'?"),
         ({"hardness": "1 K"}, "campaign.yaml: hardness: wrong unit: 'K' is temperature"),
         ({"size_ratio": 0.9}, "campaign.yaml: size_ratio: is 0.9, a volume fraction of 0.382"),
         ({"temperature": 0}, "campaign.yaml: temperature: is 0; must be above absolute zero"),

@@ -34,6 +34,13 @@ def shown(progress, width, encoding="utf-8"):
     return [line.plain for line in terminal_lines(progress, width, encoding)]
 
 
+def test_an_estimate_of_the_search_is_told_from_what_the_table_shows():
+    best = Best(762, 0.01234, 0.0045, 0.0201, estimated=True)
+    line = log_line(FULL._replace(best=best))
+    assert "best 0.0123 ± 0.0045 (string 762), as the search estimates, mean of top" in line
+    assert "estimates" not in log_line(FULL)
+
+
 def test_all_that_is_known_is_shown():
     assert log_line(FULL) == (
         "12/100 generations, 3:21, left at most 3 min ± 20 s, best 0.0123 ± 0.0045 (string 762), "

@@ -1,15 +1,13 @@
-"""What kinetic theory says of equal smooth hard spheres: collision rates and cooling.
+"""What kinetic theory says of equal smooth hard spheres beyond `physics.kinetic_theory`.
 
-Temperature is m⟨v²⟩/3 in J, about the mean velocity; rates count collisions per sphere and time,
-so N spheres have N/2 times as many. Of N spheres whose total momentum is zero, 3N − 3 velocity
-components are free: a gas at temperature Θ, in the sense of Θ/2 per free component, has
-⟨v²⟩ = 3(1 − 1/N)Θ/m, and a pair's relative velocity has the variance 2Θ/m of each component
-that the theory expects. In small systems, use Θ for T (`free_temperature`); `finite_rate` adds
-that a sphere has N − 1 partners, and that energy is shared out exactly.
+Collision rates of few spheres, and cooling. Temperature is m⟨v²⟩/3 in J, about the mean
+velocity; rates count collisions per sphere and time, so N spheres have N/2 times as many. Of N
+spheres whose total momentum is zero, 3N − 3 velocity components are free: a gas at temperature Θ,
+in the sense of Θ/2 per free component, has ⟨v²⟩ = 3(1 − 1/N)Θ/m, and a pair's relative velocity
+has the variance 2Θ/m of each component that the theory expects. In small systems, use Θ for T
+(`free_temperature`); `finite_rate` adds that a sphere has N − 1 partners, and that energy is
+shared out exactly.
 
-[CC]   S. Chapman, T. G. Cowling, The Mathematical Theory of Non-uniform Gases, 3rd ed.,
-       Cambridge University Press, 1970: rates and free path 5.2, Enskog's dense gas 16.
-[CS]   N. F. Carnahan, K. E. Starling, J. Chem. Phys. 51, 635 (1969).
 [H]    P. K. Haff, J. Fluid Mech. 134, 401 (1983).
 [NE]   T. P. C. van Noije, M. H. Ernst, Granular Matter 1, 57 (1998).
 [BP]   N. V. Brilliantov, T. Pöschel, Kinetic Theory of Granular Gases, Oxford, 2004.
@@ -19,31 +17,7 @@ import math
 
 import numpy as np
 
-
-def contact_value(fraction):
-    """Pair correlation at contact χ = (1 − φ/2)/(1 − φ)³ at the volume fraction φ  [CS]."""
-    return (1.0 - 0.5 * fraction) / (1.0 - fraction) ** 3
-
-
-def volume_fraction(density, diameter):
-    """φ = πnσ³/6."""
-    return math.pi / 6.0 * density * diameter**3
-
-
-def enskog_rate(density, diameter, temperature, mass):
-    """Collisions per sphere and time, ω = 4nσ²χ√(πT/m)  [CC 5.2, 16].
-
-    Twice the rate of pairs per sphere: ω = nχπσ²⟨g⟩ with the mean relative speed
-    ⟨g⟩ = √2⟨v⟩ = 4√(T/(πm)).
-    """
-    chi = contact_value(volume_fraction(density, diameter))
-    return 4.0 * density * diameter**2 * chi * math.sqrt(math.pi * temperature / mass)
-
-
-def mean_free_path(density, diameter):
-    """⟨v⟩/ω = 1/(√2 π n σ² χ) with ⟨v⟩ = √(8T/(πm))  [CC 5.2, 16]."""
-    chi = contact_value(volume_fraction(density, diameter))
-    return 1.0 / (math.sqrt(2.0) * math.pi * density * diameter**2 * chi)
+from agglom_mpi.physics.kinetic_theory import contact_value, volume_fraction
 
 
 def temperature(velocities, mass):

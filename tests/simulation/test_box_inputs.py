@@ -76,6 +76,12 @@ REFUSED = {
         "radii": [1e-3, 1e-3],
         "temperatures": [300, 300, 300],
     },
+    "temperatures are for 3 particles, but the scene is for 200; must be for as many, or give "
+    "particles=3": {"temperatures": [300, 310, 320]},
+    "temperatures are for 1 particles, but velocities for 2": {
+        "temperatures": [300],
+        "velocities": np.zeros((2, 3)),
+    },
     "radii are for 2 particles, but particles for 5": {"radii": [1e-3, 1e-3], "particles": 5},
     "particles are 0; must be a whole number of at least 1": {"particles": 0},
     "positions[0, 1] is 0.011 m; must be from -0.01 to 0.01 m": {
@@ -101,6 +107,11 @@ def test_what_cannot_be_is_refused_by_name_value_and_what_is_allowed(message):
         Box(GAS, **REFUSED[message])
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
+
+
+def test_the_number_of_particles_may_be_said_beside_the_temperatures():
+    box = Box(GAS, temperatures=[300, 310, 320], particles=3)
+    assert box.particles.temperatures.tolist() == [300, 310, 320]
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf, "1 s", True, None])

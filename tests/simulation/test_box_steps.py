@@ -107,6 +107,15 @@ def test_a_copy_goes_on_the_same_and_leaves_the_box_alone(name, copied):
     assert bits(box) == bits(other)
 
 
+def test_states_and_particles_are_compared_by_their_values():
+    box, again = Box(GAS), Box(GAS)
+    assert box.state == again.state
+    assert box.particles == again.particles
+    assert box.state != box.advance(0.001)
+    assert box.particles != again.particles
+    assert box.state != tuple(box.state)
+
+
 def test_velocities_are_set_between_steps():
     box = Box(GAS)
     box.advance(0.01)

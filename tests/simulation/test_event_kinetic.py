@@ -8,6 +8,8 @@ import pytest
 from event_runs import bouncing, recorded, same_place, size_ratio
 from scenes import HALF, kinetic_energy, place_spheres, state
 
+from agglom_mpi.physics.kinetic_theory import contact_value
+
 SLOW = pytest.mark.slow
 NUMBER = 1000
 VOLUME = (2.0 * HALF) ** 3
@@ -42,7 +44,7 @@ def virial_correction(fraction):
     for order, value in exact.items():
         n = order - 1
         excess += (value - (n**2 + 3 * n)) * fraction**n
-    return 1.0 + excess / (4.0 * fraction * theory.contact_value(fraction))
+    return 1.0 + excess / (4.0 * fraction * contact_value(fraction))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from event_reference import Collision, run_reference
 
+from agglom_mpi.physics.kinetic_theory import volume_fraction
+
 D = 1.0
 PLACES = 1e-13
 """Of a time or a position of order one after a few events, 1e3 roundings."""
@@ -378,7 +380,7 @@ def test_small_steps_find_the_same_collisions_late_by_a_few_steps(seed):
 def test_an_elastic_gas_collides_at_enskogs_rate():
     number, radius = 60, 0.135
     start, velocity = gas(number, 12)
-    fraction = theory.volume_fraction(number / (2.0 * D) ** 3, 2.0 * radius)
+    fraction = volume_fraction(number / (2.0 * D) ** 3, 2.0 * radius)
     assert 0.07 < fraction < 0.08
     times = [c.time for c in run(start, velocity, 1e9, radius=radius, most=1200).collisions]
     lead = 300

@@ -6,6 +6,13 @@ import kinetic_theory as theory
 import numpy as np
 import pytest
 
+from agglom_mpi.physics.kinetic_theory import (
+    contact_value,
+    enskog_rate,
+    mean_free_path,
+    volume_fraction,
+)
+
 SAMPLES = 400_000
 T, M = 1.7, 0.6
 
@@ -39,29 +46,29 @@ def squared(v):
 def test_the_rate_is_that_of_the_mean_relative_speed():
     first, second, _ = pairs(1)
     n, sigma = 0.3, 0.5
-    chi = theory.contact_value(theory.volume_fraction(n, sigma))
+    chi = contact_value(volume_fraction(n, sigma))
     swept = n * chi * math.pi * sigma**2 * np.linalg.norm(first - second, axis=1)
-    assert agrees(swept, theory.enskog_rate(n, sigma, T, M))
+    assert agrees(swept, enskog_rate(n, sigma, T, M))
 
 
 def test_a_collision_cylinder_and_the_flux_onto_the_sphere_are_the_same_rate():
     first, second, n = pairs(2)
     sigma = 0.5
     flux = 4.0 * math.pi * sigma**2 * np.maximum(np.sum((first - second) * n, axis=1), 0.0)
-    assert agrees(flux, theory.enskog_rate(1e-9, sigma, T, M) / 1e-9)
+    assert agrees(flux, enskog_rate(1e-9, sigma, T, M) / 1e-9)
 
 
 def test_the_free_path_is_the_mean_speed_over_the_rate():
     first, _, _ = pairs(3)
     n, sigma = 0.3, 0.5
-    path = theory.mean_free_path(n, sigma)
-    assert agrees(np.sqrt(squared(first)), path * theory.enskog_rate(n, sigma, T, M))
+    path = mean_free_path(n, sigma)
+    assert agrees(np.sqrt(squared(first)), path * enskog_rate(n, sigma, T, M))
 
 
 @pytest.mark.parametrize("fraction", [0.01, 0.1, 0.3])
 def test_the_contact_value_gives_carnahan_and_starlings_pressure(fraction):
     pressure = (1.0 + fraction + fraction**2 - fraction**3) / (1.0 - fraction) ** 3
-    assert 1.0 + 4.0 * fraction * theory.contact_value(fraction) == pytest.approx(pressure)
+    assert 1.0 + 4.0 * fraction * contact_value(fraction) == pytest.approx(pressure)
 
 
 def test_the_contact_value_begins_with_the_third_spheres_shadow():
@@ -70,7 +77,7 @@ def test_the_contact_value_begins_with_the_third_spheres_shadow():
     r = generator.uniform(-1.0, 1.0, (SAMPLES, 3))
     lens = 8.0 * ((squared(r) < 1.0) & (squared(r - [1.0, 0, 0]) < 1.0))
     fraction = 1e-5
-    slope = (theory.contact_value(fraction) - 1.0) / fraction
+    slope = (contact_value(fraction) - 1.0) / fraction
     assert slope == pytest.approx(2.5, rel=1e-4)
     assert agrees(lens, slope * math.pi / 6.0)
 
@@ -93,7 +100,7 @@ def test_the_finite_rate_is_that_of_a_fixed_energy_and_no_momentum(number):
 
 def test_the_finite_rate_becomes_enskogs():
     number, volume, sigma = 10**6, 8.0, 0.01
-    expected = theory.enskog_rate(number / volume, sigma, T, M)
+    expected = enskog_rate(number / volume, sigma, T, M)
     assert theory.finite_rate(number, volume, sigma, T, M) == pytest.approx(expected, rel=3e-6)
 
 

@@ -261,7 +261,7 @@ JOBS = {
     "copy": (lambda source, to: write_compact(source, to / "copy.h5"), ["copy.h5"]),
     "csv": (
         lambda source, to: list(write_tables(open_campaign(source), to)),
-        ["generations.csv", "samples.csv", "strings.csv"],
+        ["estimates.csv", "generations.csv", "samples.csv", "strings.csv"],
     ),
 }
 
@@ -297,7 +297,7 @@ def test_tables_read_back_bit_for_bit(filled, tmp_path):
         rows["end_time"] = np.random.default_rng(1).random(len(odd)) * 1e-7
         writer.put_samples(rows)
     lines = list(write_tables(file, tmp_path / "new" / "tables"))
-    assert lines[2] == f"{tmp_path}/new/tables/samples.csv: 43 rows"
+    assert lines[3] == f"{tmp_path}/new/tables/samples.csv: 43 rows"
     for name in ("strings", "samples", "generations"):
         table = getattr(file, name)
         path = tmp_path / "new" / "tables" / f"{name}.csv"

@@ -1,0 +1,172 @@
+"""Estimate of one parameter string: mean ± standard error of what is measured of its samples."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.formatting import value_with_error
+from agglom_mpi.outcome import LEDGER
+from agglom_mpi.search.objectives import ReachedMoment
+from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.simulation.sample import Outcome
+
+MEASURED: Final = {
+    "mean_radius_ratio": "mean_radius_ratio",
+    "radius_spread": "radius_spread",
+    "particles_left": "particles_left",
+    "temperature": "temperature_K",
+    "collisions": "collisions",
+    "merges": "merges",
+    "breakups": "breakups",
+    "steps": "steps",
+    "seconds": "seconds",
+}
+"""Attributes of a `StringEstimate` that are means over samples, and their names in JSON."""
+
+OVERLAPS: Final = (
+    "overlaps: pairs of particles at the end in which an aggregate has grown into its neighbour; "
+    "they collide as soon as they approach"
+)
+"""What the last line of a ledger means."""
+
+
+@dataclass(frozen=True)
+class StringEstimate:
+    """What `campaign.estimate` returns: means over the completed samples, with standard errors.
+
+    Each of the means is a `MeanEstimate` with `value`, `error` and `samples`; `print` shows all of
+    them as `agglom simulate` does.
+
+    Attributes
+    ----------
+    parameters : dict
+        Variables that the scene uses, SI units.
+    samples, failed : int
+        Completed samples, and those that failed, which are left out.
+    objective : MeanEstimate
+        The campaign's objective of the samples together; nan if that is a function whose code was
+        not allowed.
+    mean_radius_ratio, radius_spread : MeanEstimate
+        Of each sample the mean and the standard deviation of b/b⁰ over the particles left.
+    particles_left, temperature : MeanEstimate
+        Number of particles left, and their mean temperature by mass in K.
+    collisions, merges, breakups, steps, seconds : MeanEstimate
+        Counts of a sample, and its run time in s.
+    moments : tuple of ReachedMoment
+        Where the objective has targets for moments: each with what was reached.
+    ledger : dict
+        Of each column of the ledger the worst sample's.
+    """
+
+    parameters: dict[str, float]
+    samples: int
+    failed: int
+    objective: MeanEstimate
+    mean_radius_ratio: MeanEstimate
+    radius_spread: MeanEstimate
+    particles_left: MeanEstimate
+    temperature: MeanEstimate
+    collisions: MeanEstimate
+    merges: MeanEstimate
+    breakups: MeanEstimate
+    steps: MeanEstimate
+    seconds: MeanEstimate
+    moments: tuple[ReachedMoment, ...]
+    ledger: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the estimate as plain values for JSON; nan and inf become None."""
+        means = {name: getattr(self, name) for name in MEASURED}
+        found = {
+            "parameters": self.parameters,
+            "samples": self.samples,
+            "objective": _plain(self.objective),
+            "measured": {MEASURED[name]: _plain(mean) for name, mean in means.items()},
+            "ledger": self.ledger,
+        }
+        if self.moments:
+            found["moments"] = {m.name: m.as_dict() for m in self.moments}
+        return found
+
+    def __str__(self) -> str:
+        """Return the estimate as lines for the terminal."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        units = {variable.name: variable.unit for variable in VARIABLES}
+        lines = ["parameters"]
+        for name, value in self.parameters.items():
+            unit = "" if units[name] == "1" else f" {units[name]}"
+            lines.append(f"  {name:<22}{value:.6g}{unit}")
+        lines.append(f"mean ± standard error over {self.samples} samples")
+        means = {"objective": self.objective}
+        means |= {label: getattr(self, name) for name, label in MEASURED.items()}
+        lines += [
+            f"  {label:<22}{value_with_error(m.value, m.error)}" for label, m in means.items()
+        ]
+        if self.moments:
+            lines.append("targets")
+            lines += [f"  {moment.name:<22}{moment}" for moment in self.moments]
+        if self.failed:
+            lines.append(f"{self.failed} of {self.samples + self.failed} samples failed")
+        lines.append("ledger, worst sample")
+        lines += [f"  {name:<22}{value:.3g}" for name, value in self.ledger.items()]
+        return [*lines, OVERLAPS] if self.ledger["overlaps"] else lines
+
+
+def _plain(mean: MeanEstimate) -> dict[str, float | None]:
+    value, error = (number if math.isfinite(number) else None for number in mean[:2])
+    return {"mean": value, "standard_error": error}
+
+
+def estimate_of(
+    campaign: "Campaign",
+    parameters: npt.NDArray[np.float64],
+    outcomes: Sequence["Outcome"],
+    failed: int = 0,
+) -> StringEstimate:
+    """Return the estimate of a string from its completed samples, at least one.
+
+    Parameters
+    ----------
+    campaign
+    parameters
+        The ten variables in SI units, shape (10,).
+    outcomes
+        Of `campaign.simulate`.
+    failed
+        Number of samples that failed.
+    """
+    objective = campaign.objective.build(campaign.scene.particles)
+    summaries = [outcome.measured for outcome in outcomes]
+    used = campaign.variables.used
+    records = [outcome.record for outcome in outcomes]
+
+    def mean(name: str) -> MeanEstimate:
+        return mean_of([float(record[name]) for record in records])
+
+    return StringEstimate(
+        parameters={n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
+        samples=len(outcomes),
+        failed=failed,
+        objective=MeanEstimate(*objective.of_ensemble(summaries), len(outcomes)),
+        mean_radius_ratio=mean("mean_radius_ratio"),
+        radius_spread=mean_of([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
+        particles_left=mean("particles"),
+        temperature=mean("mean_temperature"),
+        collisions=mean("collisions"),
+        merges=mean("merges"),
+        breakups=mean("breakups"),
+        steps=mean("steps"),
+        seconds=mean_of([outcome.seconds for outcome in outcomes]),
+        moments=objective.reached(summaries),
+        ledger={name: max((o.ledger[name] for o in outcomes), key=abs) for name in LEDGER},
+    )

@@ -1,0 +1,191 @@
+"""What is unlikely in a campaign before anything is computed: warnings, one line each.
+
+All rules are functions of a scene and of the variables in SI units, so that they hold however the
+values were given.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.config.bounds import ABSENT
+from agglom_mpi.config.objective import GrowthTarget, MaximumGrowth, Moments
+from agglom_mpi.config.units import quoted
+from agglom_mpi.config.yaml_source import FieldPath, Problem, parse
+from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
+from agglom_mpi.physics import scales
+from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.scene import SceneSection
+
+
+class Usual(NamedTuple):
+    """Limits between which values of matter lie, SI units, and in words what is near them."""
+
+    lower: float
+    upper: float
+    words: str
+
+
+USUAL: Final = {
+    "relative_speed": Usual(1e-6, 1e4, "from 1 µm/s to 10 km/s, where impacts begin to vaporise"),
+    "density": Usual(20.0, 23_000.0, "from 20 kg/m^3, foams, to 22600, osmium"),
+    "hardness": Usual(1e3, 2e11, "from 1 kPa, gels, to 150 GPa, diamond"),
+    "heat_capacity": Usual(10.0, 15_000.0, "from 10 J/kg/K, solids at some K, to 14300, hydrogen"),
+    "friction": Usual(0.0, 1.5, "from 0 to 1, seldom above"),
+    "temperature": Usual(1.0, 4500.0, "from 1 K to 4200 K, where the last solids melt"),
+}
+"""What exists, by the name of a variable."""
+
+GRAINS: Final = Usual(1e-8, 0.1, "from 10 nm to 10 cm across")
+"""Diameters of grains, m."""
+
+COLLISIONS_PER_SECOND: Final = 5e5
+"""Collisions that one core handles per second with the event engine, at least."""
+LONG_SAMPLE: Final = 3600.0
+"""Time of a sample in s above which it is warned of."""
+
+DECISIVE: Final = (
+    *("relative_speed", "size_ratio", "density", "hardness", "temperature", "activation_energy"),
+)
+"""Variables that the number of collisions until the end depends on."""
+
+Finding = tuple[FieldPath, str]
+"""A field, and what is unlikely about it."""
+
+
+def implausible(
+    campaign: "Campaign", given: Mapping[str, float | str] | None = None
+) -> list[Problem]:
+    """Return what is unlikely in a campaign, or in one string of it.
+
+    Parameters
+    ----------
+    campaign
+    given
+        Values of a string as for `campaign.parameters`; None: the whole search box.
+    """
+    box = campaign.variables
+    if given is None:
+        lower, upper = box.lower, box.upper
+        idle: Mapping[str, Any] = dict.fromkeys(box.ignored)
+    else:
+        lower = upper = campaign.parameters(given)
+        idle = {name: value for name, value in given.items() if name not in box.used}
+    findings = [
+        *_idle(idle),
+        *_unusual(lower, upper),
+        *_sizes(campaign.scene, lower, upper),
+        *_collisions(campaign.scene, lower, upper),
+        *(_growth(campaign) if campaign.plan is not None else ()),
+    ]
+    source = parse(campaign.text, campaign.name)
+    found = []
+    for path, message in findings:
+        own = given is not None and path[-1] in given
+        field = str(path[-1]) if own else ".".join(map(str, path))
+        found.append(Problem(campaign.name, None if own else source.line(path), field, message))
+    return sorted(found, key=lambda problem: problem.line or 0)
+
+
+def _idle(values: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield values on which the scene does not depend; None where only the file has it."""
+    for name, value in values.items():
+        said = "is given" if value is None else f"is {quoted(value)}"
+        message = f"{said}, but nothing depends on it: the scene has no {ABSENT[name]}"
+        yield ("variables", name), message
+
+
+def _unusual(lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+    """Yield variables of which an end is outside of what exists."""
+    for variable, low, high in zip(VARIABLES, lower.tolist(), upper.tolist(), strict=True):
+        usual = USUAL.get(variable.name)
+        if usual is None or np.isnan(low):
+            continue
+        too_small = low < usual.lower and not (variable.name == "relative_speed" and low == 0.0)
+        if too_small or high > usual.upper:
+            value = low if too_small else high
+            unit = "" if variable.unit == "1" else f" {variable.unit}"
+            reaches = "is" if low == high else "reaches"
+            yield ("variables", variable.name), f"{reaches} {value:g}{unit}; usual is {usual.words}"
+
+
+def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+    """Yield the length of the box if it makes grains of a size that is not usual."""
+    small, large = (2.0 * scales.grain_radius(scene, _values(string)) for string in (lower, upper))
+    if small < GRAINS.lower or large > GRAINS.upper:
+        size = small if small < GRAINS.lower else large
+        message = (
+            f"makes {scene.particles:,} grains of {value_with_prefix(size, 'm')}; usual are grains "
+            f"{GRAINS.words}, and a number without a unit is in m"
+        )
+        yield ("scene", "half_width"), message
+
+
+def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+    """Yield the end time if it is too short for collisions, or too long to be simulated."""
+    counts = _expected(scene, lower, upper)
+    if not counts:
+        return
+    most, typical = max(counts), counts[-1]
+    if most < 1.0:
+        speed = "where nothing moves" if most == 0.0 else "by kinetic theory"
+        message = (
+            f"ends before grains meet: {most:.2g} collisions per grain are expected at most, "
+            f"{speed}; usual are 1 and more"
+        )
+        yield ("scene", "end_time"), message
+    seconds = 0.5 * typical * scene.particles / COLLISIONS_PER_SECOND
+    if scene.engine.law == "event" and seconds > LONG_SAMPLE:
+        message = (
+            f"makes a sample take {format_duration(seconds)} unless grains bond or come to rest: "
+            f"{typical:.2g} collisions per grain are expected; usual are seconds, below 1e6"
+        )
+        yield ("scene", "end_time"), message
+
+
+def _expected(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> list[float]:
+    """Return the collisions per grain that are expected in the box's corners, and in its centre."""
+    places = [NAMES.index(name) for name in DECISIVE]
+    searched = [i for i in places if lower[i] < upper[i]]
+    counts = []
+    for shares in [*product((0.0, 1.0), repeat=len(searched)), (0.5,) * len(searched)]:
+        string = lower.copy()
+        for i, share in zip(searched, shares, strict=True):
+            string[i] = (1.0 - share) * lower[i] + share * upper[i]
+        try:
+            counts.append(scales.expected_collisions(scene, _values(string)))
+        except (ValueError, ArithmeticError):  # such scales are refused where they are used
+            return []
+    return counts
+
+
+def _growth(campaign: "Campaign") -> Iterator[Finding]:
+    """Yield the objective if it wants growth of a scene in which nothing can bond."""
+    objective, restitution = campaign.objective, campaign.scene.restitution
+    path: FieldPath
+    match objective:
+        case GrowthTarget():
+            path, wanted = ("objective", "ratio"), objective.ratio
+        case MaximumGrowth():
+            path, wanted = ("objective",), campaign.scene.particles ** (1.0 / 3.0)
+        case Moments():
+            path, wanted = ("objective", "targets", "mean"), objective.targets.mean or 1.0
+        case _:
+            return
+    value = getattr(restitution, "value", 0.0)
+    if restitution.law == "constant" and value > 0.0 and wanted > 1.0:
+        grains = pluralise(campaign.scene.particles, "grain")
+        message = (
+            f"wants a mean b/b0 of {wanted:.4g}, but with a constant restitution of {value:g} no "
+            f"grains bond, and b/b0 stays 1; within reach with bonding are 1 to N^(1/3) of {grains}"
+        )
+        yield path, message
+
+
+def _values(string: np.ndarray) -> dict[str, float]:
+    return dict(zip(NAMES, string.tolist(), strict=True))

@@ -1,0 +1,105 @@
+"""What is unlikely is warned of, one line each with value, field and what is usual."""
+
+from pathlib import Path
+
+import pytest
+from campaign_text import campaign, constant
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
+
+JOBS = Path(__file__).parents[2] / "jobs"
+
+
+def lines(loaded: Campaign, **given: float | str) -> list[str]:
+    return [str(warning) for warning in loaded.warnings(given or None)]
+
+
+def test_an_ordinary_campaign_is_not_warned_of() -> None:
+    assert lines(campaign()) == []
+    assert lines(campaign(), density="6 g/cm3", relative_speed=30, hardness="10 MPa") == []
+
+
+WARNED = [
+    ("  density", "  density: 2.5", "19: variables.density: is 2.5 kg/m^3; usual is from 20"),
+    ("  density", "  density: [2, 3000]", "19: variables.density: reaches 2 kg/m^3; usual"),
+    ("  hardness: [", "  hardness: 67", "20: variables.hardness: is 67 Pa; usual is from 1 kPa"),
+    (
+        "  hardness: [",
+        "  hardness: [1e7, 2e13]",
+        "20: variables.hardness: reaches 2e+13 Pa; usual is from 1 kPa, gels, to 150 GPa",
+    ),
+    (
+        "  relative_speed",
+        "  relative_speed: 20 km/s",
+        "17: variables.relative_speed: is 20000 m/s; usual is from 1 µm/s to 10 km/s",
+    ),
+    ("  friction: 0", "  friction: 30", "22: variables.friction: is 30; usual is from 0 to 1"),
+    (
+        "  temperature",
+        "  temperature: 30000",
+        "23: variables.temperature: is 30000 K; usual is from 1 K to 4200 K",
+    ),
+    (
+        "  half_width",
+        "  half_width: 366",
+        "5: scene.half_width: makes 100 grains of 126 m; usual are grains from 10 nm to 10 cm",
+    ),
+    (
+        "  half_width",
+        "  half_width: 1 nm",
+        "5: scene.half_width: makes 100 grains of 172 pm; usual",
+    ),
+    (
+        "  end_time",
+        "  end_time: 1 us",
+        "14: scene.end_time: ends before grains meet: 0.0",
+    ),
+    (
+        "  reaction_heat",
+        "  reaction_heat: 1\n  surface_energy: 5",
+        "26: variables.surface_energy: is given, but nothing depends on it: the scene has no frag",
+    ),
+]
+
+
+@pytest.mark.parametrize(("begin", "replacement", "expected"), WARNED)
+def test_what_is_unlikely_is_one_line(begin: str, replacement: str, expected: str) -> None:
+    found = lines(campaign((begin, replacement)))
+    assert [line.startswith(f"campaign.yaml:{expected}") for line in found].count(True) == 1
+    # Light grains bond at a high speed, at which the characteristic end time is short.
+    assert len(found) == 1 or ("density: 2.5" in replacement and "scene.end_time" in found[0])
+
+
+def test_values_that_are_given_are_warned_of_by_their_names() -> None:
+    found = lines(campaign(), surface_energy=3, density=2.5, relative_speed=900)
+    assert found[:2] == [
+        "campaign.yaml: surface_energy: is 3, but nothing depends on it: the scene has no "
+        "fragmentation",
+        "campaign.yaml: density: is 2.5 kg/m^3; usual is from 20 kg/m^3, foams, to 22600, osmium",
+    ]
+
+
+def test_grains_at_rest_are_not_expected_to_meet() -> None:
+    [line] = lines(campaign(), relative_speed=0)
+    assert "0 collisions per grain are expected at most, where nothing moves" in line
+
+
+def test_a_sample_of_hours_is_warned_of_where_each_collision_is_simulated() -> None:
+    long = (("  end_time", "  end_time: 1e6 s"), ("  engine", "  engine: event"))
+    [line] = lines(campaign(*long))
+    assert "campaign.yaml:14: scene.end_time: makes a sample take" in line
+    assert "unless grains bond or come to rest" in line
+    assert lines(campaign(*long[:1])) == []
+
+
+def test_growth_is_out_of_reach_of_grains_that_never_bond() -> None:
+    line = lines(constant())[-1]
+    assert line.startswith("campaign.yaml:26: objective.ratio: wants a mean b/b0 of 2, but with a")
+    assert "b/b0 stays 1" in line
+    assert not any("objective" in line for line in lines(constant(value=0)))
+
+
+@pytest.mark.parametrize("job", sorted(JOBS.glob("*.yaml")), ids=lambda job: job.stem)
+def test_no_job_is_warned_of(job: Path) -> None:
+    assert lines(load_campaign(job)) == []
