@@ -19,6 +19,8 @@ SOBOL_SCRAMBLE: Final = 103
 SURROGATE: Final = 104
 EVOLUTION: Final = 105
 SENSITIVITY: Final = 106
+ALLOWED_SHARE: Final = 107
+CONSEQUENCES: Final = 108
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

@@ -57,10 +57,10 @@ def setups(
     end_time = end_time_of(campaign, parameters)
     chosen = {}
     for number in numbers(campaign, quick):
-        half_width = scene.half_width * (number / scene.particles) ** (1.0 / 3.0)
-        larger = with_scene(
-            campaign, particles=number, half_width=half_width, end_time=end_time, engine=engine
-        )
+        changes: dict[str, object] = {"particles": number, "end_time": end_time, "engine": engine}
+        if scene.half_width is not None:  # it follows from the size of the grains otherwise
+            changes["half_width"] = scene.half_width * (number / scene.particles) ** (1.0 / 3.0)
+        larger = with_scene(campaign, **changes)
         chosen[name_of_number(number)] = Setup(larger, parameters, samples)
     for factor in QUICK_TIMES if quick else TIMES:
         longer = with_scene(campaign, end_time=factor * end_time, engine=engine)

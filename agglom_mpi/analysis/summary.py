@@ -12,6 +12,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
+from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
 from agglom_mpi.analysis.tables import processor_seconds
@@ -156,6 +157,8 @@ class Summary(NamedTuple):
     damaged: int
     seconds: float
     samples_per_second: float
+    derived: dict[str, str]
+    """SI units of the derived columns in `best`, by name."""
     best: list[dict[str, Any]]
     verdict: SelectionBias | None
 
@@ -198,9 +201,14 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         damaged=file.damaged,
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
+        derived={column.name: column.unit for column in derived_columns(file)},
         best=[
             _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
             | _moments(file, string)
+            | {
+                column.name: float(values_of(file, [string], column.name)[0])
+                for column in derived_columns(file)
+            }
             for string in order[:best]
         ],
         verdict=selection_bias(estimates, PairedSamples.behind(estimates, file)),
@@ -281,6 +289,8 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
         if best and variable.name in best[0]:
             unit = "" if variable.unit == "1" else f" {variable.unit}"
             _add_row(table, variable.name + unit, best, variable.name, ".4g")
+    for name, unit in summary.derived.items():
+        _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
     table.add_section()
     again = [entry for entry in summary.best if entry["reestimate"]]
     for name, label, style in (

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.config.bounds import VOLUME_FRACTION, volume_fraction
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.schema import (
@@ -39,7 +41,7 @@ def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
 
 
 def strings(data: "CampaignData") -> "pd.DataFrame":
-    """Tabulate strings, the variables in use and their results: nan or 0 if there is none.
+    """Tabulate strings, variables in use, derived columns and results: nan or 0 if there is none.
 
     `seconds` is the processor time of all samples of a string.
     """
@@ -50,6 +52,9 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
     first.insert(5, "parent_2", rows["parents"][:, 1])
+    derived = derived_columns(data)
+    for column in derived:
+        first[column.name] = column.values
     second = _columns(pandas, results).set_index("string").reindex(rows["string"])
     second = second.reset_index(drop=True)
     second["hit_maximum"] = second["hit_maximum"] == 1
@@ -58,7 +63,9 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
     second["seconds"] = processor_seconds(samples, room)[rows["string"]]
     fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
-    return _with_units(pandas.concat([first, second], axis=1), fields)
+    table = _with_units(pandas.concat([first, second], axis=1), fields)
+    table.attrs["units"] |= {column.name: column.unit for column in derived}
+    return table
 
 
 def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
@@ -115,8 +122,11 @@ def variables(rows: np.ndarray) -> "pd.DataFrame":
 
 
 def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, float, bool]]:
-    """Return the variables that are searched, their bounds (SI units), and if on a log scale."""
-    return [
+    """Return the variables that are searched, their bounds (SI units), and if on a log scale.
+
+    The volume fraction is in place of the size ratio where the campaign gives it.
+    """
+    searched = [
         (
             variable,
             float(row["lower"]),
@@ -126,6 +136,17 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
         for variable, row in zip(VARIABLES, data.variable_rows(), strict=True)
         if row["searched"] == 1
     ]
+    if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
+        return searched
+    return [_by_volume_fraction(*entry) for entry in searched]
+
+
+def _by_volume_fraction(
+    variable: Variable, lower: float, upper: float, logarithmic: bool
+) -> tuple[Variable, float, float, bool]:
+    if variable.name != "size_ratio":
+        return variable, lower, upper, logarithmic
+    return VOLUME_FRACTION, volume_fraction(lower), volume_fraction(upper), logarithmic
 
 
 def _used_names(rows: np.ndarray) -> list[str]:

@@ -44,7 +44,7 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
         if len(begun) == start.strings:
             return parameters_of(begun)
     try:
-        strings = _in_the_box(campaign, _best_strings(start))
+        strings = _allowed(campaign, start, _in_the_box(campaign, _ranked_strings(start)))
         if begun is not None:
             _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
@@ -55,13 +55,26 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
     return strings
 
 
-def _best_strings(start: EarlierCampaign) -> NDArray[np.float64]:
-    """Return the best strings of another campaign, ranked as in a report, shape (n, 10)."""
+def _ranked_strings(start: EarlierCampaign) -> NDArray[np.float64]:
+    """Return the judged strings of another campaign, ranked as in a report, shape (n, 10)."""
     data = read_inversion(start.file)
     strings, order = data.string_rows(), rank_strings(data).order
     if len(order) < start.strings:
         raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
-    return parameters_of(strings[np.searchsorted(strings["string"], order[: start.strings])])
+    return parameters_of(strings[np.searchsorted(strings["string"], order)])
+
+
+def _allowed(
+    campaign: Campaign, start: EarlierCampaign, strings: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the first ranked strings that satisfy the constraints, as many as are asked for."""
+    allowed = strings[campaign.allowed_strings(strings)]
+    if len(allowed) < start.strings:
+        raise ValueError(
+            f"has {len(allowed)} judged strings that satisfy the constraints; "
+            f"{start.strings} are asked for"
+        )
+    return allowed[: start.strings]
 
 
 def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,8 +7,9 @@ from math import pi
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, create_model
+from pydantic import BeforeValidator, create_model, model_validator
 
+from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.units import quoted, to_si
@@ -30,19 +31,38 @@ ZERO_ALLOWED: Final = frozenset(
 
 LOGARITHMIC: Final = ("log", "log10", "logarithmic")
 """What a mapping may say of a scale, where a range should be a list."""
+VOLUME_FRACTION: Final = Variable(
+    "volume_fraction", "1", "phi", "share of the box that the grains fill at the start"
+)
+"""What may be given in place of the size ratio."""
 
 
 class Range(NamedTuple):
-    """Lower and upper end in SI units, equal for a fixed variable; `logarithmic`: search log."""
+    """Lower and upper end in SI units, equal for a fixed variable, and how it is searched.
+
+    Attributes
+    ----------
+    lower, upper
+    logarithmic
+        By its logarithm.
+    cubic
+        By its cube, as the size ratio where the file gives a range of the volume fraction.
+    """
 
     lower: float
     upper: float
     logarithmic: bool = False
+    cubic: bool = False
 
 
 def volume_fraction(size_ratio: float) -> float:
     """Return the share of the box that the grains fill, (pi/6) size_ratio^3."""
     return pi / 6.0 * size_ratio**3
+
+
+def size_ratio(fraction: float) -> float:
+    """Return the size ratio of grains that fill a share of the box, (6 fraction/pi)^(1/3)."""
+    return float((6.0 * fraction / pi) ** (1.0 / 3.0))
 
 
 def read_value(variable: Variable, value: Any) -> float:
@@ -55,6 +75,9 @@ def read_value(variable: Variable, value: Any) -> float:
         raise ValueError(f"is {quoted(value)}; must be 0{unit} or more")
     if number <= 0.0 and variable.name not in ZERO_ALLOWED:
         raise ValueError(f"is {quoted(value)}; must be greater than 0{unit}")
+    if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
+        limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
+        raise ValueError(f"is {quoted(value)}; {limit}")
     if variable.name == "size_ratio" and number > MAX_SIZE_RATIO:
         raise ValueError(
             f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
@@ -63,11 +86,19 @@ def read_value(variable: Variable, value: Any) -> float:
     return number
 
 
-def read_variable(name: str, value: Any) -> float:
-    """Return a value of the variable `name` in SI units; raise a ValueError if impossible."""
+def read_variable(name: str, value: Any) -> tuple[str, float]:
+    """Return a variable's name and value in SI units; a volume fraction is read as a size ratio.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown or the value impossible.
+    """
+    if name == VOLUME_FRACTION.name:
+        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value))
     if name not in NAMES:
-        raise ValueError(f"unknown variable; {suggestion(name, NAMES)}")
-    return read_value(VARIABLES[NAMES.index(name)], value)
+        raise ValueError(f"unknown variable; {suggestion(name, (*NAMES, VOLUME_FRACTION.name))}")
+    return name, read_value(VARIABLES[NAMES.index(name)], value)
 
 
 def read_range(value: Any, variable: Variable) -> Range:
@@ -99,17 +130,44 @@ def _as_list(entry: dict[str, Any]) -> str:
     return f"[{', '.join(map(str, found + scale))}]"
 
 
+def _read_entry(value: Any, variable: Variable) -> Range | None:
+    found: Range | None = read_marked(value, FRACTIONS, partial(read_range, variable=variable))
+    return found
+
+
 def _field(variable: Variable) -> Any:
-    reader = BeforeValidator(partial(read_range, variable=variable))
+    reader = BeforeValidator(partial(_read_entry, variable=variable))
     return Annotated[Range | None, reader], None
+
+
+class _Entries(Section):
+    """Base of the section, whose volume fraction stands in place of the size ratio."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_fraction(cls, data: Any) -> Any:
+        return one_of(FRACTIONS, data)
 
 
 VariableEntries: Any = create_model(
     "VariableEntries",
-    __base__=Section,
-    **{variable.name: _field(variable) for variable in VARIABLES},
+    __base__=_Entries,
+    **{variable.name: _field(variable) for variable in (*VARIABLES, VOLUME_FRACTION)},
 )
-"""Model of the section, with one optional field per variable."""
+"""Model of the section, with one optional field per variable, and the volume fraction."""
+
+
+def ranges_of(entries: Any) -> dict[str, Range | None]:
+    """Return the ten variables' ranges; that of a volume fraction as one of the size ratio."""
+    ranges: dict[str, Range | None] = dict(entries)
+    fraction = ranges.pop(VOLUME_FRACTION.name)
+    if fraction is not None:
+        lower, upper, logarithmic, _ = fraction
+        searched = lower < upper
+        ranges["size_ratio"] = Range(
+            size_ratio(lower), size_ratio(upper), logarithmic, searched and not logarithmic
+        )
+    return ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,17 +181,23 @@ class Bounds:
         a variable is fixed, nan where the scene does not depend on it.
     logarithmic
         Which variables are searched by their logarithms, shape (10,).
+    cubic
+        Which variables are searched by their cubes, shape (10,).
     used
         Names of variables that the scene depends on.
     ignored
         Names of variables that the file fixes although the scene does not depend on them.
+    by_volume_fraction
+        Whether the file gives the volume fraction in place of the size ratio.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     logarithmic: np.ndarray
+    cubic: np.ndarray
     used: tuple[str, ...]
     ignored: tuple[str, ...]
+    by_volume_fraction: bool = False
 
     @property
     def searched(self) -> tuple[str, ...]:
@@ -142,7 +206,14 @@ class Bounds:
 
     def space(self) -> SearchSpace:
         """Return the search box."""
-        return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic)
+        return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic, cubic=self.cubic)
+
+    def at(self, share: float) -> np.ndarray:
+        """Return the string that is this share of the way from lower to upper ends, (10,)."""
+        string = (1.0 - share) * self.lower + share * self.upper
+        cubes = (1.0 - share) * self.lower**3 + share * self.upper**3
+        string[self.cubic] = np.cbrt(cubes[self.cubic])
+        return np.asarray(string)
 
     @property
     def fixed(self) -> dict[str, float]:
@@ -150,20 +221,20 @@ class Bounds:
         return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
 
 
-def bounds_of(entries: Mapping[str, Range | None], used: tuple[str, ...]) -> Bounds:
+def bounds_of(entries: Any, used: tuple[str, ...]) -> Bounds:
     """Return the bounds of the entries that the scene depends on."""
     lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
-    logarithmic = np.zeros(COUNT, np.bool_)
+    logarithmic, cubic = np.zeros((2, COUNT), np.bool_)
     ignored = []
-    for i, name in enumerate(NAMES):
-        entry = entries[name]
+    for i, (name, entry) in enumerate(ranges_of(entries).items()):
         if entry is not None and name in used:
-            lower[i], upper[i], logarithmic[i] = entry
+            lower[i], upper[i], logarithmic[i], cubic[i] = entry
         elif entry is not None:
             ignored.append(name)
-    for array in (lower, upper, logarithmic):
+    for array in (lower, upper, logarithmic, cubic):
         array.flags.writeable = False
-    return Bounds(lower, upper, logarithmic, used, tuple(ignored))
+    by_fraction = entries.volume_fraction is not None
+    return Bounds(lower, upper, logarithmic, cubic, used, tuple(ignored), by_fraction)
 
 
 ABSENT: Final = {
@@ -202,6 +273,8 @@ def check_required(
         entry = entries[name]
         if entry is None and name in needed:
             message = f"is missing; needed by {needed[name]}; a value or a range [lower, upper]"
+            if name == "size_ratio":
+                message += f", or {VOLUME_FRACTION.name} in its place"
             problems.append(((name,), message))
         elif entry is not None and entry.lower < entry.upper and name not in needed:
             message = (

@@ -8,10 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
+from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
+from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable, required_variables
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
+from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
 from agglom_mpi.config.user_function import UserFunction
@@ -23,6 +26,7 @@ from agglom_mpi.config.yaml_source import (
 )
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT, NAMES
 
 if TYPE_CHECKING:
@@ -51,6 +55,8 @@ class Campaign:
         Text of the file, and its name in errors.
     user_function
         The function of an objective `function`, otherwise None.
+    relations
+        Derived quantities and constraints.
     """
 
     title: str
@@ -64,6 +70,7 @@ class Campaign:
     text: str
     name: str
     user_function: UserFunction | None = None
+    relations: Relations = NO_RELATIONS
 
     @classmethod
     def from_text(
@@ -71,13 +78,11 @@ class Campaign:
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors."""
         document = read_document(text, name)
-        return cls(
+        campaign = cls(
             title=document.title,
             seed=document.seed,
             scene=document.scene,
-            variables=bounds_of(
-                dict(document.variables), tuple(required_variables(document.scene))
-            ),
+            variables=bounds_of(document.variables, tuple(required_variables(document.scene))),
             objective=document.objective,
             plan=document.plan,
             output=document.output,
@@ -85,7 +90,11 @@ class Campaign:
             text=text,
             name=name,
             user_function=user_function,
+            relations=Relations(document.derived, document.constraints),
         )
+        if campaign.plan is not None:
+            campaign._check_given_strings()
+        return campaign
 
     @property
     def search(self) -> Search:
@@ -148,6 +157,61 @@ class Campaign:
         given = start if isinstance(start, list) else []
         return np.array([self.parameters(values) for values in given]).reshape(-1, COUNT)
 
+    def _check_given_strings(self) -> None:
+        """Raise a CampaignError if given strings do not satisfy the constraints."""
+        problems = []
+        for i, string in enumerate(self.given_strings()):
+            for broken in self.relations.broken(self.scene, self._by_name(string[None])):
+                line = parse(self.text, self.name).line(("search", "start", i))
+                message = f"does not satisfy the constraint '{broken}'"
+                problems.append(Problem(self.name, line, f"search.start.{i}", message))
+        if problems:
+            raise CampaignError(*problems)
+
+    @staticmethod
+    def _by_name(strings: npt.NDArray[np.float64]) -> dict[str, npt.NDArray[np.float64]]:
+        return dict(zip(NAMES, np.asarray(strings, np.float64).T, strict=True))
+
+    def space(self) -> SearchSpace:
+        """Return the search box, with what the constraints allow of it."""
+        space = self.variables.space()
+        return space.within(self.allowed_strings) if self.relations.constraints else space
+
+    def allowed(self, parameters: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.bool_]:
+        """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
+
+        Parameters
+        ----------
+        parameters
+            Values in SI units by name, each (n,) or one for all; what is not given is fixed, or
+            the middle of its range.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown.
+        """
+        unknown = [name for name in parameters if name not in NAMES]
+        if unknown:
+            message = f"unknown variable; allowed: {', '.join(NAMES)}"
+            raise CampaignError(Problem(self.name, None, unknown[0], message))
+        given = [np.asarray(value, np.float64) for value in parameters.values()]
+        shape = np.broadcast_shapes((1,), *(value.shape for value in given))
+        strings = np.tile(self.parameters(), (*shape, 1))
+        for name, value in zip(parameters, given, strict=True):
+            strings[..., NAMES.index(name)] = value
+        return self.allowed_strings(strings)
+
+    def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
+        return self.relations.allowed(self.scene, self._by_name(strings))
+
+    def derived_values(
+        self, strings: npt.NDArray[np.float64]
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the derived quantities of strings, (n, 10), in SI units, each (n,), by name."""
+        return self.relations.values(self.scene, self._by_name(strings))
+
     @property
     def max_framed(self) -> tuple[int, int]:
         """Largest numbers of strings, and of samples of each, whose frames are stored."""
@@ -163,9 +227,30 @@ class Campaign:
         return CampaignError(Problem(self.name, line, "objective.call", message))
 
     def check_searchable(self) -> None:
-        """Raise a CampaignError unless at least one variable is a range."""
+        """Raise a CampaignError unless a variable is a range, and constraints leave something."""
         if self.plan is None or not self.variables.searched:
             raise self._search_error()
+        self.check_constraints()
+
+    def check_constraints(self) -> list[str]:
+        """Return warnings about constraints that allow little of the box.
+
+        Raises
+        ------
+        CampaignError
+            If they allow so little that nothing can be searched.
+        """
+        if not self.relations.constraints:
+            return []
+        share = allowed_share(self)
+        if share.value >= SMALL_SHARE:
+            return []
+        line = parse(self.text, self.name).line(("constraints",))
+        if share.value < LEAST_SHARE:
+            message = f"allow {share} of the box; must allow at least {LEAST_SHARE:.2%} of it"
+            raise CampaignError(Problem(self.name, line, "constraints", message))
+        message = f"allow {share} of the box; a narrower box is searched better"
+        return [str(Problem(self.name, line, "constraints", message))]
 
     def check_libraries(self) -> None:
         """Raise a MissingSearchLibraryError unless the search's library is installed."""
@@ -190,7 +275,10 @@ class Campaign:
         """
         value = dict(zip(NAMES, string.tolist(), strict=True))
         problems = []
-        for field, measure in (("half_width", scales.grain_mass), ("end_time", scales.end_time)):
+        for field, measure in (
+            (self.scene.size_key, scales.grain_mass),
+            ("end_time", scales.end_time),
+        ):
             try:
                 measure(self.scene, value)
             except ValueError as error:
@@ -235,6 +323,7 @@ class Campaign:
         ----------
         values
             Values by name, SI numbers or texts with units; they may lie outside the search box.
+            `volume_fraction` may stand in place of `size_ratio`.
             A variable that the scene does not use is checked and then ignored.
         fill
             Which value of its range a variable takes that is not in `values`.
@@ -251,14 +340,19 @@ class Campaign:
             If a name is unknown or a value impossible.
         """
         share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
-        string = (1.0 - share) * self.variables.lower + share * self.variables.upper
+        string = self.variables.at(share)
         problems = []
-        for name, value in (values or {}).items():
+        given: dict[str, str] = {}
+        for key, value in (values or {}).items():
             try:
-                number = read_variable(name, value)
+                name, number = read_variable(key, value)
             except ValueError as error:
-                problems.append(Problem(self.name, None, name, str(error)))
+                problems.append(Problem(self.name, None, key, str(error)))
                 continue
+            if name in given:
+                message = f"is given beside {given[name]}; give one of {', '.join(FRACTIONS)}"
+                problems.append(Problem(self.name, None, key, message))
+            given[name] = key
             if name in self.variables.used:
                 string[NAMES.index(name)] = number
         if problems:

@@ -4,10 +4,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.bounds import required_variables, volume_fraction
+from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.config.bounds import VOLUME_FRACTION, required_variables, volume_fraction
+from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.validation import Section
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -79,6 +81,8 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+SIZE_RATIO: Final = NAMES.index("size_ratio")
+
 Paragraph = tuple[str, list[str]]
 """A heading with its lines."""
 
@@ -112,9 +116,22 @@ def sections(campaign: "Campaign") -> list[Paragraph]:
         (campaign.title or campaign.name, _run(campaign)),
         ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
+        *_relations(campaign),
+        ("What follows", consequences(campaign)),
         ("Submodels", used),
         ("Left out", left_out + _not_stored(campaign) or ["nothing"]),
     ]
+
+
+def _relations(campaign: "Campaign") -> list[Paragraph]:
+    """Return the constraints, with the share of the box that they allow."""
+    constraints = campaign.relations.constraints
+    if not constraints:
+        return []
+    lines = [each.text for each in constraints]
+    if campaign.variables.searched:
+        lines.append(f"allowed: {allowed_share(campaign)} of the box, by random strings")
+    return [("Constraints", lines)]
 
 
 def _not_stored(campaign: "Campaign") -> list[str]:
@@ -204,16 +221,20 @@ def _objective(campaign: "Campaign") -> str:
 
 
 def _scene(campaign: "Campaign") -> list[str]:
-    scene, i = campaign.scene, NAMES.index("size_ratio")
-    low, high = (volume_fraction(float(ends[i])) for ends in _ends(campaign))
-    fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    scene = campaign.scene
+    if scene.diameter is not None:
+        size = f"grains: diameter {value_with_prefix(scene.diameter, 'm')}; the box follows from it"
+    else:
+        low, high = (volume_fraction(float(ends[SIZE_RATIO])) for ends in _ends(campaign))
+        fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        size = f"box: half-width {scene.half_width:g} m, volume fraction {fraction}"
     if scene.end_time == "characteristic":
         end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
     else:
         end = f"{scene.end_time:g} s"
     return [
         f"particles: {scene.particles:,}",
-        f"box: half-width {scene.half_width:g} m, volume fraction {fraction}",
+        size,
         f"engine: {scene.engine.summary}",
         f"end time: {end}",
     ]
@@ -227,7 +248,10 @@ def _variables(campaign: "Campaign") -> list[str]:
     reasons = required_variables(campaign.scene)
     logarithmic = {NAMES[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
     lines = []
-    for variable, lower, upper in zip(VARIABLES, *_ends(campaign), strict=True):
+    for variable, *ends in zip(VARIABLES, *_ends(campaign), strict=True):
+        name, (lower, upper) = variable.name, ends
+        if name == "size_ratio" and campaign.variables.by_volume_fraction:
+            name, lower, upper = VOLUME_FRACTION.name, *map(volume_fraction, (lower, upper))
         if variable.name in campaign.variables.searched:
             value = f"{lower:g} .. {upper:g}"
             if variable.name in logarithmic:
@@ -239,5 +263,5 @@ def _variables(campaign: "Campaign") -> list[str]:
         else:
             continue
         unit = "" if variable.unit == "1" else variable.unit
-        lines.append(f"{variable.name:<18}{unit:<8}{value}")
+        lines.append(f"{name:<18}{unit:<8}{value}")
     return lines

@@ -5,7 +5,15 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from agglom_mpi.config.bounds import Range, VariableEntries, check_required
+from agglom_mpi.config.bounds import (
+    VOLUME_FRACTION,
+    Range,
+    VariableEntries,
+    check_required,
+    ranges_of,
+    required_variables,
+    volume_fraction,
+)
 from agglom_mpi.config.ensemble import (
     NONE,
     AnyEnsemble,
@@ -23,6 +31,7 @@ from agglom_mpi.config.objective import (
     MaximumGrowth,
     Moments,
 )
+from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.search import AnySearch, Genetic, Search
 from agglom_mpi.config.validation import (
@@ -46,6 +55,8 @@ class SceneDocument(Section):
     seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
     scene: SceneSection = Field(description="the section on what is simulated")
     variables: VariableEntries = Field(description="the section of values and ranges")
+    derived: Any = ()
+    constraints: Any = ()
     objective: AnyObjective = MaximumGrowth(law="maximum_growth")
     output: Output = Output()
     final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
@@ -66,8 +77,27 @@ class SceneDocument(Section):
     @classmethod
     def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" in info.data:
-            raise_field_errors(check_required(info.data["scene"], dict(entries)))
+            raise_field_errors(check_required(info.data["scene"], ranges_of(entries)))
         return entries
+
+    @field_validator("derived")
+    @classmethod
+    def _derived_quantities(cls, entries: Any, info: ValidationInfo) -> Any:
+        if "scene" not in info.data:
+            return ()
+        derived, problems = read_derived(entries, tuple(required_variables(info.data["scene"])))
+        raise_field_errors(problems)
+        return derived
+
+    @field_validator("constraints")
+    @classmethod
+    def _comparisons(cls, entries: Any, info: ValidationInfo) -> Any:
+        if "scene" not in info.data or "derived" not in info.data:
+            return ()
+        used = tuple(required_variables(info.data["scene"]))
+        constraints, problems = read_constraints(entries, used, info.data["derived"])
+        raise_field_errors(problems)
+        return constraints
 
     @field_validator("objective")
     @classmethod
@@ -109,7 +139,10 @@ class CampaignDocument(SceneDocument):
     @classmethod
     def _given_strings_are_in_the_box(cls, search: Search, info: ValidationInfo) -> Search:
         if "variables" in info.data and isinstance(search.start, list):
-            raise_field_errors(check_given_strings(search.start, dict(info.data["variables"])))
+            entries = info.data["variables"]
+            by_fraction = entries.volume_fraction is not None
+            ranges = ranges_of(entries)
+            raise_field_errors(check_given_strings(search.start, ranges, by_fraction))
         return search
 
     @field_validator("ensemble")
@@ -164,9 +197,21 @@ def _is_searched(data: dict[str, Any]) -> bool:
 
 
 def check_given_strings(
-    strings: list[dict[str, float]], entries: Mapping[str, Range | None]
+    strings: list[dict[str, float]],
+    entries: Mapping[str, Range | None],
+    by_fraction: bool = False,
 ) -> list[tuple[FieldPath, str]]:
-    """Return problems of given strings: values not searched or outside the box, duplicates."""
+    """Return problems of given strings: values not searched or outside the box, duplicates.
+
+    Parameters
+    ----------
+    strings
+        Values in SI units by name.
+    entries
+        Ranges of the ten variables.
+    by_fraction
+        Whether to say the volume fraction in place of the size ratio.
+    """
     problems: list[tuple[FieldPath, str]] = []
     for i, string in enumerate(strings):
         if string in strings[:i]:  # equal strings have equal samples, so that nothing is learnt
@@ -176,6 +221,11 @@ def check_given_strings(
             if entry is None or entry.lower == entry.upper:
                 problems.append((path, "is not searched; give values of variables with a range"))
             elif not entry.lower <= value <= entry.upper:
-                ends = f"{entry.lower:g} to {entry.upper:g}"
-                problems.append((path, f"is {value:g}; must be within its range, {ends}"))
+                numbers = [value, entry.lower, entry.upper]
+                if by_fraction and name == "size_ratio":
+                    path = ("start", i, VOLUME_FRACTION.name)
+                    numbers = [volume_fraction(number) for number in numbers]
+                own, lower, upper = (f"{number:g}" for number in numbers)
+                message = f"is {own}; must be within its range, {lower} to {upper}"
+                problems.append((path, message))
     return problems

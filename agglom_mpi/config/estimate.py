@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.config.derived import columns_of
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.search.objectives import ReachedMoment
@@ -49,6 +50,8 @@ class StringEstimate:
     ----------
     parameters : dict
         Variables that the scene uses, SI units.
+    derived : dict
+        Of each derived column its value and SI unit.
     samples, failed : int
         Completed samples, and those that failed, which are left out.
     objective : MeanEstimate
@@ -67,6 +70,7 @@ class StringEstimate:
     """
 
     parameters: dict[str, float]
+    derived: dict[str, tuple[float, str]]
     samples: int
     failed: int
     objective: MeanEstimate
@@ -87,6 +91,10 @@ class StringEstimate:
         means = {name: getattr(self, name) for name in MEASURED}
         found = {
             "parameters": self.parameters,
+            "derived": {
+                name: {"value": _finite(value), "unit": unit}
+                for name, (value, unit) in self.derived.items()
+            },
             "samples": self.samples,
             "objective": _plain(self.objective),
             "measured": {MEASURED[name]: _plain(mean) for name, mean in means.items()},
@@ -103,9 +111,10 @@ class StringEstimate:
     def _lines(self) -> list[str]:
         units = {variable.name: variable.unit for variable in VARIABLES}
         lines = ["parameters"]
-        for name, value in self.parameters.items():
-            unit = "" if units[name] == "1" else f" {units[name]}"
-            lines.append(f"  {name:<22}{value:.6g}{unit}")
+        lines += [_line(name, value, units[name]) for name, value in self.parameters.items()]
+        if self.derived:
+            lines.append("derived")
+        lines += [_line(name, value, unit) for name, (value, unit) in self.derived.items()]
         lines.append(f"mean ± standard error over {self.samples} samples")
         means = {"objective": self.objective}
         means |= {label: getattr(self, name) for name, label in MEASURED.items()}
@@ -122,9 +131,16 @@ class StringEstimate:
         return [*lines, OVERLAPS] if self.ledger["overlaps"] else lines
 
 
+def _line(name: str, value: float, unit: str) -> str:
+    return f"  {name:<22}{value:.6g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def _plain(mean: MeanEstimate) -> dict[str, float | None]:
-    value, error = (number if math.isfinite(number) else None for number in mean[:2])
-    return {"mean": value, "standard_error": error}
+    return {"mean": _finite(mean.value), "standard_error": _finite(mean.error)}
 
 
 def estimate_of(
@@ -155,6 +171,10 @@ def estimate_of(
 
     return StringEstimate(
         parameters={n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
+        derived={
+            column.name: (float(column.values[0]), column.unit)
+            for column in columns_of(campaign, parameters[None])
+        },
         samples=len(outcomes),
         failed=failed,
         objective=MeanEstimate(*objective.of_ensemble(summaries), len(outcomes)),

@@ -24,9 +24,10 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     """
     variables = campaign.variables
     ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
+    scales = zip(variables.logarithmic.tolist(), variables.cubic.tolist(), strict=True)
     boxes = {
-        name: (*pair, "log") if logarithmic else pair
-        for name, pair, logarithmic in zip(NAMES, ends, variables.logarithmic, strict=True)
+        name: (*pair, "log") if logarithmic else (*pair, "cubic") if cubic else pair
+        for name, pair, (logarithmic, cubic) in zip(NAMES, ends, scales, strict=True)
     }
     sections = {
         "seed": campaign.seed,
@@ -34,6 +35,8 @@ def identity(campaign: "Campaign") -> dict[str, object]:
         "variables": {name: boxes[name] for name in variables.used},
         "objective": objective(campaign),
     }
+    if campaign.relations.constraints:
+        sections["constraints"] = sorted(campaign.relations.canonical())
     if campaign.plan is not None:
         sections |= _required_plan(campaign.plan)
     return dict(_flat(sections))

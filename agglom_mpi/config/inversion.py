@@ -40,7 +40,7 @@ def inversion_of(
     objective, rule = campaign.objective.build(particles), ensemble.build()
     target, race = stopping.target, ensemble.racing
     inputs = SearchInputs(
-        campaign.variables.space(),
+        campaign.space(),
         campaign.seed,
         given,
         magnitude=campaign.objective.law == "growth_target",

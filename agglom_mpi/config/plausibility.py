@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.objective import GrowthTarget, MaximumGrowth, Moments
 from agglom_mpi.config.units import quoted
@@ -75,7 +76,8 @@ def implausible(
         idle: Mapping[str, Any] = dict.fromkeys(box.ignored)
     else:
         lower = upper = campaign.parameters(given)
-        idle = {name: value for name, value in given.items() if name not in box.used}
+        used = {*box.used, *FRACTIONS}
+        idle = {name: value for name, value in given.items() if name not in used}
     findings = [
         *_idle(idle),
         *_unusual(lower, upper),
@@ -123,7 +125,7 @@ def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Itera
             f"makes {scene.particles:,} grains of {value_with_prefix(size, 'm')}; usual are grains "
             f"{GRAINS.words}, and a number without a unit is in m"
         )
-        yield ("scene", "half_width"), message
+        yield ("scene", scene.size_key), message
 
 
 def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:

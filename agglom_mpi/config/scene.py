@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
+from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, one_of
 from agglom_mpi.config.submodels import (
     AnyCooling,
     AnyDuration,
@@ -28,7 +29,7 @@ from agglom_mpi.config.submodels import (
     RootSolver,
     Values,
 )
-from agglom_mpi.config.units import Length, Number, Speed, Time, quoted, to_si
+from agglom_mpi.config.units import Number, Speed, Time, quoted, to_si
 from agglom_mpi.config.validation import NAMED, FieldError, Section, WholeNumber, raise_field_errors
 from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.variables import NAMES
@@ -197,14 +198,19 @@ def _at_least_two(value: Any) -> Any:
 
 
 class SceneSection(Section):
-    """Section `scene`: box, submodels and engine; lengths in m, times in s."""
+    """Section `scene`: box, submodels and engine; lengths in m, times in s.
+
+    Where it gives the size of the grains, `half_width` is None and follows for each string.
+    """
 
     particles: Annotated[
         WholeNumber,
         Field(ge=2, le=10**7, description="the number of grains"),
         BeforeValidator(_at_least_two),
     ]
-    half_width: Annotated[Length, Field(gt=0, description="half the cube's edge, like '1 cm'")]
+    half_width: HalfWidth
+    grain_diameter: GrainSize = None
+    grain_radius: GrainSize = None
     escape: Escape = "periodic"
     velocities: Annotated[UniformX | Spread, Field(discriminator="law"), NAMED] = Field(
         description="allowed: uniform_x, spread"
@@ -221,6 +227,27 @@ class SceneSection(Section):
     solver: AnySolver = RootSolver()
     end_time: EndTime = Field(description="`characteristic` or a time like '10 ms'")
     engine: AnyEngine = EventEngine()
+
+    @property
+    def size_key(self) -> str:
+        """The key that says how large the scene is."""
+        return next(key for key in SIZES if getattr(self, key) is not None)
+
+    @property
+    def diameter(self) -> float | None:
+        """Diameter of the grains in m; None where it follows from `half_width`."""
+        if self.grain_radius is not None:
+            return 2.0 * self.grain_radius
+        return self.grain_diameter
+
+    def entries(self) -> dict[str, Any]:
+        """Return the fields as plain values: a diameter, or the half-width that it follows from."""
+        entries = super().entries()
+        if self.diameter is not None:
+            del entries["half_width"]
+            entries.pop("grain_radius", None)
+            entries["grain_diameter"] = self.diameter
+        return entries
 
     def build(self, parameters: ArrayLike, engine: Engine | None = None) -> "Scene":
         """Return the scene of one parameter string as kernels see it.
@@ -241,7 +268,7 @@ class SceneSection(Section):
             If the scene cannot be simulated, with the reason.
         """
         from agglom_mpi.physics.cooling import EulerCooling, ExactCooling
-        from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius
+        from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.boundary import Periodic, Reentry
         from agglom_mpi.simulation.scene import Scene
 
@@ -258,7 +285,7 @@ class SceneSection(Section):
             cooling=None if cooling is None else integrated(cooling),
             engine=engine.build(),
             particles=self.particles,
-            half_width=self.half_width,
+            half_width=half_width(self, value),
             radius=grain_radius(self, value),
             mass=grain_mass(self, value),
             temperature=0.0 if unused else value["temperature"],
@@ -283,6 +310,11 @@ class SceneSection(Section):
             solver=self.solver.build(value) if pressure else None,
             heat_capacity=value["heat_capacity"] if heats else math.inf,
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_size(cls, data: Any) -> Any:
+        return one_of(SIZES, data)
 
     @model_validator(mode="before")
     @classmethod

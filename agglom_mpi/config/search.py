@@ -53,7 +53,7 @@ def _read_string(string: Any, path: FieldPath, problems: list[tuple[FieldPath, s
         return
     for name, value in string.items():
         try:
-            yield name, read_variable(str(name), value)
+            yield read_variable(str(name), value)
         except ValueError as error:
             problems.append(((*path, str(name)), str(error)))
 

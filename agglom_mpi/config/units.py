@@ -171,3 +171,32 @@ Temperature = Annotated[float, _reader("K")]
 """Kelvin; degrees Celsius are converted."""
 HeatTransfer = Annotated[float, _reader("W/m^2/K")]
 """Watts per square metre and kelvin."""
+
+
+def dimensions_of(unit: str) -> dict[str, float]:
+    """Return the powers of the base dimensions of a unit: `m/s` gives [length] 1, [time] -1.
+
+    Raises
+    ------
+    ValueError
+        If pint knows no such unit.
+    """
+    registry = _registry()
+    source = _unit(registry, "" if unit == "1" else unit)
+    return {name: float(power) for name, power in source.dimensionality.items()}
+
+
+def in_base_units(number: str, unit: str) -> float:
+    """Return a quantity in SI base units.
+
+    Raises
+    ------
+    ValueError
+        If pint knows no such unit, or it cannot be converted.
+    """
+    registry = _registry()
+    try:
+        quantity = registry.Quantity(Decimal(number), _unit(registry, unit))
+        return float(quantity.to_base_units().magnitude)
+    except (TypeError, ArithmeticError):
+        raise ValueError(f"'{number} {unit}' cannot be converted to SI units") from None

@@ -1,4 +1,4 @@
-"""Scales of a scene for one parameter string: size and mass of a grain, end time, collisions.
+"""Scales of a scene for one parameter string: size and mass of a grain, box, end time, collisions.
 
 Values that float64 cannot calculate with are refused.
 """
@@ -18,21 +18,33 @@ LARGEST_EXPONENT: Final = 600.0
 """U/(Rθ) beyond which the hardness, and so the critical speed, is no number any more."""
 
 
-def grain_radius(scene: Any, value: Mapping[str, float]) -> float:
-    """Return the radius of a grain b⁰ = ℓ D/N^⅓ in m; ℓ is the diameter over the spacing 2D/N^⅓.
+def half_width(scene: Any, value: Mapping[str, float]) -> float:
+    """Return half the edge of the box D in m: the scene's, or b⁰ N^⅓/ℓ from its grain diameter.
 
     Parameters
     ----------
     scene
-        The `scene` section of a campaign.
+        The `scene` section of a campaign, which gives `half_width` or the `diameter` of grains.
     value
-        The variables in SI units, by name.
+        The variables in SI units, by name; numbers or arrays.
     """
+    if scene.diameter is None:
+        return float(scene.half_width)
+    return 0.5 * scene.diameter * scene.particles ** (1.0 / 3.0) / value["size_ratio"]
+
+
+def grain_radius(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the radius of a grain b⁰ = ℓ D/N^⅓ in m; ℓ is the diameter over the spacing 2D/N^⅓.
+
+    Where the scene gives the diameter of grains it is half of that; arguments as for `half_width`.
+    """
+    if scene.diameter is not None:
+        return 0.5 * float(scene.diameter)
     return 0.5 * value["size_ratio"] * 2.0 * scene.half_width / scene.particles ** (1.0 / 3.0)
 
 
 def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
-    """Return the mass of a grain in kg; arguments as for `grain_radius`.
+    """Return the mass of a grain in kg; arguments as for `half_width`.
 
     Raises
     ------
@@ -56,7 +68,7 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
     """Return the end time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) if the scene says so  [A 13].
 
     S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
-    √(6 a_f H β/ρ) with the hardness at the starting temperature; arguments as for `grain_radius`.
+    √(6 a_f H β/ρ) with the hardness at the starting temperature; arguments as for `half_width`.
 
     Raises
     ------
@@ -65,7 +77,7 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
     """
     if not isinstance(scene.end_time, str):
         return float(scene.end_time)
-    spacing = 2.0 * scene.half_width / scene.particles ** (1.0 / 3.0)
+    spacing = 2.0 * half_width(scene, value) / scene.particles ** (1.0 / 3.0)
     hardness = value["hardness"]
     if scene.hardness.law == "arrhenius":
         exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
@@ -87,7 +99,7 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
 
 
 def speed_variance(scene: Any, value: Mapping[str, float]) -> float:
-    """Return ⟨|v − ⟨v⟩|²⟩ of the starting velocities in m²/s²; arguments as for `grain_radius`.
+    """Return ⟨|v − ⟨v⟩|²⟩ of the starting velocities in m²/s²; arguments as for `half_width`.
 
     A uniform distribution over a width L has the variance L²/12: `uniform_x` has L = v⁰ in x alone,
     `spread` L = 2v⁰ in x and `transverse` times that in y and z.
@@ -104,7 +116,7 @@ def collision_rate(scene: Any, value: Mapping[str, float]) -> float:
     ω = 4nσ²χ√(πT/m) of the equal spheres at the start, with the contact value χ of Carnahan and
     Starling, once the starting velocities have become a Maxwellian of the same energy: T/m is a
     third of `speed_variance`. Losses make it smaller, bonding makes it end; arguments as for
-    `grain_radius`.
+    `half_width`.
     """
     diameter = 2.0 * grain_radius(scene, value)
     density = value["size_ratio"] ** 3 / diameter**3

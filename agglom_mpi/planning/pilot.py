@@ -91,8 +91,7 @@ def pilot_tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int
 def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
     """Return random string `number` of the search box, shape (10,); the first are generation 0."""
     generation, slot = divmod(number, campaign.search.population)
-    space = campaign.variables.space()
-    return space.sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
+    return campaign.space().sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
 
 
 def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) -> np.void:

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
@@ -65,6 +66,11 @@ def _variable_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
         fixed = "" if row["searched"] else ", fixed"
         name = f"{variable.name.replace('_', ' ')} ({unit}{fixed})"
         yield [name, *(f"{value:.5g}" for value in values)]
+    for column in derived_columns(data):
+        values = values_of(data, shown, column.name)
+        factor, unit = scaled_unit(column.unit, float(np.nanmax(np.abs(values), initial=0.0)))
+        name = f"{column.name.replace('_', ' ')} ({unit})"
+        yield [name, *(f"{value / factor:.5g}" for value in values)]
 
 
 def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import value_with_error
@@ -250,6 +251,6 @@ def _cells(data: CampaignData, string: int, columns: Sequence[Column]) -> list[s
         if column.name in results:
             value = results[column.name]
         else:
-            value = float(data.values([string], column.name)[0])
+            value = float(values_of(data, [string], column.name)[0])
         cells.append(format(value / column.unit, column.digits))
     return cells

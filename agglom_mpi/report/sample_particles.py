@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.resimulation import is_same, recorded_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
-from agglom_mpi.physics.scales import end_time, grain_radius
+from agglom_mpi.physics.scales import end_time, grain_radius, half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
 from agglom_mpi.storage.reader import CampaignData
@@ -159,13 +159,19 @@ def _stored_radii(
     if not data.attributes.get("final_particles"):
         return rows[:0], []
     found = [data.final_particles(string, int(sample)) for sample in rows["sample"]]
-    scene = SimpleNamespace(
-        particles=data.identity["scene.particles"],
-        half_width=data.identity["scene.half_width"],
-    )
-    first = grain_radius(scene, {"size_ratio": float(data.values([string], "size_ratio")[0])})
+    first = grain_radius(*_scene_and_value(data, string))
     is_stored = np.array([particles is not None for particles in found], bool)
     return rows[is_stored], [each.radii / first for each in found if each is not None]
+
+
+def _scene_and_value(data: CampaignData, string: int) -> tuple[SimpleNamespace, dict[str, float]]:
+    """Return what `physics.scales` needs for the size of a string's grains and of its box."""
+    scene = SimpleNamespace(
+        particles=data.identity["scene.particles"],
+        half_width=data.identity.get("scene.half_width"),
+        diameter=data.identity.get("scene.grain_diameter"),
+    )
+    return scene, {"size_ratio": float(data.values([string], "size_ratio")[0])}
 
 
 def _affordable_samples(data: CampaignData, rows: np.ndarray, seconds: float) -> int:
@@ -232,12 +238,12 @@ def frames_of(
     FramesUnavailableError
         If none are stored, and no sample of the string can be resimulated.
     """
-    half_width = float(data.identity["scene.half_width"])
     stored = [pair for pair in data.framed() if pair[0] == string]
     for pair in stored or data.framed():
         frames = data.frames(*pair)
         if frames is not None and frames.particles.max(initial=0) > 0:
-            return SampleFrames(*pair, frames, "as stored", half_width)
+            width = half_width(*_scene_and_value(data, pair[0]))
+            return SampleFrames(*pair, frames, "as stored", width)
     rows = completed_samples(data, string)
     if not len(rows) or not _affordable_samples(data, rows, seconds):
         raise FramesUnavailableError(
@@ -248,7 +254,8 @@ def frames_of(
         frames = _resimulated_frames(data, string, sample)
     except (CampaignError, RuntimeError) as error:
         raise FramesUnavailableError(str(error)) from error
-    return SampleFrames(string, sample, frames, "simulated again", half_width)
+    width = half_width(*_scene_and_value(data, string))
+    return SampleFrames(string, sample, frames, "simulated again", width)
 
 
 def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:

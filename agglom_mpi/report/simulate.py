@@ -21,9 +21,11 @@ from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import require_library
+from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.signature import is_hdf5
+from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -137,7 +139,7 @@ def simulate_string(
         extra["replay"] = AGREEMENT[same]
         code = 0 if same else 1
     if request.out is not None:
-        extra["files"] = _write_frames(request, campaign, outcomes[0])
+        extra["files"] = _write_frames(request, campaign, parameters, outcomes[0])
     if as_json:
         return json.dumps(estimate.as_dict() | extra, indent=2), code
     return _as_text(estimate, extra), code
@@ -198,13 +200,19 @@ def require_output(directory: Path) -> None:
         require_absent(directory / name)
 
 
-def _write_frames(request: SimulationRequest, campaign: Campaign, outcome: Outcome) -> list[str]:
+def _write_frames(
+    request: SimulationRequest,
+    campaign: Campaign,
+    parameters: npt.NDArray[np.float64],
+    outcome: Outcome,
+) -> list[str]:
     """Write the frames of an outcome, and return the paths of their files."""
     assert request.out is not None
     assert outcome.frames is not None
     string = "" if request.string is None else f"string {request.string}, "
     title = f"{campaign.title}: {string}sample {request.sample}"
-    return write_frames(request.out, outcome.frames, campaign.scene.half_width, title)
+    value = dict(zip(NAMES, parameters.tolist(), strict=True))
+    return write_frames(request.out, outcome.frames, half_width(campaign.scene, value), title)
 
 
 def write_frames(directory: Path, frames: Frames, half_width: float, title: str) -> list[str]:

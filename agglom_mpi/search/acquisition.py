@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.search.space import SearchSpace
+
 if TYPE_CHECKING:
     from agglom_mpi.search.gaussian_process import GaussianProcess
 
@@ -24,6 +26,9 @@ PERTURBATION: Final = 1e-6
 INSIDE: Final = 0.381966
 """Every component of that point in the unit cube: no value that a search proposes twice."""
 
+MOVES: Final = 64
+"""Moves at most that are tried until a point is allowed."""
+
 DUPLICATES: Final = 1e-4
 """Strings that differ by less, in units of the box, are ranked as one."""
 
@@ -35,25 +40,28 @@ SMALLEST: Final = 1e-300
 
 
 def candidates_about(
-    promising: NDArray[np.float64], random: np.random.Generator
+    promising: NDArray[np.float64], random: np.random.Generator, space: SearchSpace
 ) -> NDArray[np.float64]:
     """Return points of the unit cube at which to compare functions, shape (`CANDIDATES`, d).
 
     Half are uniform, a quarter lies near a point of `promising`, shape (m, d), and a quarter is one
     of these with some components moved to the faces of the box, where optima of bounded problems
-    often are.
+    often are. All are in the box of `space`; those that it does not allow are moved back to the
+    promising point that they come from, as far as to where they are allowed.
     """
-    quarter, dimensions = CANDIDATES // 4, promising.shape[1]
-    anywhere = random.random((2 * quarter, dimensions))
-    near, moved = promising[random.integers(len(promising), size=(2, quarter))]
+    quarter = CANDIDATES // 4
+    anywhere = space.sample_points(random, 2 * quarter)
+    origins = promising[random.integers(len(promising), size=(2, quarter))]
+    near, moved = origins
     near = np.clip(near + STEP * random.normal(size=near.shape), 0.0, 1.0)
     faces = random.integers(2, size=moved.shape).astype(np.float64)
     moved = np.where(random.random(moved.shape) < 0.5, moved, faces)
+    near, moved = map(space.towards, (near, moved), origins)
     return np.vstack((anywhere, near, moved))
 
 
 def best_expected(
-    model: "GaussianProcess", starts: NDArray[np.float64], magnitude: bool
+    model: "GaussianProcess", starts: NDArray[np.float64], magnitude: bool, space: SearchSpace
 ) -> NDArray[np.float64]:
     """Return the point, shape (d,), with the least expected objective near the starts.
 
@@ -65,6 +73,8 @@ def best_expected(
         Points of the unit cube from which to descend, shape (m, d).
     magnitude
         Whether the objective is the magnitude of what is modelled.
+    space
+        The box; the point is one that it allows, as the starts are.
     """
     from scipy.optimize import minimize
 
@@ -74,7 +84,7 @@ def best_expected(
 
     bounds = [(0.0, 1.0)] * starts.shape[1]
     ends = [minimize(smooth, at, jac=True, bounds=bounds, method="L-BFGS-B").x for at in starts]
-    points = np.vstack((ends, starts))
+    points = np.vstack((space.towards(np.array(ends), starts), starts))
     expected = expected_objective(model.mean(points), model.deviation(points), magnitude)
     return np.asarray(points[np.argmin(expected)])
 
@@ -96,13 +106,29 @@ def expected_objective(
     return np.asarray(spread + mean * erf(away / math.sqrt(2.0)))
 
 
-def perturbed(points: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-    """Return points of the unit cube, shape (n, d), moved at random by about 1e-6.
+def perturbed(
+    points: NDArray[np.float64], random: np.random.Generator, space: SearchSpace
+) -> NDArray[np.float64]:
+    """Return allowed points of the unit cube, shape (n, d), moved at random by about 1e-6.
 
     Equal strings have equal configurations, so a corner that is proposed repeatedly would show no
     noise. Moves are random, as a moved point may be proposed again, and regular moves would meet.
+    Where one leaves what is allowed, others are tried in all directions.
     """
-    return points + PERTURBATION * random.random(points.shape) * (INSIDE - points)
+    moved = points + PERTURBATION * random.random(points.shape) * (INSIDE - points)
+    if space.allowed is None:
+        return moved
+    for _ in range(MOVES):
+        out = ~space.allows(moved)
+        if not out.any():
+            return moved
+        steps = PERTURBATION * random.uniform(-1.0, 1.0, points.shape)
+        moved[out] = np.clip(points + steps, 0.0, 1.0)[out]
+    moved = space.towards(moved, points)
+    out = ~space.allows(moved)
+    if out.any():  # a known string at the edge of what is allowed may be outside by its rounding
+        moved[out] = space.sample_points(random, int(out.sum()))
+    return moved
 
 
 def duplicates_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> list[int]:

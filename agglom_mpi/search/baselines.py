@@ -1,15 +1,18 @@
 """Search methods that learn nothing, as baselines: random points and Sobol's sequence."""
 
 import warnings
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with
-from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.space import BLOCK, SearchSpace
 from agglom_mpi.variables import COUNT
+
+if TYPE_CHECKING:
+    from scipy.stats import qmc
 
 SOBOL_BITS: Final = 30
 """Binary digits of a point, for up to 10⁹ points."""
@@ -65,7 +68,7 @@ class BaselineSearch(EvaluatedStrings):
 
 
 class RandomSearch(BaselineSearch):
-    """Independent points, uniform in the box."""
+    """Independent points, uniform in what is allowed of the box."""
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         slots = range(first, self.population)
@@ -76,19 +79,65 @@ class RandomSearch(BaselineSearch):
 class SobolSearch(BaselineSearch):
     """A scrambled Sobol sequence (Sobol 1967, Owen 1998), which fills the box evenly."""
 
+    def __init__(
+        self,
+        space: SearchSpace,
+        seed: int,
+        population: int,
+        given: NDArray[np.float64] = NO_STRINGS,
+    ) -> None:
+        super().__init__(space, seed, population, given)
+        self._sequence = SobolStrings(space, seed)
+
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         before = generation * self.population + first
-        return sobol_strings(self.space, self.seed, before, self.population - first)
+        return self._sequence.strings(before, self.population - first)
+
+
+class SobolStrings:
+    """The strings of a seed's Sobol sequence that are allowed, numbered from 0.
+
+    Parameters
+    ----------
+    space
+        The box to fill.
+    seed
+        Seed of the campaign.
+    """
+
+    def __init__(self, space: SearchSpace, seed: int) -> None:
+        self._space = space
+        self._seed = seed
+        self._whole: qmc.Sobol | None = None  # the sequence, beyond what is searched
+        self._allowed = NO_STRINGS
+
+    def strings(self, first: int, count: int) -> NDArray[np.float64]:
+        """Return strings `first` to `first + count - 1`, shape (count, 10)."""
+        if self._space.allowed is None:
+            return sobol_strings(self._space, self._seed, first, count)
+        if self._whole is None:
+            self._whole = _sequence(self._space, self._seed)
+        while len(self._allowed) < first + count:
+            strings = self._space.from_unit(self._whole.random(BLOCK))
+            self._allowed = np.vstack((self._allowed, strings[self._space.allowed(strings)]))
+        return self._allowed[first : first + count]
 
 
 def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, 10)."""
-    from scipy.stats import qmc  # takes half a second to load
+    """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, 10).
 
-    scramble = search_stream(seed, SOBOL_SCRAMBLE)
-    sequence = qmc.Sobol(space.dimensions, bits=SOBOL_BITS, seed=scramble)
+    Whether they are allowed does not matter.
+    """
+    sequence = _sequence(space, seed)
     if first:
         sequence.fast_forward(first)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # evenness is best with powers of two
         return space.from_unit(sequence.random(count))
+
+
+def _sequence(space: SearchSpace, seed: int) -> "qmc.Sobol":
+    from scipy.stats import qmc  # takes half a second to load
+
+    scramble = search_stream(seed, SOBOL_SCRAMBLE)
+    return qmc.Sobol(space.dimensions, bits=SOBOL_BITS, seed=scramble)

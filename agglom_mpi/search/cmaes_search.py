@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.random_streams import EVOLUTION, search_stream
-from agglom_mpi.search.baselines import NO_STRINGS
+from agglom_mpi.search.baselines import NO_STRINGS, SobolStrings
 from agglom_mpi.search.proposals import (
     MODEL,
     EvaluatedStrings,
@@ -19,6 +19,12 @@ from agglom_mpi.search.space import SearchSpace
 
 FAILED_OBJECTIVE: Final = 1e300
 """Objective of a string that could not be evaluated, for a method that only ranks."""
+
+
+DRAWS: Final = 200
+"""Draws at most to find an allowed string."""
+MIDDLES: Final = 256
+"""Allowed strings among which the middle one is where a search begins."""
 
 
 class CmaesSearch(EvaluatedStrings):
@@ -36,7 +42,7 @@ class CmaesSearch(EvaluatedStrings):
         First standard deviation in units of the box.
     given
         Strings that the first generation begins with, shape (n, 10), n at most `population`. The
-        distribution begins about the first of them, or in the middle of the box.
+        distribution begins about the first of them, or in the middle of what is allowed of the box.
     """
 
     parents = 1
@@ -55,12 +61,14 @@ class CmaesSearch(EvaluatedStrings):
         self.space = space
         self.given = given
         dimensions = space.dimensions
+        self._random = search_stream(seed, EVOLUTION)
+        self._best = space.to_unit(given)[0] if len(given) else _middle(space, seed)
         self._strategy = CMA(
-            mean=space.to_unit(given)[0] if len(given) else np.full(dimensions, 0.5),
+            mean=self._best,
             sigma=sigma,
             bounds=np.tile([0.0, 1.0], (dimensions, 1)),
             population_size=population,
-            seed=int(search_stream(seed, EVOLUTION).integers(2**31)),
+            seed=int(self._random.integers(2**31)),
         )
         self._points = self._drawn(population)
 
@@ -82,7 +90,30 @@ class CmaesSearch(EvaluatedStrings):
         objectives = self.objectives[-count:]
         objectives = np.where(np.isfinite(objectives), objectives, FAILED_OBJECTIVE)
         self._strategy.tell(list(zip(points, objectives.tolist(), strict=True)))
+        self._best = self.space.to_unit(self.parameters[self._ranked()[:1]])[0]
         self._points = self._drawn(count)
 
     def _drawn(self, number: int) -> NDArray[np.float64]:
-        return np.array([self._strategy.ask() for _ in range(number)])
+        return np.array([self._allowed_point() for _ in range(number)])
+
+    def _allowed_point(self) -> NDArray[np.float64]:
+        """Return a point that is drawn until it is allowed, or moved towards the best one."""
+        for _ in range(DRAWS):
+            point = self._strategy.ask()
+            if self.space.allowed is None or self.space.allows(point[None])[0]:
+                return np.asarray(point)
+        moved = self.space.towards(point[None], self._best[None])
+        return (
+            moved[0]
+            if self.space.allows(moved)[0]
+            else self.space.sample_points(self._random, 1)[0]
+        )
+
+
+def _middle(space: SearchSpace, seed: int) -> NDArray[np.float64]:
+    """Return the middle of the unit cube, or the most central of some allowed points."""
+    middle = np.full(space.dimensions, 0.5)
+    if space.allows(middle[None])[0]:
+        return middle
+    points = space.to_unit(SobolStrings(space, seed).strings(0, MIDDLES))
+    return np.asarray(points[np.argmin(np.sum((points - points.mean(axis=0)) ** 2, axis=1))])

@@ -1,5 +1,7 @@
 """The genetic algorithm of both papers [A 22] [B 7]."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +18,11 @@ from agglom_mpi.search.proposals import (
     as_proposals,
     joined_proposals,
 )
-from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.space import HALVINGS, SearchSpace
 from agglom_mpi.variables import COUNT
+
+BLENDS: Final = 100
+"""Blends of two parents that are drawn at most to find an allowed one."""
 
 
 class GeneticSearch:
@@ -164,19 +169,48 @@ class GeneticSearch:
     def _offspring(self) -> Proposals:
         mates = np.repeat(self._ranked[: self.parents].reshape(-1, 2), 2, axis=0)
         slots = np.arange(self.parents, 2 * self.parents)
-        blend = np.array(
-            [
-                search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)).uniform(
-                    *self.blend, COUNT
-                )
-                for slot in slots
-            ]
-        )
+        streams = [
+            search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)) for slot in slots
+        ]
+        blend = np.array([random.uniform(*self.blend, COUNT) for random in streams])
         better, worse = (self.space.scaled(self._parameters[some]) for some in mates.T)
-        # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
-        children = self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
+        children = self._children(better, worse, blend)
+        if self.space.allowed is not None:
+            for row in np.flatnonzero(~self.space.allowed(children)).tolist():
+                pair = better[row], worse[row]
+                child = self._allowed_child(*pair, blend[row], streams[row])
+                children[row] = self._parameters[mates[row, 0]] if child is None else child
         origin = np.full(slots.size, OFFSPRING, np.int8)
         return Proposals(self.generation, slots, origin, self.population_ids[mates], children)
+
+    def _children(
+        self,
+        better: NDArray[np.float64],
+        worse: NDArray[np.float64],
+        blend: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return blends of scaled parents in the box, shape (..., 10)."""
+        # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
+        return self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
+
+    def _allowed_child(
+        self,
+        better: NDArray[np.float64],
+        worse: NDArray[np.float64],
+        blend: NDArray[np.float64],
+        random: np.random.Generator,
+    ) -> NDArray[np.float64] | None:
+        """Return an allowed child of scaled parents whose first blend is not allowed, or None.
+
+        Other blends are drawn; if none of them is allowed, children nearer and nearer to the better
+        parent are tried.
+        """
+        assert self.space.allowed is not None
+        drawn = random.uniform(*self.blend, (BLENDS, COUNT))
+        nearer = 1.0 + (blend - 1.0) * 0.5 ** np.arange(1.0, HALVINGS)[:, None]
+        children = self._children(better, worse, np.vstack((drawn, nearer)))
+        allowed = np.flatnonzero(self.space.allowed(children))
+        return np.asarray(children[allowed[0]]) if len(allowed) else None
 
     def _restrict(self) -> None:
         best = self._ranked[0]

@@ -1,11 +1,23 @@
 """The search box: bounds of the ten variables, scaling, sampling and clipping of strings."""
 
-from typing import Self
+import copy
+from collections.abc import Callable
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.variables import COUNT
+
+Allowed = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+"""Function of strings, (n, 10), that returns which of them may be proposed, (n,)."""
+
+MOST_DRAWS: Final = 1 << 20
+"""Strings drawn at most to find one that may be proposed."""
+BLOCK: Final = 4096
+"""Strings drawn at most at a time."""
+HALVINGS: Final = 20
+"""Steps by which the end of what is allowed on a line is found: to a millionth of its length."""
 
 
 class SearchSpace:
@@ -21,6 +33,15 @@ class SearchSpace:
     logarithmic
         Components searched by their logarithms, shape (10,); none by default. Their bounds are
         positive.
+    cubic
+        Components searched by their cubes, shape (10,); none by default.
+
+    Attributes
+    ----------
+    allowed
+        Which strings of the box may be proposed; None: all. See `within`.
+    centre
+        An allowed string of the box that it was restricted around, shape (10,); None if it was not.
     """
 
     def __init__(
@@ -29,6 +50,7 @@ class SearchSpace:
         upper: ArrayLike,
         outermost: "SearchSpace | None" = None,
         logarithmic: ArrayLike | None = None,
+        cubic: ArrayLike | None = None,
     ) -> None:
         self.lower = np.array(lower, dtype=np.float64)
         self.upper = np.array(upper, dtype=np.float64)
@@ -40,11 +62,29 @@ class SearchSpace:
             raise ValueError("bounds must be finite and in order, or both nan")
         self.lower.setflags(write=False)
         self.upper.setflags(write=False)
-        scaled = np.zeros(COUNT) if logarithmic is None else logarithmic
-        self.logarithmic = self.searched & np.array(scaled, dtype=np.bool_)
+        self.logarithmic, self.cubic = (
+            self.searched & np.array(np.zeros(COUNT) if some is None else some, dtype=np.bool_)
+            for some in (logarithmic, cubic)
+        )
         if np.any(self.lower[self.logarithmic] <= 0.0):
             raise ValueError("what is searched by its logarithm must be positive")
         self.outermost = self if outermost is None else outermost
+        self.allowed: Allowed | None = None
+        self.centre: NDArray[np.float64] | None = None
+
+    def within(self, allowed: Allowed | None) -> Self:
+        """Return the box with only some of its strings allowed."""
+        box = copy.copy(self)
+        box.allowed = allowed
+        if self.outermost is self:
+            box.outermost = box
+        return box
+
+    def allows(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points of the unit cube, shape (n, d), are allowed strings, shape (n,)."""
+        if self.allowed is None:
+            return np.ones(len(points), np.bool_)
+        return self.allowed(self.from_unit(points))
 
     @property
     def searched(self) -> NDArray[np.bool_]:
@@ -57,19 +97,24 @@ class SearchSpace:
         return int(self.searched.sum())
 
     def scaled(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (..., 10), with logarithms of the logarithmic components."""
-        if not self.logarithmic.any():
+        """Return strings, shape (..., 10), in the coordinates in which the box is searched.
+
+        These are logarithms of the logarithmic components and cubes of the cubic ones.
+        """
+        if not (self.logarithmic.any() or self.cubic.any()):
             return strings
         scaled = np.array(strings)
         scaled[..., self.logarithmic] = np.log(scaled[..., self.logarithmic])
+        scaled[..., self.cubic] = scaled[..., self.cubic] ** 3
         return scaled
 
     def unscaled(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the strings, shape (..., 10), of scaled ones."""
-        if not self.logarithmic.any():
+        if not (self.logarithmic.any() or self.cubic.any()):
             return scaled
         strings = np.array(scaled)
         strings[..., self.logarithmic] = np.exp(strings[..., self.logarithmic])
+        strings[..., self.cubic] = np.cbrt(strings[..., self.cubic])
         return strings
 
     def to_unit(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,13 +132,79 @@ class SearchSpace:
         return self.clip(self.unscaled(scaled))
 
     def sample(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw one string uniformly from the box, shape (10,).
+        """Draw one string uniformly from what is allowed of the box, shape (10,).
 
         Ten numbers are drawn whatever is searched, so that fixing one component leaves the
-        draws of the others as they were.
+        draws of the others as they were; they are drawn again until the string is allowed.
+
+        Raises
+        ------
+        RuntimeError
+            If no string of `MOST_DRAWS` is, and the box has no centre.
         """
+        if self.allowed is None:
+            return self._drawn(rng.random(COUNT))
+        count, drawn = 1, 0
+        while drawn < MOST_DRAWS:
+            strings = self._drawn(rng.random((count, COUNT)))
+            allowed = np.flatnonzero(self.allowed(strings))
+            if len(allowed):
+                return np.asarray(strings[allowed[0]])
+            drawn += count
+            count = min(2 * count, BLOCK)
+        if self.centre is None:
+            raise RuntimeError(f"no string of {MOST_DRAWS:,} satisfies the constraints")
+        points = self.towards(self.to_unit(strings[:1]), self.to_unit(self.centre[None]))
+        return self.from_unit(points)[0] if self.allows(points)[0] else self.centre
+
+    def _drawn(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return strings by their shares of the way from lower to upper ends, shape (..., 10)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
-        return self.clip(self.unscaled(lower + rng.random(COUNT) * (upper - lower)))
+        return self.clip(self.unscaled(lower + shares * (upper - lower)))
+
+    def sample_points(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+        """Draw points uniformly from what is allowed of the unit cube, shape (count, d).
+
+        Raises
+        ------
+        RuntimeError
+            If fewer of `MOST_DRAWS` are allowed.
+        """
+        found = np.empty((0, self.dimensions))
+        if self.allowed is None:
+            return rng.random((count, self.dimensions))
+        for _ in range(MOST_DRAWS // BLOCK):
+            points = rng.random((BLOCK, self.dimensions))
+            found = np.vstack((found, points[self.allows(points)]))
+            if len(found) >= count:
+                return found[:count]
+        raise RuntimeError(f"{len(found)} of {MOST_DRAWS:,} strings satisfy the constraints")
+
+    def towards(
+        self, points: NDArray[np.float64], origins: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return points of the unit cube, moved to their origins until they are allowed.
+
+        Parameters
+        ----------
+        points
+            Shape (n, d); those that are allowed stay.
+        origins
+            Allowed points, shape (n, d).
+        """
+        out = ~self.allows(points)
+        if not out.any():
+            return points
+        begin, way = origins[out], points[out] - origins[out]
+        inside, beyond = np.zeros((len(begin), 1)), np.ones((len(begin), 1))
+        for _ in range(HALVINGS):
+            middle = 0.5 * (inside + beyond)
+            allowed = self.allows(begin + middle * way)[:, None]
+            inside = np.where(allowed, middle, inside)
+            beyond = np.where(allowed, beyond, middle)
+        moved = points.copy()
+        moved[out] = begin + inside * way
+        return moved
 
     def clip(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the nearest strings in the box, shape (..., 10); unused components become nan."""
@@ -120,4 +231,6 @@ class SearchSpace:
         upper = np.minimum(self.unscaled(middle + half), outer.upper)
         lower = np.where(self.searched, lower, self.lower)
         upper = np.where(self.searched, upper, self.upper)
-        return type(self)(lower, upper, outer, self.logarithmic)
+        box = type(self)(lower, upper, outer, self.logarithmic, self.cubic)
+        box.allowed, box.centre = self.allowed, centre
+        return box

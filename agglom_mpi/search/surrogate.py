@@ -21,7 +21,7 @@ from agglom_mpi.search.acquisition import (
     expected_objective,
     perturbed,
 )
-from agglom_mpi.search.baselines import NO_STRINGS, sobol_strings
+from agglom_mpi.search.baselines import NO_STRINGS, SobolStrings
 from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.search.proposals import (
     MODEL,
@@ -89,6 +89,7 @@ class SurrogateSearch(EvaluatedStrings):
         self.initial = initial
         self.batch = batch
         self.given = given
+        self._sobol = SobolStrings(space, seed)
         self._magnitude = magnitude
         self._thread = ThreadPoolExecutor(1) if background else None
         self._pending: dict[int, Future[Proposals]] = {}
@@ -169,16 +170,16 @@ class SurrogateSearch(EvaluatedStrings):
         if generation < 2:
             given = self.given[: end - first] if generation == 0 else NO_STRINGS
             first += len(given)
-            drawn = sobol_strings(self.space, self.seed, first, end - first)
+            drawn = self._sobol.strings(first, end - first)
             return begun_with(given, drawn, generation)
         known = self._count_before(generation - 1)
         random = search_stream(self.seed, SURROGATE, generation)
         model = self._model(known, generation - 1)
         if model is None:
-            points, origin = random.random((end - first, self.space.dimensions)), RANDOM
+            points, origin = self.space.sample_points(random, end - first), RANDOM
         else:
             points, origin = self._proposed_by(model, known, end - first, random), MODEL
-        strings = self.space.from_unit(perturbed(points, random))
+        strings = self.space.from_unit(perturbed(points, random, self.space))
         return as_proposals(generation, strings, origin)
 
     def _proposed_by(
@@ -188,10 +189,10 @@ class SurrogateSearch(EvaluatedStrings):
         points = self.space.to_unit(self.parameters[:known])
         mean = model.mean_at_points
         order = np.argsort(abs(mean) if self._magnitude else mean, kind="stable")
-        candidates = candidates_about(points[order[:PROMISING]], random)
+        candidates = candidates_about(points[order[:PROMISING]], random, self.space)
         functions = model.draw(candidates, count - 1, random)
         objectives = abs(functions) if self._magnitude else functions
-        best = best_expected(model, points[order[:STARTS]], self._magnitude)
+        best = best_expected(model, points[order[:STARTS]], self._magnitude, self.space)
         return np.vstack((best, candidates[np.argmin(objectives, axis=1)]))
 
     def _model(self, fitted: int, generation: int) -> "GaussianProcess | None":

@@ -10,7 +10,8 @@ def test_every_job_is_valid_and_says_what_would_run(agglom, job):
     assert done.exit_code == 0
     assert done.stderr == ""
     headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
-    assert headings[1:] == ["Scene", "Variables", "Submodels", "Left out"]
+    headings = [heading for heading in headings if heading != "Constraints"]
+    assert headings[1:] == ["Scene", "Variables", "What follows", "Submodels", "Left out"]
     for entry in ("seed", "objective", "ensemble", "generations", "strings", "samples", "engine"):
         assert f"\n  {entry}: " in done.stdout
 

@@ -57,7 +57,7 @@ SCENE = [
     (
         "  half_width",
         "  half_width: 1\n  zzz: 1",
-        ("6: scene.zzz:", "unknown key 'zzz'", "allowed: particles, half_width, escape"),
+        ("6: scene.zzz:", "unknown key 'zzz'", "allowed: particles, half_width, grain_diameter"),
     ),
     (
         "  velocities",

@@ -96,7 +96,7 @@ def test_a_point_that_was_moved_may_be_moved_again_and_meets_no_other():
     rng = np.random.default_rng(0)
     points = np.zeros((400, 1))
     for _ in range(3):
-        points = np.vstack((points, acquisition.perturbed(points, rng)))
+        points = np.vstack((points, acquisition.perturbed(points, rng, box(points.shape[1]))))
     assert np.ptp(points) < 2e-6
     moved = 1.0 + 10.0 * points[400:]
     assert len(np.unique(moved)) == len(moved)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.report.drawing import (
@@ -29,6 +30,8 @@ Floats = NDArray[np.float64]
 SearchedVariable = tuple[Variable, float, float, bool]
 """A variable, the ends of its range in SI units, and whether it is searched by its logarithm."""
 
+DERIVED: Final = "a derived quantity"
+"""Meaning of what is shown beside the variables."""
 PANEL_SIZE: Final = (2.7, 2.0)
 """Width and height of a panel of the search paths, inches."""
 MAX_MARKED: Final = 30
@@ -71,13 +74,26 @@ class VariablePath(NamedTuple):
     generation: Floats
 
 
+def shown_quantities(data: CampaignData) -> list[SearchedVariable]:
+    """Return the variables that are searched, and derived quantities over the range they took."""
+    evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
+    derived = []
+    for column in derived_columns(data):
+        values = column.values[evaluated]
+        values = values[np.isfinite(values)]
+        if column.own and len(values) and values.min() < values.max():
+            variable = Variable(column.name, column.unit, column.name, DERIVED)
+            derived.append((variable, float(values.min()), float(values.max()), False))
+    return searched_variables(data) + derived
+
+
 def variable_paths(data: CampaignData) -> list[VariablePath]:
-    """Return the path of each variable that is searched."""
+    """Return the path of each variable that is searched, and of each derived quantity."""
     rows, paths = data.generation_rows(), []
     evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
     strings = data.string_rows()[evaluated]
-    for variable, lower, upper, logarithmic in searched_variables(data):
-        tops = [data.values(row["population"][: row["top"]], variable.name) for row in rows]
+    for variable, lower, upper, logarithmic in shown_quantities(data):
+        tops = [values_of(data, row["population"][: row["top"]], variable.name) for row in rows]
         tops = [values[np.isfinite(values)] for values in tops]
         paths.append(
             VariablePath(
@@ -86,10 +102,10 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
                 lower,
                 upper,
                 logarithmic,
-                data.values(rows["best_string"], variable.name),
+                values_of(data, rows["best_string"], variable.name),
                 np.array([v.min() if len(v) else np.nan for v in tops]),
                 np.array([v.max() if len(v) else np.nan for v in tops]),
-                strings[variable.name],
+                values_of(data, strings["string"], variable.name),
                 strings["generation"] + 1.0,
             )
         )
@@ -161,7 +177,7 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
 
 
 class BestStrings(NamedTuple):
-    """The best n strings of a campaign, in order of rank, and the d variables that are searched.
+    """The best n strings of a campaign, in order of rank, and d variables and derived quantities.
 
     Attributes
     ----------
@@ -277,22 +293,25 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
     shown = rank_strings(data).order[: BEST + OTHERS]
     if not shown or not searched_variables(data):
         return None
-    columns = [data.values(shown, entry[0].name) for entry in searched_variables(data)]
+    entries = shown_quantities(data)
+    columns = [values_of(data, shown, entry[0].name) for entry in entries]
     fresh = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
     labels = [
         f"#{place} string {string}: "
         f"{fresh.get(string, float(rank_strings(data).results[string]['objective'])):.4g}"
         for place, string in enumerate(shown[:BEST], 1)
     ]
-    return BestStrings(searched_variables(data), np.column_stack(columns), labels)
+    return BestStrings(entries, np.column_stack(columns), labels)
 
 
 def _best_caption(best: BestStrings) -> str:
     coloured, grey = len(best.labels), len(best.values) - len(best.labels)
     more = f", the next {grey} in grey" if grey else ""
+    derived = any(variable.meaning == DERIVED for variable, *_ in best.searched)
+    also = ", or a derived quantity over the range that it took" if derived else ""
     return (
         f"The best {coloured} strings with their objectives{more}. Every line is a variable from "
-        "the bottom to the top of the search box."
+        f"the bottom to the top of the search box{also}."
     )
 
 

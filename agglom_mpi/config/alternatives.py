@@ -1,0 +1,67 @@
+"""Keys that stand in place of one another, of which a section has exactly one."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import BeforeValidator, Field
+
+from agglom_mpi.config.units import to_si
+from agglom_mpi.config.validation import LATER
+
+SIZES: Final = ("half_width", "grain_diameter", "grain_radius")
+"""Keys of a scene of which one says how large it is."""
+
+
+FRACTIONS: Final = ("size_ratio", "volume_fraction")
+"""Keys of the variables of which one says how much of the box the grains fill."""
+
+
+class _Beside(NamedTuple):
+    """Stands for the value of a key that is given beside another in whose place it stands."""
+
+    other: str
+
+
+class _Absent:
+    """Stands for the value of a key in whose place another one is given."""
+
+
+def one_of(keys: tuple[str, ...], data: Any) -> Any:
+    """Return a section's data in which a second one of these keys, or the lack of one, is marked.
+
+    `read_marked` then reports it among the other mistakes of the section.
+    """
+    if not isinstance(data, Mapping):
+        return data
+    given = [key for key in keys if key in data]
+    marks: dict[str, Any] = {key: _Beside(given[0]) for key in given[1:]}
+    if given and keys[0] not in given:
+        marks[keys[0]] = _Absent()
+    return {**data, **marks}
+
+
+def read_marked(value: Any, keys: tuple[str, ...], read: Callable[[Any], Any]) -> Any:
+    """Return what `read` makes of a value that `one_of` may have marked; None for a lack."""
+    match value:
+        case _Absent():
+            return None
+        case _Beside():
+            raise ValueError(f"is given beside {value.other}; give one of {', '.join(keys)}")
+    return read(value)
+
+
+def _read_length(value: Any) -> Any:
+    return read_marked(value, SIZES, partial(to_si, unit="m"))
+
+
+_Positive = Annotated[float, Field(gt=0)] | None
+
+HalfWidth = Annotated[
+    _Positive,
+    BeforeValidator(_read_length),
+    Field(description="half the cube's edge, like '1 cm', or grain_diameter, like '50 um'"),
+]
+"""Metres; None where the size of the grains is given."""
+GrainSize = Annotated[_Positive, BeforeValidator(_read_length), LATER]
+"""Metres; None where the half-width is given."""

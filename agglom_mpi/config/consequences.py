@@ -1,0 +1,122 @@
+"""What follows from a campaign's scene and variables, as `agglom check` prints it."""
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.quantities import BY_NAME, Quantity, Value, one_by_one
+from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.physics import scales
+from agglom_mpi.physics.constants import GAS_CONSTANT
+from agglom_mpi.random_streams import CONSEQUENCES, search_stream
+from agglom_mpi.variables import COUNT, NAMES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.scene import SceneSection
+
+Floats = NDArray[np.float64]
+
+STRINGS: Final = 512
+"""Random strings of the box of which ranges are shown, besides all of its corners."""
+PREFIXED: Final = frozenset({"m", "s", "Pa", "W/m^3", "J", "J/m^2", "W", "N", "1/s"})
+"""Units that take a decimal prefix."""
+
+
+def _edge(scene: "SceneSection", value: Value) -> float:
+    return 2.0 * scales.half_width(scene, value)
+
+
+def _impact_pressure(scene: "SceneSection", value: Value) -> float:
+    """Return ρv⁰²/(6βH), the mean pressure of an impact of equal grains over twice the hardness."""
+    exponent = 0.0
+    if scene.hardness.law == "arrhenius":
+        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
+    hardness = value["hardness"] * scene.duration.length_ratio
+    return value["density"] * value["relative_speed"] ** 2 / (6.0 * hardness) * math.exp(-exponent)
+
+
+def _surface_energy(scene: "SceneSection", value: Value) -> float:
+    """Return 4πb²γ/(m v⁰²/4), a grain's surface energy over the energy of an impact of two."""
+    surface = 4.0 * math.pi * scales.grain_radius(scene, value) ** 2 * value["surface_energy"]
+    energy = 0.25 * scales.grain_mass(scene, value) * value["relative_speed"] ** 2
+    return surface / energy
+
+
+def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
+    """Yield what is shown of a scene, with its label."""
+    yield "grain diameter", BY_NAME["grain_diameter"]
+    yield "edge of the box", Quantity("edge", "m", "", _edge)
+    yield "volume fraction", BY_NAME["volume_fraction"]
+    yield "mean free path", BY_NAME["mean_free_path"]
+    yield "end time", BY_NAME["end_time"]
+    yield "collisions per grain", BY_NAME["expected_collisions"]
+    yield "grain mass", BY_NAME["grain_mass"]
+    if scene.restitution.law == "pressure":
+        yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
+    if scene.fragmentation.law != "none":
+        yield "surface/impact energy", Quantity("surface", "1", "", _surface_energy)
+
+
+NOTES: Final = {
+    "collisions per grain": "by Enskog's theory, were all elastic",
+    "impact pressure/hardness": "of grains that meet at relative_speed; they bond from {final:g}",
+    "surface/impact energy": "of a grain, over that of two that meet at relative_speed",
+}
+"""What is said of some of them."""
+
+
+def consequences(campaign: "Campaign") -> list[str]:
+    """Return lines on what follows, a range over the box where it depends on what is searched.
+
+    Only strings that satisfy the constraints count. Nothing is said of what is not a number in
+    float64, as for a scene that is refused.
+    """
+    scene, strings = campaign.scene, _strings(campaign)
+    parameters = dict(zip(NAMES, strings.T, strict=True))
+    values = {
+        label: (quantity.unit, one_by_one(scene, quantity, parameters))
+        for label, quantity in _quantities(scene)
+    }
+    derived = campaign.derived_values(strings)
+    lines = []
+    for label, (unit, found) in values.items():
+        note = NOTES.get(label, "").format(final=scene.contact_area.final)
+        lines.append(_line(label, unit, found, note))
+    for each in campaign.relations.derived:
+        lines.append(_line(each.name, each.unit, derived[each.name], f"= {each.text}"))
+    return [line for line in lines if line]
+
+
+def _strings(campaign: "Campaign") -> Floats:
+    """Return allowed strings, (n, 10), of the corners of the box and within it."""
+    bounds, space = campaign.variables, campaign.variables.space()
+    if not space.dimensions:
+        return campaign.parameters()[None]
+    corners = np.tile(bounds.lower, (2**space.dimensions, 1))
+    corners[:, space.searched] = list(
+        product(*zip(bounds.lower[space.searched], bounds.upper[space.searched], strict=True))
+    )
+    random = search_stream(campaign.seed, CONSEQUENCES)
+    strings = np.vstack((corners, space.from_unit(random.random((STRINGS, space.dimensions)))))
+    return strings[campaign.allowed_strings(strings)].reshape(-1, COUNT)
+
+
+def _line(label: str, unit: str, values: Any, note: str) -> str:
+    """Return a line on values, empty if none of them is a number."""
+    finite = np.asarray(values)[np.isfinite(values)]
+    if not len(finite):
+        return ""
+    low, high = (_text(float(value), unit) for value in (finite.min(), finite.max()))
+    text = low if low == high else f"{low} .. {high}"
+    return f"{label:<26}{text:<26}{note}".rstrip()
+
+
+def _text(value: float, unit: str) -> str:
+    if unit in PREFIXED:
+        return value_with_prefix(value, unit)
+    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"

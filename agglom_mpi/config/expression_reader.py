@@ -1,0 +1,195 @@
+"""Reader of arithmetic in campaign files, whose syntax is Python's but which is never run as such.
+
+Numbers may have units, `5 kW/m^3`; `^` is `**`. Texts and trees are limited in size.
+"""
+
+import ast
+import math
+import re
+import warnings
+from collections.abc import Container
+from keyword import iskeyword
+from typing import Final
+
+from agglom_mpi.config.dimensions import PURE, dimension_of
+from agglom_mpi.config.expressions import Binary, Comparison, Name, Negative, Node, Number
+from agglom_mpi.config.units import in_base_units, quoted
+
+MAX_CHARACTERS: Final = 500
+"""Longest text of an expression."""
+MAX_NODES: Final = 100
+"""Largest number of numbers, names and operators of an expression."""
+
+ALLOWED: Final = "allowed: + - * / **, brackets, names, and numbers like 0.1 or '5 kW/m^3'"
+
+_BINARY: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+_COMPARED: Final = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
+
+
+def read_expression(text: str, names: Container[str]) -> Node:
+    """Return the tree of an expression.
+
+    Parameters
+    ----------
+    text
+        Such as `0.5 * density * relative_speed**2`.
+    names
+        Names of quantities, which are not read as units.
+
+    Raises
+    ------
+    ValueError
+        If it is anything else, with what is allowed.
+    """
+    parsed, reader = _parse(text, names)
+    if isinstance(parsed, ast.Compare):
+        raise ValueError(f"is {quoted(text)}, a comparison; must be a quantity")
+    return reader.node(parsed)
+
+
+def read_comparison(text: str, names: Container[str]) -> Comparison:
+    """Return the operands of a constraint; arguments and errors as for `read_expression`."""
+    parsed, reader = _parse(text, names)
+    if isinstance(parsed, ast.BoolOp):
+        word = "and" if isinstance(parsed.op, ast.And) else "or"
+        raise ValueError(f"has '{word}'; all constraints must hold, each an entry of its own")
+    if not isinstance(parsed, ast.Compare):
+        raise ValueError(f"is {quoted(text)}; must compare two quantities by <, <=, > or >=")
+    if not all(type(each) in _COMPARED for each in parsed.ops):
+        raise ValueError(f"is {quoted(text)}; must compare by <, <=, > or >=")
+    operands = tuple(reader.node(each) for each in (parsed.left, *parsed.comparators))
+    return Comparison(text, operands, tuple(_COMPARED[type(each)] for each in parsed.ops))
+
+
+def _parse(text: str, names: Container[str]) -> tuple[ast.expr, "_Reader"]:
+    if len(text) > MAX_CHARACTERS:
+        raise ValueError(f"has {len(text)} characters; must be at most {MAX_CHARACTERS}")
+    if private := _PRIVATE.search(text):
+        raise ValueError(f"has the name {quoted(private.group())}; names begin with a letter")
+    reader = _Reader(text)
+    plain = _without_units(text, names, reader)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(plain.strip(), mode="eval").body, reader
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise ValueError(f"is {quoted(text)}, which is no arithmetic; {ALLOWED}") from None
+
+
+_WORD: Final = r"[^\W\d]\w*"
+_POWER: Final = r"(?:\s*(?:\^|\*\*)\s*-?\d{1,2})?"
+# Possessive, so that `1e999` is never read as 1 with the unit e999.
+_NUMBER: Final = r"(?<![\w.])(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+"
+_QUANTITY: Final = re.compile(rf"({_NUMBER})\s*({_WORD}{_POWER}(?:\s*[*/]\s*{_WORD}{_POWER})*)")
+_SEGMENT: Final = re.compile(rf"\s*[*/]?\s*({_WORD}){_POWER}")
+_PLACEHOLDER: Final = "_"
+_EXPONENT: Final = re.compile(r"(?<=[^\W\d_])(\d+)\b")
+_PRIVATE: Final = re.compile(r"(?<!\w)_\w*")
+
+
+def _without_units(text: str, names: Container[str], reader: "_Reader") -> str:
+    """Return a text in which placeholders stand for the numbers with units, which are read.
+
+    A unit ends before the name of a quantity, and before a second word that is no unit.
+    """
+    parts, at = [], 0
+    for match in _QUANTITY.finditer(text):
+        if match.start() < at:
+            continue
+        number, words = match.groups()
+        end = 0
+        for segment in _SEGMENT.finditer(words):
+            word = segment.group(1)
+            if word in names or iskeyword(word) or (end and not _is_unit(word)):
+                break
+            end = segment.end()
+        if end:
+            unit = words[:end]
+            place = reader.add(number, unit)
+            parts += [text[at : match.start()], place]
+            at = match.start(2) + end
+    return "".join([*parts, text[at:]]).replace("^", "**")
+
+
+def _spelled(unit: str) -> str:
+    """Return a unit as pint reads it: `kg/m3` and `kg/m**3` are `kg/m^3`."""
+    return _EXPONENT.sub(r"^\1", unit.replace("**", "^"))
+
+
+def _is_unit(word: str) -> bool:
+    try:
+        dimension_of(_spelled(word))
+    except ValueError:
+        return False
+    return True
+
+
+class _Reader:
+    """Converts the nodes of Python's syntax that are arithmetic, and refuses all others."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.nodes = 0
+        self.quantities: dict[str, Number] = {}
+
+    def add(self, number: str, unit: str) -> str:
+        """Read a number with a unit, and return the placeholder that stands for it."""
+        spelled = _spelled(unit)
+        value = in_base_units(number, spelled)
+        if not math.isfinite(value):
+            raise ValueError(f"has the number '{number} {unit}', which is too large")
+        place = f"{_PLACEHOLDER}{len(self.quantities)}{_PLACEHOLDER}"
+        self.quantities[place] = Number(value, dimension_of(spelled), f"{number} {unit}")
+        return f" {place} "
+
+    def node(self, node: ast.expr) -> Node:
+        """Return a node; raise a ValueError if it is not allowed."""
+        self.nodes += 1
+        if self.nodes > MAX_NODES:
+            raise ValueError(f"is too long; at most {MAX_NODES} numbers, names and operators")
+        match node:
+            case ast.Constant(value=bool() | complex()):
+                pass
+            case ast.Constant(value=int() | float() as value):
+                return self.number(value)
+            case ast.Name(id=name) if name in self.quantities:
+                return self.quantities[name]
+            case ast.Name(id=name) if not name.startswith(_PLACEHOLDER):
+                return Name(name)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return Negative(self.node(operand))
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.node(operand)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+                return Binary(_BINARY[type(op)], self.node(left), self.node(right))
+        raise ValueError(f"is {quoted(self.text)}, which has {_what(node)}; {ALLOWED}")
+
+    def number(self, value: float) -> Number:
+        """Return a pure number."""
+        try:
+            number = float(value)
+        except OverflowError:
+            number = float("inf")
+        if not math.isfinite(number):
+            raise ValueError(f"is {quoted(self.text)}, which has a number that is too large")
+        return Number(number, PURE, f"{number:g}")
+
+
+def _what(node: ast.expr) -> str:
+    """Return what is not allowed, in words."""
+    match node:
+        case ast.Call():
+            return "a call"
+        case ast.Attribute():
+            return "a dot"
+        case ast.Compare() | ast.BoolOp():
+            return "a comparison within"
+        case ast.Constant(value=str() | bytes()):
+            return "a text within"
+        case ast.Name(id=name):
+            return f"the name {quoted(name)}"
+        case ast.BinOp(op=ast.Mod()):
+            return "the operator %"
+        case ast.BinOp(op=ast.FloorDiv()):
+            return "the operator //"
+    return "something else than arithmetic"

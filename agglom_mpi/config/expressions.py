@@ -1,0 +1,243 @@
+"""Expressions: trees of arithmetic on quantities, their dimensions, values and texts.
+
+They are evaluated in float64 on arrays, elementwise; see `expression_reader` for how they are read.
+"""
+
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.dimensions import PURE, Dimension, kind_of, power, product
+
+Floats = NDArray[np.float64]
+
+MAX_EXPONENT: Final = 100.0
+"""Largest magnitude of an exponent."""
+
+
+class Number(NamedTuple):
+    """A number in SI units, with its text."""
+
+    value: float
+    dimension: Dimension
+    text: str
+
+
+class Name(NamedTuple):
+    """A quantity by its name."""
+
+    name: str
+
+
+class Negative(NamedTuple):
+    """The negative of an operand."""
+
+    operand: "Node"
+
+
+class Binary(NamedTuple):
+    """Two operands with an operator of `OPERATORS`."""
+
+    operator: str
+    left: "Node"
+    right: "Node"
+
+
+Node = Number | Name | Negative | Binary
+
+OPERATORS: Final[dict[str, Callable[[Any, Any], Any]]] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "**": np.power,
+}
+COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+class Comparison(NamedTuple):
+    """Operands, each compared with the next by an operator of `COMPARISONS`."""
+
+    text: str
+    operands: tuple[Node, ...]
+    operators: tuple[str, ...]
+
+
+def names_in(node: Node) -> Iterator[str]:
+    """Yield the names in a tree, repeated ones too."""
+    match node:
+        case Name(name=name):
+            yield name
+        case Negative(operand=operand):
+            yield from names_in(operand)
+        case Binary(left=left, right=right):
+            yield from names_in(left)
+            yield from names_in(right)
+
+
+def size_of(node: Node, sizes: Mapping[str, int]) -> int:
+    """Return the number of nodes of a tree, a name counting as many as `sizes` says or 1."""
+    match node:
+        case Name(name=name):
+            return sizes.get(name, 1)
+        case Negative(operand=operand):
+            return 1 + size_of(operand, sizes)
+        case Binary(left=left, right=right):
+            return 1 + size_of(left, sizes) + size_of(right, sizes)
+    return 1
+
+
+def text_of(node: Node, definitions: Mapping[str, str]) -> str:
+    """Return a tree as text in SI units with all brackets, the same for all its spellings.
+
+    Parameters
+    ----------
+    node
+    definitions
+        Texts that stand for names.
+    """
+    match node:
+        case Number(value=value):
+            return repr(value)
+        case Name(name=name):
+            return definitions.get(name, name)
+        case Negative(operand=operand):
+            return f"(-{text_of(operand, definitions)})"
+        case Binary(operator=symbol, left=left, right=right):
+            return f"({text_of(left, definitions)} {symbol} {text_of(right, definitions)})"
+
+
+def shown(node: Node) -> str:
+    """Return a tree as text for messages, with the numbers as they are written."""
+    match node:
+        case Number(text=text):
+            return text
+        case Name(name=name):
+            return name
+        case Negative(operand=operand):
+            return f"-{_inner(operand)}"
+        case Binary(operator=symbol, left=left, right=right):
+            return f"{_inner(left)} {symbol} {_inner(right)}"
+
+
+def _inner(node: Node) -> str:
+    return f"({shown(node)})" if isinstance(node, Negative | Binary) else shown(node)
+
+
+def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
+    """Return the value of a tree in SI units, a float64 number or array as broadcast.
+
+    Parameters
+    ----------
+    node
+    values
+        Numbers or arrays by name. Nothing raises: a quotient by 0 is inf or nan.
+    """
+    match node:
+        case Number(value=value):
+            return np.float64(value)
+        case Name(name=name):
+            return np.asarray(values[name], np.float64)
+        case Negative(operand=operand):
+            return -evaluate(operand, values)
+        case Binary(operator=symbol, left=left, right=right):
+            with np.errstate(all="ignore"):
+                return OPERATORS[symbol](evaluate(left, values), evaluate(right, values))
+
+
+def satisfied(comparison: Comparison, values: Mapping[str, Any]) -> Any:
+    """Return whether all comparisons hold, elementwise; nan satisfies none."""
+    operands = [evaluate(node, values) for node in comparison.operands]
+    holds: Any = True
+    for symbol, left, right in zip(comparison.operators, operands, operands[1:], strict=False):
+        holds = np.logical_and(holds, COMPARISONS[symbol](left, right))
+    return holds
+
+
+class _Any:
+    """The dimension of a 0, which has any."""
+
+
+ANY: Final = _Any()
+
+
+def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
+    """Return the dimension of a tree, `ANY` of a 0.
+
+    Parameters
+    ----------
+    node
+    known
+        Dimensions by name.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the dimensions do not fit together.
+    """
+    match node:
+        case Number(value=value, dimension=own):
+            return ANY if value == 0.0 and own == PURE else own
+        case Name(name=name):
+            if name not in known:
+                raise ValueError(f"has the unknown name '{name[:40]}'; {_hint(name, known)}")
+            return known[name]
+        case Negative(operand=operand):
+            return dimension(operand, known)
+        case Binary(operator="**"):
+            return _dimension_of_power(node, known)
+        case Binary(operator="+" | "-", left=left, right=right):
+            return common_dimension((left, right), known, f"in '{shown(node)}'")
+        case Binary(operator=symbol, left=left, right=right):
+            above, below = dimension(left, known), dimension(right, known)
+            if symbol == "/" and below is ANY:
+                raise ValueError(f"divides by 0 in '{shown(node)}'")
+            if isinstance(above, _Any) or isinstance(below, _Any):
+                return ANY
+            return product(above, below if symbol == "*" else power(below, -1.0))
+
+
+def common_dimension(
+    nodes: tuple[Node, ...], known: Mapping[str, Dimension], where: str
+) -> Dimension | _Any:
+    """Return the dimension that all these have; raise a ValueError if they differ."""
+    found: Dimension | _Any = ANY
+    first = nodes[0]
+    for node in nodes:
+        own = dimension(node, known)
+        if isinstance(own, _Any):
+            continue
+        if isinstance(found, _Any):
+            found, first = own, node
+        elif own != found:
+            kinds = [f"'{shown(n)}' is {kind_of(d)}" for n, d in ((first, found), (node, own))]
+            hint = "; write a number with its unit, like '10 MPa'" if PURE in (found, own) else ""
+            raise ValueError(f"does not fit together {where}: {', '.join(kinds)}{hint}")
+    return found
+
+
+def _dimension_of_power(node: Binary, known: Mapping[str, Dimension]) -> Dimension | _Any:
+    exponent = next(names_in(node.right), None)
+    if exponent is not None or dimension(node.right, known) not in (PURE, ANY):
+        raise ValueError(f"has an exponent that is no plain number in '{shown(node)}'")
+    value = float(evaluate(node.right, {}))
+    if not abs(value) <= MAX_EXPONENT:
+        raise ValueError(
+            f"has the exponent {value:g} in '{shown(node)}'; at most {MAX_EXPONENT:g} in size"
+        )
+    base = dimension(node.left, known)
+    return base if isinstance(base, _Any) else power(base, value)
+
+
+def _hint(name: str, known: Mapping[str, Dimension]) -> str:
+    close = get_close_matches(name, known, n=1)
+    return f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(known)}"

@@ -1,0 +1,170 @@
+"""Reader of the sections `derived` and `constraints`, with all that is wrong with them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from agglom_mpi.config.dimensions import PURE, Dimension, dimension_of, unit_of
+from agglom_mpi.config.expression_reader import read_comparison, read_expression
+from agglom_mpi.config.expressions import (
+    ANY,
+    Comparison,
+    Node,
+    common_dimension,
+    dimension,
+    names_in,
+    size_of,
+)
+from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES, units_of
+from agglom_mpi.config.relations import CircularError, Derived, in_order
+from agglom_mpi.config.units import quoted
+from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.variables import NAMES
+
+MAX_ENTRIES: Final = 30
+"""Largest numbers of derived quantities and of constraints."""
+MAX_SIZE: Final = 1000
+"""Largest number of nodes of a derived quantity in which all others are written out."""
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,29}")
+NAME_RULE: Final = "must be small letters, digits and _, a letter first, at most 30 characters"
+
+_COLUMNS: Final = """
+best_objective best_standard_error best_string breakups capped_iterations collisions crc
+    digest energy_error estimate evaluations failed finished floored_temperatures fresh generation
+    growth_number hit_maximum largest_residual lower mean_grains mean_of_top mean_radius_ratio
+    mean_temperature merges momentum_error name objective origin overlaps parent_1 parent_2 parents
+    particle_steps population processor_seconds radius_moment_2 radius_moment_3 radius_moment_4 rank
+    reason reestimate sample samples samples_simulated samples_used searched searched_objective
+    searched_standard_error seconds slot standard_error state steps string top unit upper
+    used
+"""
+COLUMNS: Final = frozenset(_COLUMNS.split())
+"""Columns of tables, whose names no derived quantity may have."""
+
+Problems = list[tuple[FieldPath, str]]
+
+
+def read_derived(value: Any, used: Sequence[str]) -> tuple[tuple[Derived, ...], Problems]:
+    """Return the quantities of the section `derived`, and what is wrong with it.
+
+    Parameters
+    ----------
+    value
+        The section as it is in the file.
+    used
+        Names of the variables that the scene depends on.
+    """
+    if not isinstance(value, dict):
+        message = f"is {quoted(value)}; must be a mapping like {{pressure: density * speed^2}}"
+        return (), [((), message)]
+    if len(value) > MAX_ENTRIES:
+        return (), [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
+    problems: Problems = [((name,), message) for name in value if (message := _name_problem(name))]
+    known = units_of(used)
+    names = {*NAMES, *known, *value}
+    trees: dict[str, Node] = {}
+    for name, entry in value.items():
+        try:
+            trees[name] = read_expression(_text(entry), names)
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+    if problems:  # an unknown name may be one of these
+        return (), problems
+    return _checked(value, trees, known)
+
+
+def _checked(
+    value: Mapping[str, Any], trees: Mapping[str, Node], known: Mapping[str, str]
+) -> tuple[tuple[Derived, ...], Problems]:
+    """Return the quantities of trees whose dimensions and sizes are right, and other problems."""
+    try:
+        order = in_order(trees)
+    except CircularError as error:
+        return (), [((str(error).split()[-1],), str(error))]
+    problems: Problems = []
+    dimensions = {name: dimension_of(unit) for name, unit in known.items()}
+    sizes: dict[str, int] = {}
+    for name in order:
+        sizes[name] = size_of(trees[name], sizes)
+        try:
+            if sizes[name] > MAX_SIZE:
+                raise ValueError(f"is too long; at most {MAX_SIZE} terms with all written out")
+            check_names(trees[name], dimensions, trees)
+            found = dimension(trees[name], dimensions)
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+            found = ANY
+        dimensions[name] = PURE if found is ANY else found  # type: ignore[assignment]
+    made = [Derived(n, _text(value[n]), trees[n], unit_of(dimensions[n])) for n in trees]
+    return tuple(made), problems
+
+
+def _name_problem(name: str) -> str:
+    if not _NAME.fullmatch(name):
+        return f"is no name for a quantity; {NAME_RULE}"
+    if name in NAMES or name == "volume_fraction":
+        return "is the name of a variable; choose another"
+    if name in CONSTANTS or name in {quantity.name for quantity in QUANTITIES}:
+        return "is the name of a quantity that every scene has; choose another"
+    if name in COLUMNS:
+        return "is the name of a column of the tables; choose another"
+    return ""
+
+
+def _text(entry: Any) -> str:
+    """Return the text of an expression, which may be a plain number."""
+    if isinstance(entry, int | float) and not isinstance(entry, bool):
+        return repr(entry)
+    if not isinstance(entry, str):
+        raise ValueError(f"is {quoted(entry)}; must be a text like '0.5 * density'")
+    return entry
+
+
+def check_names(node: Node, known: Mapping[str, Any], others: Mapping[str, Any]) -> None:
+    """Raise a ValueError if a tree names a variable on which the scene does not depend."""
+    for name in names_in(node):
+        if name in NAMES and name not in known and name not in others:
+            raise ValueError(f"names '{name}', on which this scene does not depend")
+
+
+def read_constraints(
+    value: Any, used: Sequence[str], derived: Sequence[Derived]
+) -> tuple[tuple[Comparison, ...], Problems]:
+    """Return the comparisons of the section `constraints`, and what is wrong with it.
+
+    Parameters
+    ----------
+    value
+        The section as it is in the file.
+    used
+        Names of the variables that the scene depends on.
+    derived
+        Quantities that they may name, too.
+    """
+    if not isinstance(value, list) or not value:
+        message = "must be a list of texts like ['pressure < 0.1 * hardness']"
+        return (), [((), f"is {quoted(value)}; {message}")]
+    if len(value) > MAX_ENTRIES:
+        return (), [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
+    units = units_of(used) | {each.name: each.unit for each in derived}
+    dimensions: dict[str, Dimension] = {name: dimension_of(unit) for name, unit in units.items()}
+    problems: Problems = []
+    found = []
+    for i, entry in enumerate(value):
+        try:
+            found.append(_constraint(entry, dimensions))
+        except ValueError as error:
+            problems.append(((i,), str(error)))
+    return tuple(found), problems
+
+
+def _constraint(entry: Any, dimensions: Mapping[str, Dimension]) -> Comparison:
+    if not isinstance(entry, str):
+        raise ValueError(f"is {quoted(entry)}; must be a text like 'pressure < 0.1 * hardness'")
+    comparison = read_comparison(entry, {*NAMES, *dimensions})
+    for node in comparison.operands:
+        check_names(node, dimensions, {})
+    common_dimension(comparison.operands, dimensions, "in a comparison")
+    if not any(name not in CONSTANTS for node in comparison.operands for name in names_in(node)):
+        raise ValueError(f"is {quoted(entry)}, which depends on nothing")
+    return comparison
