@@ -9,6 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -18,6 +19,9 @@ AGREEMENT: Final = {
     False: "differs from the recorded sample",
 }
 """What is said of a resimulated sample, by `is_same`."""
+
+LISTED: Final = 6
+"""Strings in a table, unless the campaign says how many are estimated again."""
 
 
 def recorded_campaign(data: "CampaignData") -> Campaign:
@@ -33,6 +37,17 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 def _campaign(data: "CampaignData") -> Campaign:
     return Campaign.from_text(data.campaign_text, str(data.path), recorded_function(data.identity))
+
+
+def listed_strings(data: "CampaignData") -> int:
+    """Return how many strings tables list: as many as `final` asks for, else `LISTED`."""
+    if "final" not in data.campaign_text or data.attributes.get("purpose", INVERSION) != INVERSION:
+        return LISTED
+    try:
+        final = recorded_campaign(data).final
+    except CampaignError:
+        return LISTED
+    return LISTED if final is None else final.strings
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:
