@@ -7,6 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.config.bounds import VOLUME_FRACTION, volume_fraction
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
@@ -138,15 +139,17 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
     ]
     if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
         return searched
-    return [_by_volume_fraction(*entry) for entry in searched]
+    cubes = recorded_campaign(data).scene.third_moment
+    return [_by_volume_fraction(*entry, cubes) for entry in searched]
 
 
 def _by_volume_fraction(
-    variable: Variable, lower: float, upper: float, logarithmic: bool
+    variable: Variable, lower: float, upper: float, logarithmic: bool, third_moment: float
 ) -> tuple[Variable, float, float, bool]:
     if variable.name != "size_ratio":
         return variable, lower, upper, logarithmic
-    return VOLUME_FRACTION, volume_fraction(lower), volume_fraction(upper), logarithmic
+    low, high = (volume_fraction(end, third_moment) for end in (lower, upper))
+    return VOLUME_FRACTION, low, high, logarithmic
 
 
 def _used_names(rows: np.ndarray) -> list[str]:
