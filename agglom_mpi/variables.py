@@ -1,5 +1,6 @@
 """The ten search variables of the papers: their names, units, symbols and order."""
 
+from math import pi
 from typing import Final, NamedTuple
 
 
@@ -28,3 +29,21 @@ VARIABLES: Final = (
 
 NAMES: Final = tuple(variable.name for variable in VARIABLES)
 COUNT: Final = len(VARIABLES)
+
+VOLUME_FRACTION: Final = Variable(
+    "volume_fraction", "1", "phi", "share of the box that the grains fill at the start"
+)
+"""What may be given in place of the size ratio."""
+
+
+def volume_fraction(size_ratio: float, third_moment: float = 1.0) -> float:
+    """Return the share of the box that the grains fill, (pi/6) size_ratio^3 <b^3>/<b>^3.
+
+    The last factor, 1 of equal grains, is the `third_moment` of the law of their sizes.
+    """
+    return pi / 6.0 * size_ratio**3 * third_moment
+
+
+def size_ratio(fraction: float, third_moment: float = 1.0) -> float:
+    """Return the size ratio of grains that fill a share of the box, as `volume_fraction`."""
+    return float((6.0 * fraction / (pi * third_moment)) ** (1.0 / 3.0))

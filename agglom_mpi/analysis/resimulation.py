@@ -9,7 +9,6 @@ from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -19,9 +18,6 @@ AGREEMENT: Final = {
     False: "differs from the recorded sample",
 }
 """What is said of a resimulated sample, by `is_same`."""
-
-LISTED: Final = 6
-"""Strings in a table, unless the campaign says how many are estimated again."""
 
 
 def recorded_campaign(data: "CampaignData") -> Campaign:
@@ -37,17 +33,6 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 def _campaign(data: "CampaignData") -> Campaign:
     return loading.recorded_campaign(data.campaign_text, str(data.path), data.identity)
-
-
-def listed_strings(data: "CampaignData") -> int:
-    """Return how many strings tables list: as many as `final` asks for, else `LISTED`."""
-    if "final" not in data.campaign_text or data.attributes.get("purpose", INVERSION) != INVERSION:
-        return LISTED
-    try:
-        final = recorded_campaign(data).final
-    except CampaignError:
-        return LISTED
-    return LISTED if final is None else final.strings
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:

@@ -14,8 +14,7 @@ from rich.table import Table
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import Estimate, objective_of
-from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
-from agglom_mpi.analysis.resimulation import listed_strings
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COMPLETED, summaries

@@ -7,8 +7,6 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
-from agglom_mpi.analysis.resimulation import recorded_campaign
-from agglom_mpi.config.bounds import VOLUME_FRACTION, volume_fraction
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.schema import (
@@ -20,7 +18,7 @@ from agglom_mpi.storage.schema import (
     Column,
     generations_schema,
 )
-from agglom_mpi.variables import NAMES, VARIABLES, Variable
+from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, Variable, volume_fraction
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -139,6 +137,9 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
     ]
     if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
         return searched
+    # Imported here: reading a file does not need what reads a campaign's text.
+    from agglom_mpi.analysis.resimulation import recorded_campaign
+
     cubes = recorded_campaign(data).scene.third_moment
     return [_by_volume_fraction(*entry, cubes) for entry in searched]
 

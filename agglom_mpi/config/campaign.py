@@ -10,7 +10,7 @@ import numpy.typing as npt
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.alternatives import FRACTIONS
-from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable, volume_fraction
+from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
@@ -28,7 +28,7 @@ from agglom_mpi.config.yaml_source import (
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT, NAMES
+from agglom_mpi.variables import COUNT, NAMES, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate

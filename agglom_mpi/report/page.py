@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi.analysis.comparison import PairedSamples
-from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.analysis.resimulation import listed_strings, recorded_campaign
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError

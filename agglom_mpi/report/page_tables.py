@@ -7,8 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
-from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.analysis.resimulation import listed_strings
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS

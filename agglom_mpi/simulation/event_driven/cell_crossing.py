@@ -33,7 +33,7 @@ def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, fa
 def schedule_crossing(scene, cells, flights, i):
     """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
 
-    Without cells there is no range: in a periodic box `limit_to_nearest_image` says when to predict
+    Without cells there is no range: in a periodic box the prediction says when to predict
     again.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]

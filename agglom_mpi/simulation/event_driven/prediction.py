@@ -107,11 +107,14 @@ IMAGE_MARGIN: Final = 1.0 + 1e-9
 def safe_reach(scene, cells):
     """Sum of two radii in m up to which only nearest images can touch until the next prediction.
 
-    Without cells none is safe: nothing predicts again before an image makes it.
+    Without cells none is safe: nothing predicts again before an image makes it. Without oversize
+    particles all are, as with faces that contacts do not cross.
 
     One moves by its range, the other by its range or a cell at most; the next image is at least D
     away along an axis.
     """
+    if not is_periodic(scene.escape) or cells.shape[OVERSIZE] == 0:
+        return np.inf
     per_axis = cells.shape[PER_AXIS]
     if per_axis == 0:
         return -np.inf
@@ -119,46 +122,16 @@ def safe_reach(scene, cells):
 
 
 @inlined
-def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):
-    """Predict for particle i again before it may touch another image of a large particle."""
-    trajectory, next_event = flights.trajectory[i], flights.next_event[i]
-    if trajectory["radius"] + cells.largest[0] > safe_reach(scene, cells):
-        time = next_image_time(scene, cells, flights, count, x, y, z, i, now)
-        if time < next_event["crossing_time"]:
-            next_event["crossing_time"] = time
-            next_event["crossing"] = RANGE
+def sooner_image(speed, way, difference, velocity, end):
+    """Speed in m/s and way in m of what is earlier: `way` at `speed`, or a difference at ±`end`.
 
-
-@inlined
-def next_image_time(scene, cells, flights, count, x, y, z, i, now):
-    """Time in s from which another image of a particle too large to be safe may touch i."""
-    side, half = 2.0 * scene.half_width, scene.half_width
-    per_side = 1.0 / side
-    trajectory = flights.trajectory[i]
-    safe = safe_reach(scene, cells)
-    first = np.inf
-    for k in range(count):
-        other = flights.trajectory[cells.candidates[k]]
-        reach = trajectory["radius"] + other["radius"]
-        if cells.candidates[k] == i or reach <= safe:
-            continue
-        flight = now - other["time"]
-        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
-        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
-        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        end = max(side - reach, half * IMAGE_MARGIN)
-        first = min(first, time_to_reach(dx, other["u"] - trajectory["u"], end))
-        first = min(first, time_to_reach(dy, other["v"] - trajectory["v"], end))
-        first = min(first, time_to_reach(dz, other["w"] - trajectory["w"], end))
-    return now + first
-
-
-@inlined
-def time_to_reach(difference, velocity, end):
-    """Time in s until a difference in m that is within ±`end` is there; inf at rest."""
-    if velocity > 0.0:
-        return (end - difference) / velocity
-    return (end + difference) / -velocity if velocity < 0.0 else np.inf
+    Compares times without dividing; `difference` in m is within ±`end`, `velocity` its change.
+    """
+    other_speed = abs(velocity)
+    other_way = end - difference if velocity > 0.0 else end + difference
+    if other_speed * way > speed * other_way:
+        return other_speed, other_way
+    return speed, way
 
 
 DISCRIMINANT_SLACK: Final = 1e-9
@@ -186,8 +159,11 @@ def is_resolved(trajectory, other, dx, dy, dz, closing):
 
 
 @inlined_fma
-def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded):
+def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded, safe):
     """Earliest collision of particle i, now at (x, y, z) in m, with candidates: time in s, partner.
+
+    Third comes the time in s from which another image of a particle may touch i, which is then to
+    be predicted again; images count where the sum of the radii is above `safe` in m.
 
     Only collisions before the candidate's own next one count: otherwise the candidate predicts
     with i again when that has happened. Overlapping and approaching is a collision now, if it can
@@ -200,6 +176,7 @@ def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
     collision_time, partner = next_event["collision_time"], -1
+    image_speed, image_way = 0.0, 1.0
     for k in range(count):
         j = candidates[k]
         other = flights.trajectory[j]
@@ -224,7 +201,13 @@ def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded
             if first and discriminant > 0.0 and real:
                 collision_time = time
                 partner = np.int64(j)
-    return collision_time, partner
+        if reach > safe:
+            end = max(side - reach, scene.half_width * IMAGE_MARGIN)
+            image_speed, image_way = sooner_image(image_speed, image_way, dx, du, end)
+            image_speed, image_way = sooner_image(image_speed, image_way, dy, dv, end)
+            image_speed, image_way = sooner_image(image_speed, image_way, dz, dw, end)
+    image_time = now + image_way / image_speed if image_speed > 0.0 else np.inf
+    return collision_time, partner, image_time
 
 
 @inlined
@@ -237,8 +220,8 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
     z = trajectory["z"] + trajectory["w"] * flight
     candidates = cells.candidates
     count = neighbours_of(scene, cells, trajectory, next_event, x, y, z, face)
-    collision_time, partner = first_collision(
-        scene, flights, candidates, count, x, y, z, i, now, excluded
+    collision_time, partner, image_time = first_collision(
+        scene, flights, candidates, count, x, y, z, i, now, excluded, safe_reach(scene, cells)
     )
     if partner >= 0:
         set_prediction(flights, i, partner, collision_time)
@@ -246,8 +229,9 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
         set_time(
             event_queue, partner, min(collision_time, flights.next_event[partner]["crossing_time"])
         )
-    if is_periodic(scene.escape) and cells.shape[OVERSIZE] > 0:
-        limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now)
+    if image_time < next_event["crossing_time"]:
+        next_event["crossing_time"] = image_time
+        next_event["crossing"] = RANGE
     set_time(event_queue, i, min(next_event["collision_time"], next_event["crossing_time"]))
 
 
