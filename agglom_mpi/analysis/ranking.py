@@ -1,5 +1,6 @@
 """The order of the best strings of a campaign file."""
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -116,7 +117,9 @@ def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[in
 
 def listed_strings(data: "CampaignData") -> int:
     """Return how many strings tables list: as many as `final` asks for, else `LISTED`."""
-    if "final" not in data.campaign_text or data.attributes.get("purpose", INVERSION) != INVERSION:
+    # Most campaigns do not say it, and need not be read for that.
+    said = re.search(r"^final:.*\bstrings:", data.campaign_text, re.MULTILINE | re.DOTALL)
+    if said is None or data.attributes.get("purpose", INVERSION) != INVERSION:
         return LISTED
     # Imported here: reading a file does not need what reads a campaign's text.
     from agglom_mpi.analysis.resimulation import recorded_campaign
