@@ -32,7 +32,7 @@ def unread(name: str) -> Diameters:
 
 def read_beside(folder: Path) -> SizeReader:
     """Return a reader of files in a folder."""
-    return lambda name: read_diameters(folder / name)
+    return lambda name: read_diameters(folder, name)
 
 
 def recorded_sizes(identity: Mapping[str, Any]) -> SizeReader:
@@ -51,7 +51,7 @@ def recorded_sizes(identity: Mapping[str, Any]) -> SizeReader:
     return read
 
 
-def read_diameters(path: Path) -> Diameters:
+def read_diameters(folder: Path, name: str) -> Diameters:
     """Read a text of one diameter a line, after a heading like `diameter (um)`.
 
     Without a heading, or a unit in it, they are relative to each other.
@@ -61,11 +61,11 @@ def read_diameters(path: Path) -> Diameters:
     ValueError
         If it cannot be read, or holds something else.
     """
-    name = str(path)
+    path = folder / name
     try:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
-        raise ValueError(f"is {quoted(name)}, which cannot be read: {error.strerror}") from None
+        raise ValueError(f"is {quoted(name)}, but {path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ValueError(f"is {quoted(name)}, which is no text in UTF-8") from None
     rows = [row.strip().rstrip(",;").strip() for row in text.splitlines()]
@@ -87,7 +87,7 @@ def _unit(heading: str, name: str) -> str:
         try:
             to_si(f"1 {unit}", "m")
         except ValueError as error:
-            raise ValueError(f"is {quoted(name)}, whose heading {error}") from None
+            raise ValueError(f"is {quoted(name)}, whose heading is {quoted(heading)}: {error}") from None
     return "" if unit == "1" else unit
 
 
