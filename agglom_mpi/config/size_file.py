@@ -65,7 +65,9 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     try:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
-        raise ValueError(f"is {quoted(name)}, but {path} cannot be read: {error.strerror}") from None
+        raise ValueError(
+            f"is {quoted(name)}, but {path} cannot be read: {error.strerror}"
+        ) from None
     except UnicodeDecodeError:
         raise ValueError(f"is {quoted(name)}, which is no text in UTF-8") from None
     rows = [row.strip().rstrip(",;").strip() for row in text.splitlines()]
@@ -87,7 +89,9 @@ def _unit(heading: str, name: str) -> str:
         try:
             to_si(f"1 {unit}", "m")
         except ValueError as error:
-            raise ValueError(f"is {quoted(name)}, whose heading is {quoted(heading)}: {error}") from None
+            raise ValueError(
+                f"is {quoted(name)}, whose heading is {quoted(heading)}: {error}"
+            ) from None
     return "" if unit == "1" else unit
 
 

@@ -80,7 +80,11 @@ def test_how_a_campaign_without_sizes_is_identified_does_not_change():
             "",
             "ratio: is given beside lengths; give smallest and largest, or their ratio",
         ),
-        (LOGNORMAL.replace("50 um", "50 kg"), "", "sizes.median: wrong unit: 'kg' is mass, expected length"),
+        (
+            LOGNORMAL.replace("50 um", "50 kg"),
+            "",
+            "sizes.median: wrong unit: 'kg' is mass, expected length",
+        ),
         ("  sizes: {file: s.csv}", "  half_width: 0.01", "is 's.csv', which is read beside a ca"),
     ],
 )
@@ -152,7 +156,9 @@ def test_a_mistake_in_a_file_of_sizes_is_said(folder, content, said):
 
 
 def test_a_lacking_file_of_sizes_is_said(folder):
-    with pytest.raises(CampaignError, match=r"is 'sizes\.csv', but .* cannot be read: No such file"):
+    with pytest.raises(
+        CampaignError, match=r"is 'sizes\.csv', but .* cannot be read: No such file"
+    ):
         load_campaign(folder / "c.yaml")
 
 
