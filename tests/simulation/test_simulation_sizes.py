@@ -1,4 +1,4 @@
-"""Samples of grains of different sizes: placement, engines, boxes, frames; mixtures in equilibrium."""
+"""Samples of grains of different sizes: placement, engines, boxes, frames; mixtures."""
 
 import math
 from pathlib import Path
@@ -121,7 +121,7 @@ def test_a_grain_larger_than_the_box_finds_no_place():
     scene = quickstart().scene.build(quickstart().parameters())
     wide = scene._replace(sizes=LognormalSizes(2.5))
     record, _ = simulate_scene(wide, np.random.default_rng(1))
-    assert REASONS[record["reason"]] == "grains found no free place"
+    assert REASONS[record["reason"]] == "placement: no free place was found for every sphere"
 
 
 MIXTURES = {  # volume fraction: large over small diameter, share of large ones
