@@ -226,7 +226,8 @@ def last_sources(stored: CampaignData) -> str:
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
     """Raise an OutputError that names every difference between two campaigns."""
     different = [
-        f"  {key}: {stored.get(key, 'absent')} in the file, {wanted.get(key, 'absent')} now"
+        f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
+        f"{_brief(wanted.get(key, 'absent'))} now"
         for key in sorted(stored.keys() | wanted.keys())
         if stored.get(key) != wanted.get(key)
     ]
@@ -235,6 +236,12 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
             f"{path}: belongs to another campaign; --output names another file. Different are:\n"
             + "\n".join(different)
         )
+
+
+def _brief(value: object) -> str:
+    """Return a value of an identity as text, the middle of a long one left out."""
+    text = str(value)
+    return text if len(text) <= 80 else f"{text[:50]} ... {text[-20:]}"
 
 
 def versions() -> dict[str, str]:
