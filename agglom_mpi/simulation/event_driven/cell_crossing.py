@@ -4,7 +4,7 @@ import numpy as np
 
 from agglom_mpi.kernels import inlined
 from agglom_mpi.simulation.boundary import is_periodic
-from agglom_mpi.simulation.event_driven.cells import PER_AXIS, link, unlink
+from agglom_mpi.simulation.event_driven.cells import PER_AXIS, copy_if_oversize, link, unlink
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
     invalidate_prediction,
@@ -82,6 +82,7 @@ def cross_cell(scene, particles, cells, flights, i, now):
     face = np.int64(next_event["crossing"])
     if face == RANGE:
         synchronise_particle(scene, particles, flights, i, now)
+        copy_if_oversize(cells, flights, i)
     else:
         beyond = 1 if face & 1 else -1
         if next_event["oversize"] < 0:
@@ -90,7 +91,7 @@ def cross_cell(scene, particles, cells, flights, i, now):
             link(cells, next_event, i)
         if beyond != 0:
             face = cross_face(scene, particles, flights, i, face, beyond, now)
-    schedule_crossing(scene, cells, flights, i)
+            copy_if_oversize(cells, flights, i)
     return face
 
 

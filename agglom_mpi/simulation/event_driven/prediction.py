@@ -8,6 +8,12 @@ import numpy as np
 from agglom_mpi.kernels import inlined, inlined_fma
 from agglom_mpi.simulation.boundary import is_periodic, nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
+from agglom_mpi.simulation.event_driven.comparison import (
+    compare,
+    gather_flights,
+    highest_rate,
+    keep_likely,
+)
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
 
@@ -73,10 +79,10 @@ def cells_of_oversize(scene, cells, coordinate, radius):
 
 @inlined
 def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
-    """Write what a particle at (x, y, z) in m may hit into `candidates`; return the number.
+    """Write the particles in cells around (x, y, z) in m into `candidates`; return their number.
 
     `face` is `RANGE` for all, or the face through which the particle came into its cell: then the
-    nine cells that were not beside it before, and the oversize ones.
+    nine cells that were not beside it before.
     """
     count = 0
     if next_event["oversize"] >= 0:
@@ -94,13 +100,7 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
         c0 = c + 1 if face == 5 else c - 1
         c1 = c - 1 if face == 4 else c + 1
         count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
-    for k in range(cells.shape[OVERSIZE]):
-        cells.candidates[count + k] = cells.oversize[k]
-    return count + cells.shape[OVERSIZE]
-
-
-IMAGE_MARGIN: Final = 1.0 + 1e-9
-"""Share of D at which the nearest image is another one for certain, so that prediction finds it."""
+    return count
 
 
 @inlined
@@ -120,22 +120,6 @@ def safe_reach(scene, cells):
         return -np.inf
     return scene.half_width - 2.0 * scene.half_width / per_axis - cells.range[0]
 
-
-@inlined
-def sooner_image(speed, way, difference, velocity, end):
-    """Speed in m/s and way in m of what is earlier: `way` at `speed`, or a difference at ±`end`.
-
-    Compares times without dividing; `difference` in m is within ±`end`, `velocity` its change.
-    """
-    other_speed = abs(velocity)
-    other_way = end - difference if velocity > 0.0 else end + difference
-    if other_speed * way > speed * other_way:
-        return other_speed, other_way
-    return speed, way
-
-
-DISCRIMINANT_SLACK: Final = 1e-9
-"""Share of b² by which b² − ac may be negative by rounding where c is not far above b²/a."""
 
 VELOCITY_RESOLUTION: Final = 2.0**-51
 """Approach over speed up to which an impact may leave both velocities as they are, by rounding."""
@@ -159,55 +143,44 @@ def is_resolved(trajectory, other, dx, dy, dz, closing):
 
 
 @inlined_fma
-def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded, safe):
+def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
     """Earliest collision of particle i, now at (x, y, z) in m, with candidates: time in s, partner.
-
-    Third comes the time in s from which another image of a particle may touch i, which is then to
-    be predicted again; images count where the sum of the radii is above `safe` in m.
 
     Only collisions before the candidate's own next one count: otherwise the candidate predicts
     with i again when that has happened. Overlapping and approaching is a collision now, if it can
     be told from rounding; receding is none. Of collisions at the same time, that with the lowest
-    slot is taken. `excluded` is the particle that i has just collided with. The first test, which
-    rounding may pass wrongly, is cheap; then the distance at which the two would pass each other
-    decides, which loses fewer digits.
+    slot is taken. `excluded` is the particle that i has just collided with. The distance at which
+    two would pass each other decides, which loses fewer digits than the test before.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
-    u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
     collision_time, partner = next_event["collision_time"], -1
-    image_speed, image_way = 0.0, 1.0
     for k in range(count):
-        j = candidates[k]
+        if cells.likely_times[k] > collision_time - now:
+            continue
+        j = cells.candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        du, dv, dw = other["u"] - u, other["v"] - v, other["w"] - w
+        du = other["u"] - trajectory["u"]
+        dv = other["v"] - trajectory["v"]
+        dw = other["w"] - trajectory["w"]
         closing = dx * du + dy * dv + dz * dw
-        reach = radius + other["radius"]
+        reach = trajectory["radius"] + other["radius"]
         excess = dx * dx + dy * dy + dz * dz - reach * reach
         square = du * du + dv * dv + dw * dw
-        likely = (1.0 + DISCRIMINANT_SLACK) * closing * closing - square * excess
-        if min(-closing, likely) > 0.0:
-            miss = squared_cross(dx, dy, dz, du, dv, dw)
-            discriminant = square * reach * reach - miss
-            # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
-            time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
-            first = time < collision_time or (time == collision_time and j < partner)
-            first = first and time < flights.next_event[j]["collision_time"] and j != excluded
-            real = time > now or is_resolved(trajectory, other, dx, dy, dz, closing)
-            if first and discriminant > 0.0 and real:
-                collision_time = time
-                partner = np.int64(j)
-        if reach > safe:
-            end = max(side - reach, scene.half_width * IMAGE_MARGIN)
-            image_speed, image_way = sooner_image(image_speed, image_way, dx, du, end)
-            image_speed, image_way = sooner_image(image_speed, image_way, dy, dv, end)
-            image_speed, image_way = sooner_image(image_speed, image_way, dz, dw, end)
-    image_time = now + image_way / image_speed if image_speed > 0.0 else np.inf
-    return collision_time, partner, image_time
+        discriminant = square * reach * reach - squared_cross(dx, dy, dz, du, dv, dw)
+        # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
+        time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
+        first = time < collision_time or (time == collision_time and j < partner)
+        first = first and time < flights.next_event[j]["collision_time"] and j != excluded
+        real = time > now or is_resolved(trajectory, other, dx, dy, dz, closing)
+        if first and discriminant > 0.0 and real:
+            collision_time = time
+            partner = np.int64(j)
+    return collision_time, partner
 
 
 @inlined
@@ -218,10 +191,13 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
     x = trajectory["x"] + trajectory["u"] * flight
     y = trajectory["y"] + trajectory["v"] * flight
     z = trajectory["z"] + trajectory["w"] * flight
-    candidates = cells.candidates
     count = neighbours_of(scene, cells, trajectory, next_event, x, y, z, face)
-    collision_time, partner, image_time = first_collision(
-        scene, flights, candidates, count, x, y, z, i, now, excluded, safe_reach(scene, cells)
+    count = gather_flights(cells, flights, count)
+    compare(scene, cells, count, trajectory, x, y, z, now, safe_reach(scene, cells))
+    image_rate = highest_rate(cells, count)
+    count = keep_likely(cells, count, next_event["collision_time"] - now)
+    collision_time, partner = first_collision(
+        scene, cells, flights, count, x, y, z, i, now, excluded
     )
     if partner >= 0:
         set_prediction(flights, i, partner, collision_time)
@@ -229,8 +205,8 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
         set_time(
             event_queue, partner, min(collision_time, flights.next_event[partner]["crossing_time"])
         )
-    if image_time < next_event["crossing_time"]:
-        next_event["crossing_time"] = image_time
+    if image_rate > 0.0 and now + 1.0 / image_rate < next_event["crossing_time"]:
+        next_event["crossing_time"] = now + 1.0 / image_rate
         next_event["crossing"] = RANGE
     set_time(event_queue, i, min(next_event["collision_time"], next_event["crossing_time"]))
 
