@@ -182,10 +182,18 @@ def simulate_scene(
     capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
     particles = new_particles(scene, capacity)
     if place_grains(scene, random, particles):
-        carry_to_end(scene, particles, abort, out, frames)
+        carry_to_end(without_law(scene), particles, abort, out, frames)
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0], particles
+
+
+def without_law(scene: Scene) -> Scene:
+    """Return a scene that says whether grains differ in size, but not by which law.
+
+    So one machine code serves all of them once the grains are placed.
+    """
+    return scene if scene.sizes is None else scene._replace(sizes=True)
 
 
 def place_grains(scene: Scene, random: np.random.Generator, particles: Particles) -> bool:
