@@ -131,6 +131,11 @@ class FeasibleSet:
     # The set
 
     @property
+    def failing(self) -> int:
+        """Number of strings whose samples fail, which are no members."""
+        return self._failing.count
+
+    @property
     def volume(self) -> float:
         """Expected share of what is allowed of the box that is in the set."""
         return float(self.points.probability @ self.points.weights)

@@ -25,6 +25,7 @@ from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
     all_stored,
 )
+from agglom_mpi.report.set_files import SetRequest
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
@@ -48,7 +49,11 @@ RESIMULATION_MESSAGE: Final = (
 
 
 def write_report(
-    file: CampaignData, directory: Path, simulate: bool = True, sensitivity: bool = False
+    file: CampaignData,
+    directory: Path,
+    simulate: bool = True,
+    sensitivity: bool = False,
+    feasible_set: SetRequest | None = None,
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, and yield lines on progress.
 
@@ -64,6 +69,8 @@ def write_report(
         Whether particles that are not stored may be resimulated.
     sensitivity
         Whether to show the sensitivities of the objective, which take seconds.
+    feasible_set
+        What to show of the feasible set, which takes seconds; None: nothing.
 
     Raises
     ------
