@@ -130,7 +130,7 @@ def _direction_table(of: FeasibleSet) -> Table:
 
 def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
     """Return the directions that matter as plain values, with their products of powers."""
-    found = []
+    found: list[dict[str, Any]] = []
     for row in of.directions.to_dict("records"):
         if row["share"] < SHOWN and found:
             break

@@ -180,7 +180,11 @@ def _set_request(
     grid: Path | None,
 ) -> "SetRequest | None":
     """Return what is asked of the feasible set; None if it is not asked for."""
-    given = {"--tolerance": tolerance, "--measured": measured, "--error": error}
+    given: dict[str, float | Path | None] = {
+        "--tolerance": tolerance,
+        "--measured": measured,
+        "--error": error,
+    }
     given |= {"--draws": draws, "--grid": grid}
     for option, value in given.items():
         if value is not None and not wanted:

@@ -1,11 +1,11 @@
-"""Coordinates in which a campaign's strings are emulated: logarithms, and dimensionless groups."""
+"""Coordinates in which a campaign's strings are emulated: variables, and dimensionless groups."""
 
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.groups import Group, groups_of
+from agglom_mpi.config.groups import Group, groups_of, powers_of
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -21,8 +21,10 @@ logarithm is taken in a group."""
 class Coordinates:
     """Maps strings to the coordinates in which they are emulated, each from 0 to 1 over the box.
 
-    There is one for each searched variable, its logarithm unless its range begins at 0, and one for
-    each dimensionless group, its logarithm.
+    There is one for each searched variable and one for each dimensionless group. Those of groups
+    are logarithms, and so are those of variables of which a law takes a power or that are searched
+    by their logarithm, unless their range begins at 0. Others are linear, as friction, to which
+    strings are most sensitive where it is large.
 
     Parameters
     ----------
@@ -30,6 +32,10 @@ class Coordinates:
         The box in SI units, shape (10,).
     groups
         The groups.
+    powers
+        Names of variables of which a law takes a power.
+    logarithmic
+        Which variables are searched by their logarithm, shape (10,).
 
     Attributes
     ----------
@@ -40,12 +46,22 @@ class Coordinates:
     groups
     """
 
-    def __init__(self, lower: Floats, upper: Floats, groups: list[Group]) -> None:
+    def __init__(
+        self,
+        lower: Floats,
+        upper: Floats,
+        groups: list[Group],
+        powers: frozenset[str] = frozenset(),
+        logarithmic: NDArray[np.bool_] | None = None,
+    ) -> None:
         self.searched = np.flatnonzero(lower < upper)
         self.names = tuple(NAMES[i] for i in self.searched)
         self.groups = groups
         self._lower, self._upper = lower, upper
-        self._logarithmic = lower[self.searched] > 0.0
+        by_power = np.array([name in powers for name in NAMES])
+        wanted = by_power if logarithmic is None else by_power | logarithmic
+        self._positive = lower[self.searched] > 0.0
+        self._logarithmic = self._positive & wanted[self.searched]
         self._first, self._last = (self._scaled(ends[None])[0] for ends in (lower, upper))
         self._powers = np.zeros((len(groups), len(NAMES)))
         for row, group in zip(self._powers, groups, strict=True):
@@ -62,12 +78,14 @@ class Coordinates:
 
     @property
     def spans(self) -> Floats:
-        """Range of the logarithm of each searched variable over the box, (d,).
+        """Change of the logarithm of each searched variable along its coordinate, (d,).
 
-        A range from 0 counts as if it began at `SMALL` of its upper end.
+        That of a linear coordinate is told in the middle of its range.
         """
         lower, upper = self._lower[self.searched], self._upper[self.searched]
-        return np.asarray(np.log(upper / np.where(self._logarithmic, lower, SMALL * upper)))
+        linear = 2.0 * (upper - lower) / (upper + lower)
+        ratio = upper / np.where(self._logarithmic, lower, upper)
+        return np.where(self._logarithmic, np.log(ratio), linear)
 
     @property
     def group_directions(self) -> Floats:
@@ -108,11 +126,12 @@ class Coordinates:
         """Return logarithms of all ten variables, 0 for those that are not searched, (n, 10)."""
         found = np.zeros(strings.shape)
         x, top = strings[:, self.searched], self._upper[self.searched]
-        found[:, self.searched] = np.log(np.where(self._logarithmic, x, x + SMALL * top))
+        found[:, self.searched] = np.log(np.where(self._positive, x, x + SMALL * top))
         return found
 
 
 def coordinates_of(campaign: "Campaign") -> Coordinates:
     """Return the coordinates in which a campaign's strings are emulated."""
     box = campaign.variables
-    return Coordinates(box.lower, box.upper, groups_of(campaign.scene, box.searched))
+    groups, powers = groups_of(campaign.scene, box.searched), powers_of(campaign.scene)
+    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic)

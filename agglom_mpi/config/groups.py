@@ -80,6 +80,13 @@ def groups_of(scene: "SceneSection", searched: tuple[str, ...]) -> list[Group]:
     return list(found.values())
 
 
+def powers_of(scene: "SceneSection") -> frozenset[str]:
+    """Return the variables of which a law of the scene takes a power."""
+    names = {name for group in _named(scene) for name in group.powers}
+    sized = "grain_radius" in names and scene.diameter is None
+    return frozenset(names - {"grain_radius"} | ({"size_ratio"} if sized else set()))
+
+
 def _named(scene: "SceneSection") -> Iterator[Group]:
     laws = [
         "restitution",

@@ -23,7 +23,6 @@ from agglom_mpi.search.gaussian_process import (
     VARIANCE,
     Covariance,
     GaussianProcess,
-    length_prior,
     matern,
     matern_slope,
     standardised,
@@ -41,6 +40,8 @@ JUDGED: Final = 1200
 """Points at most by which the most likely one is found."""
 ROUNDS: Final = 2
 """Turns of fitting the noise and the mean."""
+TYPICAL_LENGTH, LENGTH_SPREAD = -0.1, 2.0
+"""Mean and variance of the logarithm of a length over the square root of d, before the data."""
 LEAST_NOISE: Final = 1e-3
 """Smallest variance of a sample, relative to the mean one: where nothing grows there is none."""
 FEATURES: Final = 2048
@@ -369,7 +370,7 @@ def negative_log_likelihood(
     matrix[np.diag_indices_from(matrix)] += noise / weights + JITTER
     root = cholesky(matrix, lower=True, check_finite=False)
     alpha = cho_solve((root, True), values, check_finite=False)
-    prior, prior_slope = length_prior(logarithms[1:-1])
+    prior, prior_slope = _length_prior(logarithms[1:-1])
     value = 0.5 * values @ alpha + np.log(np.diag(root)).sum() + prior
     if not slope:
         return float(value), np.empty(0)
@@ -385,6 +386,16 @@ def negative_log_likelihood(
         )
     )
     return float(value), gradient
+
+
+def _length_prior(logarithms: Floats) -> tuple[float, Floats]:
+    """Negative logarithm of the density of lengths, by their logarithms, and its gradient.
+
+    As that of the search (Hvarfner et al. 2024), but of shorter lengths: with it an influence that
+    the data hardly show is not taken for none, so that intervals cover.
+    """
+    away = logarithms - TYPICAL_LENGTH - 0.5 * np.log(len(logarithms))
+    return float((away**2).sum()) / (2.0 * LENGTH_SPREAD), away / LENGTH_SPREAD
 
 
 def _blockwise(function: Callable[[Floats], Floats], points: Floats) -> Floats:

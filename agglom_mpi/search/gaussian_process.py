@@ -305,7 +305,7 @@ def _negative_log_likelihood(
     inverse = cho_solve((root, True), np.eye(len(values)))
     change = 0.5 * (inverse - np.outer(weights, weights))
     slopes = change * (variance * matern_slope(r))
-    prior, prior_slope = length_prior(logarithms[1:-1])
+    prior, prior_slope = _length_prior(logarithms[1:-1])
     value = 0.5 * values @ weights + np.log(np.diag(root)).sum() + prior
     gradient = np.concatenate(
         (
@@ -317,7 +317,7 @@ def _negative_log_likelihood(
     return float(value), gradient
 
 
-def length_prior(logarithms: Matrix) -> tuple[float, Matrix]:
+def _length_prior(logarithms: Matrix) -> tuple[float, Matrix]:
     """Negative logarithm of the density of lengths, by their logarithms, and its gradient."""
     away = logarithms - math.sqrt(2.0) - 0.5 * math.log(len(logarithms))
     return float((away**2).sum()) / 6.0, away / 3.0

@@ -63,7 +63,7 @@ def test_strings_are_found_again_from_their_coordinates(name, request):
 def test_a_group_moves_along_its_variables_as_its_logarithm_does(three):
     coordinates = coordinates_of(three)
     [along] = coordinates.group_directions
-    spans = {"relative_speed": np.log(300), "hardness": np.log(20), "friction": np.log(50)}
+    spans = {"relative_speed": np.log(300), "hardness": np.log(20), "friction": 2 * 0.49 / 0.51}
     expected = [2 * spans["relative_speed"], -spans["hardness"], 0.0]
     assert along == pytest.approx(expected)
     assert coordinates.spans == pytest.approx(list(spans.values()))

@@ -11,10 +11,10 @@ from agglom_mpi.search.gaussian_process import (
     NOISE,
     Covariance,
     GaussianProcess,
+    _length_prior,
     _negative_log_likelihood,
     distances,
     fit_covariance,
-    length_prior,
     matern,
     standardised,
 )
@@ -119,7 +119,7 @@ def test_posterior_and_likelihood_are_those_of_scikit_learn(dimensions, count, s
     unlikely, _ = _negative_log_likelihood(
         at, squared_differences(points), standard, samples.astype(float)
     )
-    likelihood = length_prior(at[1:-1])[0] - unlikely - 0.5 * count * np.log(2.0 * np.pi)
+    likelihood = _length_prior(at[1:-1])[0] - unlikely - 0.5 * count * np.log(2.0 * np.pi)
     assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, rel=1e-7, abs=1e-7)
 
 
@@ -241,7 +241,7 @@ def estimation_errors(logs, points):
     # Fisher information of a normal distribution [RW 5.9 squared and averaged].
     information = np.array([[0.5 * np.trace(a @ b) for a in relative] for b in relative])
     spread = np.linalg.inv(information)
-    return np.sqrt(np.diag(spread)), abs(spread[:, 1:-1]) @ abs(length_prior(logs[1:-1])[1])
+    return np.sqrt(np.diag(spread)), abs(spread[:, 1:-1]) @ abs(_length_prior(logs[1:-1])[1])
 
 
 @pytest.mark.parametrize("seed", range(3))
