@@ -34,6 +34,16 @@ class Criterion(ABC):
     quantities: tuple[str, ...] = ("mean_radius_ratio",)
     text: str = ""
 
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the bounds of the first quantity in the set, inf where there is none.
+
+        Parameters
+        ----------
+        maximum
+            Of that quantity over the box, where the criterion is relative to it.
+        """
+        return -math.inf, math.inf
+
     @abstractmethod
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
         """Return the k numbers of each sample whose means are emulated, shape (n, k)."""
@@ -72,6 +82,10 @@ class Band(Criterion):
         value = compared[..., 0]
         return np.asarray((value >= self.lower) & (value <= self.upper))
 
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the bounds."""
+        return self.lower, self.upper
+
     def probability(self, mean: Floats, deviation: Floats) -> Floats:
         """Return the probability of normally distributed values to lie between the bounds."""
         deviation = np.maximum(deviation, 1e-300)
@@ -86,6 +100,10 @@ class NearMaximum(Band):
         text = f"mean b/b0 at least {1.0 - tolerance:.4g} of its maximum over the box"
         super().__init__("mean_radius_ratio", -math.inf, math.inf, text)
         self.share = 1.0 - tolerance
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the share of the maximum, and inf."""
+        return self.share * maximum, math.inf
 
 
 class MomentBands(Criterion):
@@ -118,6 +136,11 @@ class MomentBands(Criterion):
         self._order = max((self.highest.get(name, 0) for name in targets), default=0)
         wanted = ", ".join(f"{name} {target:g}" for name, target in targets.items())
         self.text = f"each moment within {tolerance:.3g} of its target ({wanted}), jointly"
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return those of the first moment."""
+        target, half = float(self._targets[0]), float(self.half_widths[0])
+        return target - half, target + half
 
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
         """Return the mean radius ratio, then particles and sums of powers over the first number."""

@@ -211,9 +211,14 @@ class FeasibleSet:
 
     # For what is built on it
 
-    def even_strings(self, count: int) -> Floats:
-        """Return the allowed strings of `count` even points of the box, (n, 10)."""
-        return within(self, count)
+    def even_strings(
+        self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
+    ) -> Floats:
+        """Return the allowed strings of `count` even points, (n, 10).
+
+        They fill the box, or a part of it in units of the box, (d,).
+        """
+        return within(self, count, lower, upper)
 
     def moments_of(self, strings: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the one number that is compared, each (n,)."""
@@ -300,6 +305,12 @@ class FeasibleSet:
         self._paths = self.emulator.paths(FUNCTIONS, self._stream(2))
         candidates = near_maximum(self, strings)
         self._maxima = self._paths(self._coordinates(candidates))[..., 0].max(axis=1)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of what is compared in the set, of the first moment if there are several."""
+        near_maximum = isinstance(self.criterion, NearMaximum)
+        return self.criterion.bounds(self.maximum[0] if near_maximum else np.nan)
 
     @property
     def maximum(self) -> tuple[float, float]:

@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from agglom_mpi.analysis.criteria import Band, NearMaximum
+from agglom_mpi.analysis.criteria import Band
 from agglom_mpi.formatting import format_digits
 
 if TYPE_CHECKING:
@@ -101,16 +100,17 @@ def calibrate(of: "FeasibleSet") -> Calibration:
         if np.isfinite(lower) and np.isfinite(upper)
         else (upper if np.isfinite(upper) else lower)
     )
-    beyond = ndtr((expected - threshold) / deviation)
+    # The noise of samples is skewed, so its distribution is that of the scores near the set.
+    known = np.sort(scores[0, near])
+    below = np.searchsorted(known, (threshold - expected) / deviation) / len(known)
+    beyond = 1.0 - below
     return Calibration(regions, _reliability(beyond, means > threshold), float(threshold))
 
 
 def _bounds(of: "FeasibleSet") -> tuple[float, float]:
     """Return the bounds of the first emulated number in the set, or its range there."""
-    if isinstance(of.criterion, NearMaximum):
-        return of.criterion.share * of.maximum[0], np.inf
     if isinstance(of.criterion, Band):
-        return of.criterion.lower, of.criterion.upper
+        return of.bounds
     points = of.points
     likely = points.probability > 0.5 * points.probability.max()
     values = of.emulator.first_mean(of.coordinates.of_strings(points.strings[likely]))

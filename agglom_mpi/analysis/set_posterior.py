@@ -24,6 +24,8 @@ SUFFICIENT: Final = 1000.0
 """Effective size from which no more points are taken."""
 TOO_SMALL: Final = 200.0
 """Effective size below which a chain is run, and there is a warning without one."""
+FARTHEST: Final = 4.0
+"""Standard deviations between the measured mean and that of the nearest string at most."""
 CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Quantiles that are told of each variable."""
 
@@ -144,20 +146,16 @@ def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
             f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
             "measured number that is compared alone"
         )
+    _check_possible(of, of.even_strings(POINTS), measured, error)
     count = POINTS
     while True:
         strings = of.even_strings(count)
-        weights = _weights(of, strings, measured, error)
+        logarithms = _log_weights(of, strings, measured, error)
+        weights = np.exp(logarithms - logarithms.max())
         size = effective_size(weights)
         if size >= SUFFICIENT or count >= MOST_POINTS:
             break
         count *= 2 if size > 0.5 * SUFFICIENT else 4
-    total = float(weights.sum())
-    if total <= 0.0:
-        raise PosteriorError(
-            f"measured is {measured:g} ± {error:g}, which no string of the box can give, by the "
-            "emulator"
-        )
     if size < TOO_SMALL:
         chain = _chain(of, strings, weights, measured, error)
         if chain is not None:
@@ -173,8 +171,15 @@ def effective_size(weights: Floats) -> float:
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _weights(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> Floats:
-    return np.exp(_log_weights(of, strings, measured, error))
+def _check_possible(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> None:
+    """Raise a PosteriorError if the measured mean is that of no string."""
+    mean, deviation = of.moments_of(strings)
+    away = np.abs(measured - mean) / np.hypot(error, deviation)
+    if away.min(initial=np.inf) > FARTHEST:
+        raise PosteriorError(
+            f"measured is {measured:g} ± {error:g}, which no string of the box can give: by the "
+            f"emulator they reach {mean.min():.4g} to {mean.max():.4g}"
+        )
 
 
 def _log_weights(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> Floats:

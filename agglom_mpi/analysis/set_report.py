@@ -183,8 +183,8 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
     """Return what is printed of a posterior."""
     measured = f"{posterior.measured:g} ± {posterior.error:g}"
     lines: list[RenderableType] = [
-        f"posterior, given a measured {posterior.of.criterion.quantities[0]} of {measured}",
-        f"prior uniform over the box, {measure_text(posterior.of)}; effective size "
+        f"posterior, given a measured {_quantity(posterior.of)} of {measured}",
+        f"prior {measure_text(posterior.of)}; effective size "
         f"{posterior.effective_size:,.0f} of {len(posterior.weights):,} ({posterior.method})",
     ]
     table = Table(box=None, padding=(0, 2, 0, 0))
@@ -199,6 +199,13 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
     return Group(*lines)
+
+
+def _quantity(of: FeasibleSet) -> str:
+    """Return what is compared in words."""
+    names = {"mean_radius_ratio": "mean b/b0", "objective": "value of the function"}
+    name = of.criterion.quantities[0]
+    return names.get(name, name)
 
 
 def _correlation_table(posterior: "Posterior") -> Table:
