@@ -1,5 +1,6 @@
 """The ten search variables of the papers: their names, units, symbols and order."""
 
+from math import pi
 from typing import Final, NamedTuple
 
 
@@ -28,3 +29,18 @@ VARIABLES: Final = (
 
 NAMES: Final = tuple(variable.name for variable in VARIABLES)
 COUNT: Final = len(VARIABLES)
+
+VOLUME_FRACTION: Final = Variable(
+    "volume_fraction", "1", "phi", "share of the box that the grains fill at the start"
+)
+"""What may be given in place of the size ratio."""
+
+
+def volume_fraction(size_ratio: float) -> float:
+    """Return the share of the box that the grains fill, (pi/6) size_ratio^3."""
+    return pi / 6.0 * size_ratio**3
+
+
+def size_ratio(fraction: float) -> float:
+    """Return the size ratio of grains that fill a share of the box, (6 fraction/pi)^(1/3)."""
+    return float((6.0 * fraction / pi) ** (1.0 / 3.0))

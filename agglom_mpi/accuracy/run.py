@@ -21,7 +21,6 @@ from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.few_body import few_body_section
 from agglom_mpi.accuracy.impact_solver import impact_solver_section
 from agglom_mpi.accuracy.study import Rows, Setup, Study, completed, scene_error
-from agglom_mpi.config.bounds import volume_fraction
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
@@ -31,7 +30,7 @@ from agglom_mpi.formatting import format_duration
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import NAMES, VARIABLES, volume_fraction
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

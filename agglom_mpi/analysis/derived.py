@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.config.derived import DerivedColumn, columns_of
-from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.schema import INVERSION
 
@@ -34,6 +32,10 @@ def _columns(data: "CampaignData") -> list[DerivedColumn]:
     asked = any(word in data.campaign_text for word in WORDS)
     if not asked or data.attributes.get("purpose", INVERSION) != INVERSION:
         return []
+    # Imported here: reading a file does not need what reads a campaign's text.
+    from agglom_mpi.analysis.resimulation import recorded_campaign
+    from agglom_mpi.config.yaml_source import CampaignError
+
     try:
         campaign = recorded_campaign(data)
     except CampaignError:

@@ -7,7 +7,6 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
-from agglom_mpi.config.bounds import VOLUME_FRACTION, volume_fraction
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.schema import (
@@ -19,7 +18,7 @@ from agglom_mpi.storage.schema import (
     Column,
     generations_schema,
 )
-from agglom_mpi.variables import NAMES, VARIABLES, Variable
+from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, Variable, volume_fraction
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import pi
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,15 @@ from agglom_mpi.config.units import quoted, to_si
 from agglom_mpi.config.validation import Section
 from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT, NAMES, VARIABLES, Variable
+from agglom_mpi.variables import (
+    COUNT,
+    NAMES,
+    VARIABLES,
+    VOLUME_FRACTION,
+    Variable,
+    size_ratio,
+    volume_fraction,
+)
 
 JAMMING_FRACTION: Final = 0.38
 """Volume fraction at which random sequential placement jams."""
@@ -31,10 +38,6 @@ ZERO_ALLOWED: Final = frozenset(
 
 LOGARITHMIC: Final = ("log", "log10", "logarithmic")
 """What a mapping may say of a scale, where a range should be a list."""
-VOLUME_FRACTION: Final = Variable(
-    "volume_fraction", "1", "phi", "share of the box that the grains fill at the start"
-)
-"""What may be given in place of the size ratio."""
 
 
 class Range(NamedTuple):
@@ -53,16 +56,6 @@ class Range(NamedTuple):
     upper: float
     logarithmic: bool = False
     cubic: bool = False
-
-
-def volume_fraction(size_ratio: float) -> float:
-    """Return the share of the box that the grains fill, (pi/6) size_ratio^3."""
-    return pi / 6.0 * size_ratio**3
-
-
-def size_ratio(fraction: float) -> float:
-    """Return the size ratio of grains that fill a share of the box, (6 fraction/pi)^(1/3)."""
-    return float((6.0 * fraction / pi) ** (1.0 / 3.0))
 
 
 def read_value(variable: Variable, value: Any) -> float:

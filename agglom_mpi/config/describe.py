@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from agglom_mpi.config.allowed_share import allowed_share
-from agglom_mpi.config.bounds import VOLUME_FRACTION, required_variables, volume_fraction
+from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.validation import Section
 from agglom_mpi.formatting import pluralise, value_with_prefix
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.bounds import volume_fraction
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.kinetic_theory import mean_free_path
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import NAMES, VARIABLES, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import SceneSection

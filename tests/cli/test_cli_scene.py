@@ -26,7 +26,7 @@ def test_a_scene_is_checked(agglom, scene):
     done = agglom("check", scene)
     assert (done.exit_code, done.stderr) == (0, "")
     headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
-    assert headings[1:] == ["Scene", "Variables", "Submodels", "Left out"]
+    assert headings[1:] == ["Scene", "Variables", "What follows", "Submodels", "Left out"]
     assert "\n  a scene: nothing is searched, `agglom simulate` runs it\nScene\n" in done.stdout
     for entry in ("search", "ensemble", "generations", "strings", "samples"):
         assert f"  {entry}: " not in done.stdout

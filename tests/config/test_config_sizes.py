@@ -115,7 +115,7 @@ def test_the_middle_and_a_given_string_may_be_by_volume_fraction():
         ([("  size_ratio", "  volume_fraction: 0")], "is 0; must be greater than 0"),
         (
             [FRACTION, ("search", "search: {start: [{volume_fraction: 0.3}]}")],
-            "search.start.0.size_ratio: is 0.830598; must be within its range",
+            "search.start.0.volume_fraction: is 0.3; must be within its range, 0.02 to 0.2",
         ),
     ],
 )

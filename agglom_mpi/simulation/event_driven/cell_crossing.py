@@ -4,7 +4,7 @@ import numpy as np
 
 from agglom_mpi.kernels import inlined
 from agglom_mpi.simulation.boundary import is_periodic
-from agglom_mpi.simulation.event_driven.cells import PER_AXIS, link, unlink
+from agglom_mpi.simulation.event_driven.cells import PER_AXIS, copy_if_oversize, link, unlink
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
     invalidate_prediction,
@@ -33,7 +33,7 @@ def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, fa
 def schedule_crossing(scene, cells, flights, i):
     """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
 
-    Without cells there is no range: in a periodic box `limit_to_nearest_image` says when to predict
+    Without cells there is no range: in a periodic box the prediction says when to predict
     again.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
@@ -82,6 +82,7 @@ def cross_cell(scene, particles, cells, flights, i, now):
     face = np.int64(next_event["crossing"])
     if face == RANGE:
         synchronise_particle(scene, particles, flights, i, now)
+        copy_if_oversize(cells, flights, i)
     else:
         beyond = 1 if face & 1 else -1
         if next_event["oversize"] < 0:
@@ -90,7 +91,7 @@ def cross_cell(scene, particles, cells, flights, i, now):
             link(cells, next_event, i)
         if beyond != 0:
             face = cross_face(scene, particles, flights, i, face, beyond, now)
-    schedule_crossing(scene, cells, flights, i)
+            copy_if_oversize(cells, flights, i)
     return face
 
 

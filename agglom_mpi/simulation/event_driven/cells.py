@@ -40,6 +40,13 @@ class Cells(NamedTuple):
         Particles that live in no cell, shape (capacity,).
     candidates
         Work space: the particles to be compared with, shape (capacity + 1,).
+    flights
+        Trajectories side by side, first of the oversize particles: x, y, z, u, v, w, time, radius,
+        shape (8, capacity + 8).
+    comparison
+        Work space: what `compare` finds of each of them, shape (2, capacity + 8).
+    likely_times
+        Work space: time in s before which a candidate does not collide, shape (capacity + 1,).
     largest
         Largest radius of an oversize particle in m, shape (1,).
     range
@@ -59,6 +66,9 @@ class Cells(NamedTuple):
     previous_in_cell: np.ndarray
     oversize: np.ndarray
     candidates: np.ndarray
+    flights: np.ndarray
+    comparison: np.ndarray
+    likely_times: np.ndarray
     largest: np.ndarray
     range: np.ndarray
     limit: np.ndarray
@@ -94,6 +104,9 @@ def new_cells(count: int, capacity: int) -> Cells:
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity + 1, np.uint32),
+        np.empty((8, capacity + 8)),
+        np.empty((2, capacity + 8)),
+        np.empty(capacity + 1),
         np.zeros(1),
         np.zeros(1),
         np.zeros(2),
@@ -167,8 +180,26 @@ def insert(scene, cells, flights, i):
     else:
         next_event["oversize"] = cells.shape[OVERSIZE]
         cells.oversize[cells.shape[OVERSIZE]] = i
+        copy_flight(cells, cells.shape[OVERSIZE], trajectory)
         cells.largest[0] = max(cells.largest[0], trajectory["radius"])
         cells.shape[OVERSIZE] += 1
+
+
+@inlined
+def copy_flight(cells, k, trajectory):
+    """Copy a trajectory to place `k` of those that lie side by side."""
+    block = cells.flights
+    block[0, k], block[1, k], block[2, k] = trajectory["x"], trajectory["y"], trajectory["z"]
+    block[3, k], block[4, k], block[5, k] = trajectory["u"], trajectory["v"], trajectory["w"]
+    block[6, k], block[7, k] = trajectory["time"], trajectory["radius"]
+
+
+@inlined
+def copy_if_oversize(cells, flights, i):
+    """Copy the changed trajectory of a particle to where it is compared, if it is oversize."""
+    index = flights.next_event[i]["oversize"]
+    if index >= 0:
+        copy_flight(cells, index, flights.trajectory[i])
 
 
 @inlined
@@ -182,6 +213,7 @@ def remove(cells, flights, i):
     last = cells.oversize[cells.shape[OVERSIZE]]
     cells.oversize[index] = last
     flights.next_event[last]["oversize"] = index
+    copy_flight(cells, index, flights.trajectory[last])
 
 
 MAX_ALL_PAIRS: Final = 32

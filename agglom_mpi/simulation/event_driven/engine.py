@@ -12,7 +12,7 @@ from agglom_mpi.kernels import inlined, not_inlined
 from agglom_mpi.simulation.boundary import clamped
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
-from agglom_mpi.simulation.event_driven.cells import remove
+from agglom_mpi.simulation.event_driven.cells import copy_if_oversize, insert, remove
 from agglom_mpi.simulation.event_driven.event_queue import (
     earliest,
     earliest_time,
@@ -22,17 +22,17 @@ from agglom_mpi.simulation.event_driven.event_queue import (
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
     invalidate_prediction,
+    load_particle,
     load_velocity,
     synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
 from agglom_mpi.simulation.event_driven.state import (
     ALIVE,
-    UNPREDICTED,
+    NEW,
     compact_after_merge,
     new_events,
     rebuild,
-    start_flight,
     synchronise,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
@@ -85,6 +85,8 @@ class Event(NamedTuple):
         Slots of the pair in contact, i < j, or −1.
     pair_excluded
         Whether i and j only bounced: their next collision cannot be with each other.
+    inserts
+        Whether those due are in no cell yet.
     """
 
     due: int
@@ -93,6 +95,7 @@ class Event(NamedTuple):
     i: int
     j: int
     pair_excluded: bool
+    inserts: bool
 
 
 NO_CONTACT: Final = 3
@@ -107,15 +110,15 @@ def _new_events(engine, scene, capacity):
 @begin.register(EventDriven)
 def _begin_events(engine, scene, particles, events):
     reset_event_queue(events.event_queue)
-    events.counts[UNPREDICTED] = rebuild(scene, particles, events, 0.0)
+    events.counts[NEW] = rebuild(scene, particles, events, 0.0)
 
 
 @advance_to.register(EventDriven)
 def _advance_events(engine, scene, particles, ledger, events, until, abort):
     budget = engine.budget * scene.particles
     time = 0.0
-    event = no_contact(events.counts[UNPREDICTED], RANGE)
-    events.counts[UNPREDICTED] = 0
+    event = Event(events.counts[NEW], RANGE, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, True)
+    events.counts[NEW] = 0
     while True:
         predict_due(scene, events, event, time)
         time = next_time(events)
@@ -145,16 +148,23 @@ def next_time(events):
 
 
 @inlined
-def no_contact(due, face):
-    """Return an event that is no contact."""
-    return Event(due, face, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False)
+def no_contact(face):
+    """Return an event of one particle that is no contact."""
+    return Event(1, face, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, False)
 
 
 @inlined
 def predict_due(scene, events, event, now):
-    """Predict the next collisions of all particles that are due after an event."""
+    """Predict the next crossing and collision of all particles that are due after an event.
+
+    Those that are in no cell yet enter it just before, so that each pair of them is compared once:
+    when the later one comes.
+    """
     for k in range(event.due):
         i = events.due[k]
+        if event.inserts:
+            insert(scene, events.cells, events.flights, i)
+        schedule_crossing(scene, events.cells, events.flights, i)
         excluded = NO_PARTICLE
         if event.pair_excluded:
             excluded = event.j if i == event.i else event.i
@@ -173,35 +183,36 @@ def process_event(scene, particles, ledger, events, now):
     events.due[0] = i
     if next_event["crossing_time"] <= next_event["collision_time"]:
         face = cross_cell(scene, particles, events.cells, events.flights, i, now)
-        return no_contact(1, face)
+        return no_contact(face)
     if events.flights.next_event[j]["version"] != next_event["partner_version"]:
         next_event["collision_time"] = np.inf
         next_event["partner"] = NO_PARTICLE
-        return no_contact(1, RANGE)
+        return no_contact(RANGE)
     return process_collision(scene, particles, ledger, events, min(i, j), max(i, j), now)
 
 
 @inlined
 def process_collision(scene, particles, ledger, events, i, j, now):
     """Resolve the contact of particles i < j; both, or what became of them, are due."""
-    flights, cells = events.flights, events.cells
+    flights = events.flights
     synchronise_particle(scene, particles, flights, i, now)
     synchronise_particle(scene, particles, flights, j, now)
     size = particles.size[0]
     kind = resolve_contact(scene, particles, ledger, i, j, now)
     events.due[0], events.due[1] = i, j
     if kind != BONDED and particles.size[0] == size:
-        for k in range(2):
-            load_velocity(flights, particles, events.due[k])
-            schedule_crossing(scene, cells, flights, events.due[k])
-        return Event(2, RANGE, kind, i, j, True)
+        load_velocity(flights, particles, i)
+        load_velocity(flights, particles, j)
+        copy_if_oversize(events.cells, flights, i)
+        copy_if_oversize(events.cells, flights, j)
+        return Event(2, RANGE, kind, i, j, True, False)
     due = predict_again(scene, particles, ledger, events, i, j, kind, size, now)
-    return Event(due, RANGE, kind, i, j, False)
+    return Event(due, RANGE, kind, i, j, False, True)
 
 
 @not_inlined
 def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
-    """Merge i and j, or start the pieces appended after `size`; return how many are due."""
+    """Merge i and j, or take in the pieces appended after `size`; return how many are due."""
     flights, cells = events.flights, events.cells
     remove(cells, flights, i)
     remove(cells, flights, j)
@@ -214,6 +225,6 @@ def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
     for k in range(2, due):
         events.due[k] = size + k - 2
     for k in range(due):
-        start_flight(scene, particles, events, events.due[k], now)
+        load_particle(flights, particles, events.due[k], now)
     events.counts[ALIVE] += due - 2
     return compact_after_merge(scene, particles, events, due, now)

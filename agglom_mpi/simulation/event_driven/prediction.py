@@ -8,6 +8,12 @@ import numpy as np
 from agglom_mpi.kernels import inlined, inlined_fma
 from agglom_mpi.simulation.boundary import is_periodic, nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
+from agglom_mpi.simulation.event_driven.comparison import (
+    compare,
+    gather_flights,
+    highest_rate,
+    keep_likely,
+)
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
 
@@ -73,10 +79,10 @@ def cells_of_oversize(scene, cells, coordinate, radius):
 
 @inlined
 def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
-    """Write what a particle at (x, y, z) in m may hit into `candidates`; return the number.
+    """Write the particles in cells around (x, y, z) in m into `candidates`; return their number.
 
     `face` is `RANGE` for all, or the face through which the particle came into its cell: then the
-    nine cells that were not beside it before, and the oversize ones.
+    nine cells that were not beside it before.
     """
     count = 0
     if next_event["oversize"] >= 0:
@@ -94,75 +100,26 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
         c0 = c + 1 if face == 5 else c - 1
         c1 = c - 1 if face == 4 else c + 1
         count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
-    for k in range(cells.shape[OVERSIZE]):
-        cells.candidates[count + k] = cells.oversize[k]
-    return count + cells.shape[OVERSIZE]
-
-
-IMAGE_MARGIN: Final = 1.0 + 1e-9
-"""Share of D at which the nearest image is another one for certain, so that prediction finds it."""
+    return count
 
 
 @inlined
 def safe_reach(scene, cells):
     """Sum of two radii in m up to which only nearest images can touch until the next prediction.
 
-    Without cells none is safe: nothing predicts again before an image makes it.
+    Without cells none is safe: nothing predicts again before an image makes it. Without oversize
+    particles all are, as with faces that contacts do not cross.
 
     One moves by its range, the other by its range or a cell at most; the next image is at least D
     away along an axis.
     """
+    if not is_periodic(scene.escape) or cells.shape[OVERSIZE] == 0:
+        return np.inf
     per_axis = cells.shape[PER_AXIS]
     if per_axis == 0:
         return -np.inf
     return scene.half_width - 2.0 * scene.half_width / per_axis - cells.range[0]
 
-
-@inlined
-def limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now):
-    """Predict for particle i again before it may touch another image of a large particle."""
-    trajectory, next_event = flights.trajectory[i], flights.next_event[i]
-    if trajectory["radius"] + cells.largest[0] > safe_reach(scene, cells):
-        time = next_image_time(scene, cells, flights, count, x, y, z, i, now)
-        if time < next_event["crossing_time"]:
-            next_event["crossing_time"] = time
-            next_event["crossing"] = RANGE
-
-
-@inlined
-def next_image_time(scene, cells, flights, count, x, y, z, i, now):
-    """Time in s from which another image of a particle too large to be safe may touch i."""
-    side, half = 2.0 * scene.half_width, scene.half_width
-    per_side = 1.0 / side
-    trajectory = flights.trajectory[i]
-    safe = safe_reach(scene, cells)
-    first = np.inf
-    for k in range(count):
-        other = flights.trajectory[cells.candidates[k]]
-        reach = trajectory["radius"] + other["radius"]
-        if cells.candidates[k] == i or reach <= safe:
-            continue
-        flight = now - other["time"]
-        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
-        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
-        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        end = max(side - reach, half * IMAGE_MARGIN)
-        first = min(first, time_to_reach(dx, other["u"] - trajectory["u"], end))
-        first = min(first, time_to_reach(dy, other["v"] - trajectory["v"], end))
-        first = min(first, time_to_reach(dz, other["w"] - trajectory["w"], end))
-    return now + first
-
-
-@inlined
-def time_to_reach(difference, velocity, end):
-    """Time in s until a difference in m that is within ±`end` is there; inf at rest."""
-    if velocity > 0.0:
-        return (end - difference) / velocity
-    return (end + difference) / -velocity if velocity < 0.0 else np.inf
-
-
-DISCRIMINANT_SLACK: Final = 1e-9
-"""Share of b² by which b² − ac may be negative by rounding where c is not far above b²/a."""
 
 VELOCITY_RESOLUTION: Final = 2.0**-51
 """Approach over speed up to which an impact may leave both velocities as they are, by rounding."""
@@ -186,44 +143,43 @@ def is_resolved(trajectory, other, dx, dy, dz, closing):
 
 
 @inlined_fma
-def first_collision(scene, flights, candidates, count, x, y, z, i, now, excluded):
+def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
     """Earliest collision of particle i, now at (x, y, z) in m, with candidates: time in s, partner.
 
     Only collisions before the candidate's own next one count: otherwise the candidate predicts
     with i again when that has happened. Overlapping and approaching is a collision now, if it can
     be told from rounding; receding is none. Of collisions at the same time, that with the lowest
-    slot is taken. `excluded` is the particle that i has just collided with. The first test, which
-    rounding may pass wrongly, is cheap; then the distance at which the two would pass each other
-    decides, which loses fewer digits.
+    slot is taken. `excluded` is the particle that i has just collided with. The distance at which
+    two would pass each other decides, which loses fewer digits than the test before.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
-    u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
     collision_time, partner = next_event["collision_time"], -1
     for k in range(count):
-        j = candidates[k]
+        if cells.likely_times[k] > collision_time - now:
+            continue
+        j = cells.candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
         dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
         dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
-        du, dv, dw = other["u"] - u, other["v"] - v, other["w"] - w
+        du = other["u"] - trajectory["u"]
+        dv = other["v"] - trajectory["v"]
+        dw = other["w"] - trajectory["w"]
         closing = dx * du + dy * dv + dz * dw
-        reach = radius + other["radius"]
+        reach = trajectory["radius"] + other["radius"]
         excess = dx * dx + dy * dy + dz * dz - reach * reach
         square = du * du + dv * dv + dw * dw
-        likely = (1.0 + DISCRIMINANT_SLACK) * closing * closing - square * excess
-        if min(-closing, likely) > 0.0:
-            miss = squared_cross(dx, dy, dz, du, dv, dw)
-            discriminant = square * reach * reach - miss
-            # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
-            time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
-            first = time < collision_time or (time == collision_time and j < partner)
-            first = first and time < flights.next_event[j]["collision_time"] and j != excluded
-            real = time > now or is_resolved(trajectory, other, dx, dy, dz, closing)
-            if first and discriminant > 0.0 and real:
-                collision_time = time
-                partner = np.int64(j)
+        discriminant = square * reach * reach - squared_cross(dx, dy, dz, du, dv, dw)
+        # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
+        time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
+        first = time < collision_time or (time == collision_time and j < partner)
+        first = first and time < flights.next_event[j]["collision_time"] and j != excluded
+        real = time > now or is_resolved(trajectory, other, dx, dy, dz, closing)
+        if first and discriminant > 0.0 and real:
+            collision_time = time
+            partner = np.int64(j)
     return collision_time, partner
 
 
@@ -235,10 +191,13 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
     x = trajectory["x"] + trajectory["u"] * flight
     y = trajectory["y"] + trajectory["v"] * flight
     z = trajectory["z"] + trajectory["w"] * flight
-    candidates = cells.candidates
     count = neighbours_of(scene, cells, trajectory, next_event, x, y, z, face)
+    count = gather_flights(cells, flights, count)
+    compare(scene, cells, count, trajectory, x, y, z, now, safe_reach(scene, cells))
+    image_rate = highest_rate(cells, count)
+    count = keep_likely(cells, count, next_event["collision_time"] - now)
     collision_time, partner = first_collision(
-        scene, flights, candidates, count, x, y, z, i, now, excluded
+        scene, cells, flights, count, x, y, z, i, now, excluded
     )
     if partner >= 0:
         set_prediction(flights, i, partner, collision_time)
@@ -246,8 +205,9 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
         set_time(
             event_queue, partner, min(collision_time, flights.next_event[partner]["crossing_time"])
         )
-    if is_periodic(scene.escape) and cells.shape[OVERSIZE] > 0:
-        limit_to_nearest_image(scene, cells, flights, count, x, y, z, i, now)
+    if image_rate > 0.0 and now + 1.0 / image_rate < next_event["crossing_time"]:
+        next_event["crossing_time"] = now + 1.0 / image_rate
+        next_event["crossing"] = RANGE
     set_time(event_queue, i, min(next_event["collision_time"], next_event["crossing_time"]))
 
 

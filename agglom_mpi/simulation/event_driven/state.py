@@ -5,7 +5,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined, not_inlined
-from agglom_mpi.simulation.event_driven.cell_crossing import schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
     MAX_ALL_PAIRS,
     OVERSIZE,
@@ -55,8 +54,8 @@ class Events(NamedTuple):
     due
         Slots of the particles to predict for after the last event, shape (capacity,).
     counts
-        Particles present, and how many of those due a new run or part of one has to predict for
-        first, shape (2,).
+        Particles present, and how many of those due are in no cell yet when a run begins, shape
+        (2,).
     """
 
     flights: Flights
@@ -67,7 +66,7 @@ class Events(NamedTuple):
 
 
 ALIVE: Final = 0
-UNPREDICTED: Final = 1
+NEW: Final = 1
 """Places in `Events.counts`."""
 
 
@@ -81,14 +80,6 @@ def new_events(count: int, capacity: int) -> Events:
         np.empty(capacity, np.int64),
         np.zeros(2, np.int64),
     )
-
-
-@inlined
-def start_flight(scene, particles, events, i, now):
-    """Start the trajectory of particle i, which has a new place or size, at `now` in s."""
-    load_particle(events.flights, particles, i, now)
-    insert(scene, events.cells, events.flights, i)
-    schedule_crossing(scene, events.cells, events.flights, i)
 
 
 @inlined
@@ -120,7 +111,10 @@ def synchronise(scene, particles, events, now):
 
 @not_inlined
 def rebuild(scene, particles, events, now):
-    """Close the gaps, choose cells and discard all predictions; return how many are due: all."""
+    """Close the gaps, choose cells and discard all predictions; return how many are due: all.
+
+    They are in no cell yet.
+    """
     before = particles.size[0]
     compact(particles)
     count = particles.size[0]
@@ -137,7 +131,7 @@ def rebuild(scene, particles, events, now):
     for i in range(count, before):
         set_time(events.event_queue, i, np.inf)
     for i in range(count):
-        start_flight(scene, particles, events, i, now)
+        load_particle(events.flights, particles, i, now)
         events.due[i] = i
     return count
 

@@ -1,0 +1,121 @@
+"""Comparison of one particle with many at a time: which of them it may collide with, and how soon.
+
+Their trajectories lie side by side: those of the oversize particles always, behind them copies of
+those in the cells around. The loop over them has neither branches nor gaps, so that a compiler
+makes vector instructions of it.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.kernels import inlined, inlined_fma
+from agglom_mpi.simulation.boundary import nearest_image
+from agglom_mpi.simulation.event_driven.cells import OVERSIZE, copy_flight
+
+LANES: Final = 8
+"""Particles that are compared at once; their number is rounded up to a multiple."""
+
+SLACK: Final = 1e-9
+"""Share of b² by which b² − ac may be negative by rounding where c is not far above b²/a."""
+
+IMAGE_MARGIN: Final = 1.0 + 1e-9
+"""Share of D at which the nearest image is another one for certain, so that prediction finds it."""
+
+LARGEST: Final = float(np.finfo(np.float64).max)
+"""Less than the time of what does not collide."""
+
+SOONEST: Final = 0
+IMAGE_RATE: Final = 1
+"""Rows of `Cells.comparison`."""
+
+
+@inlined
+def gather_flights(cells, flights, count):
+    """Copy the trajectories of `count` candidates behind those of the oversize particles.
+
+    Returns the number of both together.
+    """
+    others = cells.shape[OVERSIZE]
+    for k in range(count):
+        copy_flight(cells, others + k, flights.trajectory[cells.candidates[k]])
+    return others + count
+
+
+@inlined_fma
+def compare(scene, cells, count, trajectory, x, y, z, now, safe):
+    """Compare a particle at (x, y, z) in m with the first `count` beside one another.
+
+    Into `Cells.comparison` goes for each of them the time from `now` in s before which they do not
+    collide, inf if they do not; and the inverse of the time in 1/s from which another image of it
+    may touch, 0 if the sum of the radii is at most `safe` in m.
+
+    A collision is not before the time e/(2c) for e = |dr|² − reach² and the approach c = −dr·dv.
+    """
+    block, soonest, rate = cells.flights, cells.comparison[SOONEST], cells.comparison[IMAGE_RATE]
+    side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
+    u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
+    for k in range((count + LANES - 1) // LANES * LANES):
+        flight = now - block[6, k]
+        dx = nearest_image(scene.escape, block[0, k] + block[3, k] * flight - x, side, per_side)
+        dy = nearest_image(scene.escape, block[1, k] + block[4, k] * flight - y, side, per_side)
+        dz = nearest_image(scene.escape, block[2, k] + block[5, k] * flight - z, side, per_side)
+        du, dv, dw = block[3, k] - u, block[4, k] - v, block[5, k] - w
+        closing = dx * du + dy * dv + dz * dw
+        reach = radius + block[7, k]
+        excess = dx * dx + dy * dy + dz * dz - reach * reach
+        square = du * du + dv * dv + dw * dw
+        likely = (1.0 + SLACK) * closing * closing - square * excess
+        time = (1.0 - SLACK) * excess / (-2.0 * closing)
+        soonest[k] = time if (closing < 0.0) & (likely > 0.0) else np.inf
+        end = max(side - reach, scene.half_width * IMAGE_MARGIN)
+        speed, way = abs(du), way_to_image(end, dx, du)
+        speed, way = sooner(speed, way, abs(dv), way_to_image(end, dy, dv))
+        speed, way = sooner(speed, way, abs(dw), way_to_image(end, dz, dw))
+        rate[k] = speed / way if reach > safe else 0.0
+
+
+@inlined
+def way_to_image(end, difference, velocity):
+    """Way in m until a difference that is within ±`end` is there, at this velocity in m/s."""
+    return end - (difference if velocity > 0.0 else -difference)
+
+
+@inlined
+def sooner(speed, way, other_speed, other_way):
+    """Return the speed and way that take less time, without dividing."""
+    earlier = other_speed * way > speed * other_way
+    return other_speed if earlier else speed, other_way if earlier else way
+
+
+@inlined
+def highest_rate(cells, count):
+    """Return the largest of the first `count` rates of images in 1/s; four at a time."""
+    rate = cells.comparison[IMAGE_RATE]
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for k in range(0, count - 3, 4):
+        a, b = max(a, rate[k]), max(b, rate[k + 1])
+        c, d = max(c, rate[k + 2]), max(d, rate[k + 3])
+    for k in range(count // 4 * 4, count):
+        a = max(a, rate[k])
+    return max(max(a, b), max(c, d))
+
+
+@inlined
+def keep_likely(cells, count, limit):
+    """Reduce the candidates to those of the first `count` that may collide within `limit` in s.
+
+    The oversize ones, which come first side by side, go behind the others. Their times before which
+    they do not collide come with them. Returns how many are left.
+    """
+    soonest, others, left = cells.comparison[SOONEST], cells.shape[OVERSIZE], 0
+    limit = min(limit, LARGEST)
+    for k in range(others, count):
+        cells.candidates[left] = cells.candidates[k - others]
+        cells.likely_times[left] = soonest[k]
+        left += 1 if soonest[k] <= limit else 0
+    for k in range(others):
+        cells.candidates[left] = cells.oversize[k]
+        cells.likely_times[left] = soonest[k]
+        left += 1 if soonest[k] <= limit else 0
+    return left
