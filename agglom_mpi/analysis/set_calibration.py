@@ -112,7 +112,7 @@ def _bounds(of: "FeasibleSet") -> tuple[float, float]:
     if isinstance(of.criterion, Band):
         return of.bounds
     points = of.points
-    likely = points.probability > 0.5 * points.probability.max()
+    likely = points.probability >= 0.5 * points.probability.max()
     values = of.emulator.first_mean(of.coordinates.of_strings(points.strings[likely]))
     return float(values.min()), float(values.max())
 

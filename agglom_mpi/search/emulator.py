@@ -374,9 +374,10 @@ def negative_log_likelihood(
     value = 0.5 * values @ alpha + np.log(np.diag(root)).sum() + prior
     if not slope:
         return float(value), np.empty(0)
-    lower, _ = lapack.dpotri(root, lower=1)
-    inverse = np.tril(lower) + np.tril(lower, -1).T
-    change = 0.5 * (inverse - np.outer(alpha, alpha))
+    # The lower half of the inverse alone: it is summed with symmetric matrices.
+    change, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+    change[np.diag_indices_from(change)] *= 0.5
+    change -= 0.5 * np.outer(alpha, alpha)
     slopes = change * (variance * matern_slope(r))
     gradient = np.concatenate(
         (
