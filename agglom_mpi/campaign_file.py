@@ -16,6 +16,8 @@ from agglom_mpi.storage.reader import CampaignData, read_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.analysis.feasible_set import FeasibleSet
+
 T = TypeVar("T")
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
@@ -134,6 +136,29 @@ class CampaignFile(CampaignData):
         frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]
         frame.attrs["units"] = table.attrs["units"] | {"estimate": "1"}
         return frame
+
+    def feasible_set(self, tolerance: float = 0.05) -> "FeasibleSet":
+        """Return the set of strings that are compatible with the objective; takes seconds.
+
+        Parameters
+        ----------
+        tolerance
+            Relative to the target or to the maximum; of a user's function, its largest value.
+
+        Returns
+        -------
+        FeasibleSet
+            Its `probability(parameters)` says of any string how sure it is a member.
+
+        Raises
+        ------
+        NoFeasibleSetError
+            If there are too few strings, the emulator is not calibrated, or the noise of strings is
+            correlated; with the reason.
+        """
+        from agglom_mpi.analysis.feasible_set import feasible_set
+
+        return feasible_set(self.snapshot(), tolerance)
 
     def plot_convergence(self, ax: Any = None) -> Any:
         """Draw best and mean-of-top objective against generation, with 95 % bands.

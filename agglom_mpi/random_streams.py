@@ -21,6 +21,7 @@ EVOLUTION: Final = 105
 SENSITIVITY: Final = 106
 ALLOWED_SHARE: Final = 107
 CONSEQUENCES: Final = 108
+FEASIBLE_SET: Final = 109
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

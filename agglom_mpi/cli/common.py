@@ -2,6 +2,7 @@
 
 import functools
 import io
+import math
 import resource
 import sys
 from collections.abc import Callable
@@ -167,6 +168,22 @@ def read_duration(
             f"{text!r} is no duration; allowed: 90, 90s, 30m, 2h, 1:30:00, 1-12:00:00"
         )
     return seconds
+
+
+def read_share(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> float | None:
+    """Return a share above 0: `5%` or `0.05`."""
+    if text is None:
+        return None
+    number, percent, rest = text.strip().partition("%")
+    try:
+        share = float(number) / (100.0 if percent else 1.0)
+    except ValueError:
+        share = math.nan
+    if rest or not 0.0 < share < math.inf:
+        raise click.BadParameter(f"{text!r} is no share above 0; allowed: 5%, 0.05")
+    return share
 
 
 def read_assignments(

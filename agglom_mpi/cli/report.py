@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglom_mpi.cli.common import JSON, PATH, examples, exit_with, say
+from agglom_mpi.cli.common import JSON, PATH, examples, exit_with, read_share, say
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
 if TYPE_CHECKING:
+    from agglom_mpi.report.set_files import SetRequest
     from agglom_mpi.storage.reader import CampaignData
 
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     epilog=examples(
         "agglom report accretion_2003.h5",
         "agglom report accretion_2003.h5 --out report",
+        "agglom report accretion_2003.h5 --feasible-set --tolerance 5%",
         "agglom report seed1.h5 seed2.h5",
     )
 )
@@ -37,6 +39,36 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Add Sobol indices of the variables, by a regression; takes seconds.",
 )
+@click.option(
+    "--feasible-set",
+    is_flag=True,
+    help="Print instead which parameters are compatible with the objective, and how sure that is.",
+)
+@click.option(
+    "--tolerance",
+    callback=read_share,
+    metavar="SHARE",
+    help="With --feasible-set: relative to the target or to the maximum, like 5% or 0.05; of a "
+    "Python function its largest value.  [default: 5%]",
+)
+@click.option(
+    "--measured",
+    type=float,
+    help="With --feasible-set: a measured mean b/b0, for the posterior of the variables.",
+)
+@click.option("--error", type=float, help="Standard error of the measured mean.")
+@click.option(
+    "--draws",
+    type=PATH,
+    metavar="OUT.csv",
+    help="With --measured: write strings that stand for the posterior, and their weights.",
+)
+@click.option(
+    "--grid",
+    type=PATH,
+    metavar="OUT.csv",
+    help="With --feasible-set: write the probability of a grid of points.",
+)
 @JSON
 @click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
 @exit_with
@@ -45,6 +77,12 @@ def report(
     out: Path | None,
     stored_only: bool,
     sensitivity: bool,
+    feasible_set: bool,
+    tolerance: float | None,
+    measured: float | None,
+    error: float | None,
+    draws: Path | None,
+    grid: Path | None,
     as_json: bool,
     follow: bool,
 ) -> int:
@@ -55,7 +93,12 @@ def report(
     names of the page and its figures are replaced. With --follow the exit code is that of the run,
     or 130 after Ctrl-C, which does not affect the run; it is 1 if damaged rows are left out.
     """
-    options = {"--sensitivity": sensitivity, "--out": out is not None, "--follow": follow}
+    options = {
+        "--sensitivity": sensitivity,
+        "--out": out is not None,
+        "--follow": follow,
+        "--feasible-set": feasible_set,
+    }
     for option, given in options.items():
         if len(files) > 1 and given:
             raise click.UsageError(f"{option} takes one file")
@@ -63,6 +106,7 @@ def report(
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
+    request = _set_request(feasible_set, tolerance, measured, error, draws, grid)
     from agglom_mpi.storage.reader import read_inversion
 
     code = _follow(read_inversion(files[0])) if follow else FINISHED
@@ -75,7 +119,9 @@ def report(
 
     with blame_damage(*files):
         if out is not None:
-            _write_page(opened[0], out, not stored_only, sensitivity)
+            _write_page(opened[0], out, not stored_only, sensitivity, request)
+        elif request is not None:
+            _show(_feasible_set(opened[0], request, as_json), as_json)
         else:
             several = len(files) > 1
             if several:
@@ -111,12 +157,55 @@ def _follow(file: "CampaignData") -> int:
     return follow(file)
 
 
-def _write_page(file: "CampaignData", out: Path, resimulate: bool, sensitivity: bool) -> None:
+def _write_page(
+    file: "CampaignData",
+    out: Path,
+    resimulate: bool,
+    sensitivity: bool,
+    request: "SetRequest | None",
+) -> None:
     """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
 
-    for line in write_report(file, out, resimulate, sensitivity):
+    for line in write_report(file, out, resimulate, sensitivity, request):
         say(line)
+
+
+def _set_request(
+    wanted: bool,
+    tolerance: float | None,
+    measured: float | None,
+    error: float | None,
+    draws: Path | None,
+    grid: Path | None,
+) -> "SetRequest | None":
+    """Return what is asked of the feasible set; None if it is not asked for."""
+    given: dict[str, float | Path | None] = {
+        "--tolerance": tolerance,
+        "--measured": measured,
+        "--error": error,
+    }
+    given |= {"--draws": draws, "--grid": grid}
+    for option, value in given.items():
+        if value is not None and not wanted:
+            raise click.UsageError(f"{option} is for --feasible-set")
+    if not wanted:
+        return None
+    if (measured is None) != (error is None):
+        raise click.UsageError("--measured and --error go together")
+    if draws is not None and measured is None:
+        raise click.UsageError("--draws is for --measured")
+    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
+
+    tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    return SetRequest(tolerance, measured, error, draws, grid)
+
+
+def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) -> Any:
+    """Return the feasible set of a file as a renderable, or as JSON, and write its files."""
+    from agglom_mpi.report.set_files import set_report
+
+    return set_report(file, request, as_json)
 
 
 def _summary(opened: "CampaignData", sensitivity: bool, as_json: bool) -> Any:

@@ -8,6 +8,14 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from agglom_mpi.config.groups import (
+    FRAGMENTATION,
+    HEATING,
+    IMPACT_PRESSURE,
+    REACTION,
+    SOFTENING,
+    Group,
+)
 from agglom_mpi.config.units import HeatTransfer, Number, Temperature, Time
 from agglom_mpi.config.validation import NAMED, NAMED_OR_NONE, FieldError, Section, WholeNumber
 
@@ -23,6 +31,7 @@ class PressureRestitution(Section):
 
     law: Literal["pressure"] = "pressure"
     summary: ClassVar[str] = "by contact pressure over hardness [A 6] [B 3.1, 4.13]"
+    groups: ClassVar[tuple[Group, ...]] = (IMPACT_PRESSURE,)
 
     def build(self, value: Values) -> "Submodel":
         """Return the law as kernels see it."""
@@ -130,6 +139,11 @@ class Hardness(Section):
         """Variables that the law needs beside `hardness`."""
         return ("activation_energy", "temperature") if self.law == "arrhenius" else ()
 
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Dimensionless groups that the law depends on."""
+        return (SOFTENING,) if self.law == "arrhenius" else ()
+
     def build(self, value: Values) -> "Submodel":
         """Return the law as kernels see it."""
         from agglom_mpi.physics import hardness
@@ -220,6 +234,11 @@ class Heating(Section):
             return "half the energy the pair lost to each [A 14-17]"
         return "each its own energy change, as published [B 6.5-6.10]"
 
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Dimensionless groups that the law depends on."""
+        return () if self.law == "none" else (HEATING,)
+
     def build(self, value: Values) -> "Submodel | None":
         """Return the law as kernels see it, None for no heating."""
         from agglom_mpi.physics import heating
@@ -235,6 +254,11 @@ class Reaction(Section):
     law: Literal["contact_area", "none"] = "none"
     summary: ClassVar[str] = "heat per contact area [A 14-17] [B 6.5-6.10]"
     requires: ClassVar[tuple[str, ...]] = ("reaction_heat",)
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Dimensionless groups that the law depends on."""
+        return () if self.law == "none" else (REACTION,)
 
     def build(self, value: Values) -> "Submodel | None":
         """Return the law as kernels see it, None for no reaction."""
@@ -255,6 +279,11 @@ class Fragmentation(Section):
         if self.law == "pair_energy":
             return "by the energy the pair lost [B 5.1-5.5]"
         return "by its own energy change, as published [B 5.1-5.5]"
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """Dimensionless groups that the law depends on."""
+        return () if self.law == "none" else (FRAGMENTATION,)
 
     def build(self, value: Values) -> "Submodel | None":
         """Return the law as kernels see it, None for unbreakable aggregates."""

@@ -1,14 +1,19 @@
 """The web page `report.html` with its figures, which `agglom report --out DIR` writes."""
 
 import base64
+import io
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from rich.console import Console, RenderableType
+
 from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.set_report import set_text
 from agglom_mpi.analysis.summary import describe_bias, selection_bias
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
@@ -19,12 +24,14 @@ from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
+from agglom_mpi.report.figures.feasible_set import set_drawings
 from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,
     all_stored,
 )
+from agglom_mpi.report.set_files import SetRequest
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
@@ -38,6 +45,8 @@ MAX_SVG_BYTES: Final = 400_000
 """Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
 PIXELS_PER_INCH: Final = 120
 """Of a figure on the page, at most."""
+TEXT_WIDTH: Final = 140
+"""Characters in a line of text on the page."""
 WIDE: Final = 8.0
 """Width from which a figure takes the whole width of the page, inches."""
 
@@ -48,7 +57,11 @@ RESIMULATION_MESSAGE: Final = (
 
 
 def write_report(
-    file: CampaignData, directory: Path, simulate: bool = True, sensitivity: bool = False
+    file: CampaignData,
+    directory: Path,
+    simulate: bool = True,
+    sensitivity: bool = False,
+    feasible_set: SetRequest | None = None,
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, and yield lines on progress.
 
@@ -64,6 +77,8 @@ def write_report(
         Whether particles that are not stored may be resimulated.
     sensitivity
         Whether to show the sensitivities of the objective, which take seconds.
+    feasible_set
+        What to show of the feasible set, which takes seconds; None: nothing.
 
     Raises
     ------
@@ -79,6 +94,8 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
     page = PageBuilder(file, directory, options, sensitivity)
+    if feasible_set is not None:
+        page.draw_set(feasible_set)
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
         if resimulates and rank_strings(file).order:
@@ -141,6 +158,7 @@ class PageBuilder:
         self._sensitivity = sensitivity
         self._figures: dict[str, list[EmbeddedFigure]] = {}
         self._frames_unavailable = ""
+        self._set_text = ""
 
     def draw(self, section: str) -> None:
         """Write the figures of a section of the page that have something to show."""
@@ -157,6 +175,16 @@ class PageBuilder:
                 write_drawing(self._directory, drawing)
                 shown.append(embedded(self._directory, drawing))
                 self.figure_count += 1
+
+    def draw_set(self, request: SetRequest) -> None:
+        """Write the figures of the feasible set, and keep its text for the page."""
+        found = FeasibleSet(self._data, request.tolerance)
+        self._set_text = plain_text(set_text(found, request.posterior_of(found)))
+        shown = self._figures.setdefault("set", [])
+        for drawing in set_drawings(found) if found.calibration.passed else ():
+            write_drawing(self._directory, drawing)
+            shown.append(embedded(self._directory, drawing))
+            self.figure_count += 1
 
     def render(self) -> str:
         """Return the page with the figures drawn so far, as HTML."""
@@ -188,6 +216,7 @@ class PageBuilder:
             "figures": self._figures,
             "frames_unavailable": self._frames_unavailable,
             "sensitivity": self._sensitivity,
+            "set_text": self._set_text,
             "best": page_tables.best_strings(data) if rank_strings(data).order else None,
             "comparison": comparison_lines(data),
             "estimated": bool(rank_strings(data).estimates),
@@ -204,6 +233,14 @@ class PageBuilder:
             **scene_content(data),
             **failure_content(data),
         }
+
+
+def plain_text(content: RenderableType) -> str:
+    """Return a renderable as lines of text."""
+    console = Console(width=TEXT_WIDTH, color_system=None, file=io.StringIO())
+    with console.capture() as captured:
+        console.print(content, soft_wrap=False)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
 
 
 def comparison_lines(data: CampaignData) -> list[str]:

@@ -147,7 +147,7 @@ class GaussianProcess:
         covariance: Covariance,
         points: Matrix,
         values: Matrix,
-        samples: NDArray[np.int64],
+        samples: NDArray[np.int64] | Matrix,
         earlier: "GaussianProcess | None" = None,
     ) -> None:
         self._covariance = covariance

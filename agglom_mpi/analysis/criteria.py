@@ -1,0 +1,214 @@
+"""What makes a string compatible with the question of its campaign: a criterion an objective.
+
+Each says which numbers of a sample are emulated, and which of their means make a member.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from agglom_mpi.search.moment_targets import CENTRAL
+
+Floats = NDArray[np.float64]
+
+ORIGIN: Final = 1.0
+"""Radius ratio about which sums of powers are taken: that of single grains."""
+
+
+class Criterion(ABC):
+    """Which emulated means make a string a member of the set.
+
+    Attributes
+    ----------
+    quantities : tuple of str
+        Names of what is compared, as `mean` and `deviation` return it.
+    text : str
+        What a member is, in words.
+    """
+
+    quantities: tuple[str, ...] = ("mean_radius_ratio",)
+    text: str = ""
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the bounds of the first quantity in the set, inf where there is none.
+
+        Parameters
+        ----------
+        maximum
+            Of that quantity over the box, where the criterion is relative to it.
+        """
+        return -math.inf, math.inf
+
+    @abstractmethod
+    def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
+        """Return the k numbers of each sample whose means are emulated, shape (n, k)."""
+
+    def compared(self, means: Floats) -> Floats:
+        """Return what is compared, (..., q), of the means of the numbers, (..., k)."""
+        return means
+
+    @abstractmethod
+    def holds(self, compared: Floats) -> NDArray[np.bool_]:
+        """Return which values, (..., q), make a member, shape (...)."""
+
+
+class Band(Criterion):
+    """One number between two bounds.
+
+    Parameters
+    ----------
+    column
+        Of the samples.
+    lower, upper
+        The bounds.
+    text
+    """
+
+    def __init__(self, column: str, lower: float, upper: float, text: str) -> None:
+        self.quantities = (column,)
+        self.lower, self.upper, self.text = lower, upper, text
+
+    def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
+        """Return the column."""
+        return np.asarray(rows[self.quantities[0]], np.float64)[:, None]
+
+    def holds(self, compared: Floats) -> NDArray[np.bool_]:
+        """Return which values lie between the bounds."""
+        value = compared[..., 0]
+        return np.asarray((value >= self.lower) & (value <= self.upper))
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the bounds."""
+        return self.lower, self.upper
+
+    def probability(self, mean: Floats, deviation: Floats) -> Floats:
+        """Return the probability of normally distributed values to lie between the bounds."""
+        deviation = np.maximum(deviation, 1e-300)
+        below = ndtr((self.lower - mean) / deviation) if math.isfinite(self.lower) else 0.0
+        return np.asarray(ndtr((self.upper - mean) / deviation) - below)
+
+
+class NearMaximum(Band):
+    """The mean growth within a share of its maximum over the box, which is uncertain too."""
+
+    def __init__(self, tolerance: float) -> None:
+        text = f"mean b/b0 at least {1.0 - tolerance:.4g} of its maximum over the box"
+        super().__init__("mean_radius_ratio", -math.inf, math.inf, text)
+        self.share = 1.0 - tolerance
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return the share of the maximum, and inf."""
+        return self.share * maximum, math.inf
+
+
+class MomentBands(Criterion):
+    """Every moment that has a target within a tolerance of it.
+
+    The moments are those of `search.moment_targets`: functions of the means over samples of the
+    mean radius ratio, the particles left, and the sums of powers of their radius ratios.
+
+    Parameters
+    ----------
+    targets
+        Targets by name.
+    tolerance
+        Relative to the target, or absolute where the target is 0.
+    """
+
+    highest: ClassVar[Mapping[str, int]] = {
+        "spread": 2,
+        "second": 2,
+        "skewness": 3,
+        "third": 3,
+        "kurtosis": 4,
+        "fourth": 4,
+    }
+
+    def __init__(self, targets: Mapping[str, float], tolerance: float) -> None:
+        self.quantities = tuple(targets)
+        self._targets = np.array(list(targets.values()))
+        self.half_widths = tolerance * np.where(self._targets == 0.0, 1.0, np.abs(self._targets))
+        self._order = max((self.highest.get(name, 0) for name in targets), default=0)
+        wanted = ", ".join(f"{name} {target:g}" for name, target in targets.items())
+        self.text = f"each moment within {tolerance:.3g} of its target ({wanted}), jointly"
+
+    def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
+        """Return those of the first moment."""
+        target, half = float(self._targets[0]), float(self.half_widths[0])
+        return target - half, target + half
+
+    def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
+        """Return the mean radius ratio, then particles and sums of powers over the first number."""
+        mean = np.asarray(rows["mean_radius_ratio"], np.float64)
+        if not self._order:
+            return mean[:, None]
+        m2, m3, m4 = (np.asarray(rows[f"radius_moment_{r}"], np.float64) for r in (2, 3, 4))
+        d, share = mean - ORIGIN, rows["particles"] / particles
+        about = [d, m2 + d**2, m3 + 3.0 * d * m2 + d**3]
+        about.append(m4 + 4.0 * d * m3 + 6.0 * d**2 * m2 + d**4)
+        own = [mean] if "mean" in self.quantities else []
+        return np.column_stack([*own, share, *(share * power for power in about[: self._order])])
+
+    def compared(self, means: Floats) -> Floats:
+        """Return the moments with targets, (..., q)."""
+        if not self._order:
+            return means
+        own = int("mean" in self.quantities)
+        mean, share = means[..., 0], np.maximum(means[..., own], 1e-12)
+        powers = [means[..., own + r] / share for r in range(1, self._order + 1)]
+        powers += [np.zeros_like(share)] * (4 - len(powers))
+        d, s2, s3, s4 = powers
+        second = np.maximum(s2 - d**2, 0.0)
+        central = (second, s3 - 3.0 * d * s2 + 2.0 * d**3)
+        fourth = s4 - 4.0 * d * s3 + 6.0 * d**2 * s2 - 3.0 * d**4
+        return np.stack(
+            [_moment(name, mean, (*central, fourth)) for name in self.quantities], axis=-1
+        )
+
+    def holds(self, compared: Floats) -> NDArray[np.bool_]:
+        """Return which strings have all moments within the tolerance."""
+        return np.asarray((np.abs(compared - self._targets) <= self.half_widths).all(axis=-1))
+
+
+def _moment(name: str, mean: Floats, central: tuple[Floats, Floats, Floats]) -> Floats:
+    """Return a moment by its name, elementwise, as `moment_targets.moment` for numbers."""
+    second, third, fourth = central
+    if name == "mean":
+        return mean
+    if name in CENTRAL:
+        return central[CENTRAL.index(name)]
+    spread = np.sqrt(second)
+    if name == "spread":
+        return spread
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = third / spread**3 if name == "skewness" else fourth / spread**4
+    return np.where(spread > 0.0, value, math.inf)
+
+
+def criterion_of(objective: Mapping[str, Any], tolerance: float) -> Criterion:
+    """Return the criterion of an objective.
+
+    Parameters
+    ----------
+    objective
+        Section of the campaign as plain values.
+    tolerance
+        Relative to the target or to the maximum; of a function, its largest value.
+    """
+    match objective["law"]:
+        case "growth_target":
+            ratio = float(objective["ratio"])
+            lower, upper = ratio * (1.0 - tolerance), ratio * (1.0 + tolerance)
+            text = f"mean b/b0 {lower:.4g} to {upper:.4g}"
+            return Band("mean_radius_ratio", lower, upper, text)
+        case "maximum_growth":
+            return NearMaximum(tolerance)
+        case "moments":
+            return MomentBands(objective["targets"], tolerance)
+    text = f"mean value of the function at most {tolerance:.4g}"
+    return Band("objective", -math.inf, tolerance, text)

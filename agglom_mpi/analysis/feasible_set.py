@@ -1,0 +1,368 @@
+"""The set of strings that are compatible with a campaign's question, and how sure that is."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglom_mpi.analysis.criteria import Band, NearMaximum, criterion_of
+from agglom_mpi.analysis.failing import FailingShare
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.set_calibration import Calibration, calibrate
+from agglom_mpi.analysis.set_emulator import SetEmulator
+from agglom_mpi.analysis.set_points import SetPoints, spread_points, within
+from agglom_mpi.analysis.set_samples import stored_samples
+from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
+from agglom_mpi.variables import NAMES, VARIABLES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.analysis.set_directions import SetVariable
+    from agglom_mpi.analysis.set_posterior import Posterior
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.storage.reader import CampaignData
+
+Floats = NDArray[np.float64]
+Parameters = Union[Mapping[str, ArrayLike], "pd.DataFrame"]
+
+FEWEST: Final = 50
+"""Strings of a campaign that has a set, at least."""
+FUNCTIONS: Final = 256
+"""Functions drawn jointly for the error of the volume and for the maximum."""
+INNER, OUTER = 0.95, 0.05
+"""Probabilities of the inner and the outer set, at least."""
+UNCERTAIN: Final = 0.002
+"""Probability from which, and below one minus which, a string may or may not be a member."""
+
+
+class NoFeasibleSetError(UserError, ValueError):
+    """A campaign whose set cannot be told, with the reason."""
+
+
+class FeasibleSet:
+    """The strings of the search box that are compatible with the objective, by an emulator.
+
+    The emulator rests on all completed samples of the file. Shares and volumes are measured in
+    the coordinates in which the campaign searches, uniform in each.
+
+    Parameters
+    ----------
+    data
+        The campaign file.
+    tolerance
+        Relative to the target or to the maximum; of a user's function, its largest value.
+
+    Attributes
+    ----------
+    campaign, tolerance, criterion
+    calibration
+        How well the emulator predicts held-out strings.
+    allowed
+        Share of the box that the constraints allow.
+    samples, strings
+        Numbers that the emulator rests on.
+    """
+
+    def __init__(self, data: "CampaignData", tolerance: float = 0.05) -> None:
+        if not np.isfinite(tolerance):
+            raise NoFeasibleSetError(f"tolerance is {tolerance}; must be a number")
+        self.campaign: Campaign = recorded_campaign(data)
+        self.tolerance = tolerance
+        self.criterion = criterion_of(data.section("objective"), tolerance)
+        _check_possible(self, data)
+        stored = stored_samples(data)
+        self.samples = len(stored.rows)
+        self.strings = len(np.unique(np.nan_to_num(stored.strings), axis=0))
+        if self.strings < FEWEST:
+            raise NoFeasibleSetError(
+                f"{data.path}: completed samples of {self.strings} different strings; at least "
+                f"{FEWEST} are needed for a feasible set"
+            )
+        self._kept: dict[str, Any] = {}
+        self.coordinates = coordinates_of(self.campaign)
+        numbers = self.criterion.numbers(stored.rows, self.campaign.scene.particles)
+        points = self.coordinates.of_strings(stored.strings)
+        self.emulator = SetEmulator(self.criterion, points, numbers, self._stream(0))
+        self._failing = FailingShare(
+            self.coordinates.of_strings(stored.tried), stored.failed, self._stream(1)
+        )
+        if isinstance(self.criterion, NearMaximum):
+            self._find_maximum(stored.strings)
+        self.points: SetPoints = spread_points(self, stored.strings)
+        self.allowed = self.points.allowed
+        self.calibration: Calibration = calibrate(self)
+
+    # At strings of the user's
+
+    def probability(self, parameters: Parameters) -> Floats:
+        """Return the probability that strings are members, shape (n,); nan outside the box.
+
+        Parameters
+        ----------
+        parameters
+            Values in SI units by name, a mapping or a DataFrame, each (n,) or one for all.
+            Variables that the campaign fixed may be left out.
+        """
+        return self._at(parameters, self.probability_of)
+
+    def mean(self, parameters: Parameters) -> Floats:
+        """Return the emulated mean of b/b0, or of what the objective compares, (n,) or (n, q).
+
+        Several moments, q of them, are in the order of `criterion.quantities`; parameters as for
+        `probability`.
+        """
+        return self._at(parameters, lambda s: _flat(self.emulator.mean(self._coordinates(s))))
+
+    def deviation(self, parameters: Parameters) -> Floats:
+        """Return the standard deviation of `mean`, (n,) or (n, q): how unsure the emulator is."""
+        return self._at(parameters, lambda s: _flat(self.emulator.deviation(self._coordinates(s))))
+
+    def noise(self, parameters: Parameters) -> Floats:
+        """Return the standard deviation of one sample, (n,), of b/b0 or the function's value.
+
+        For moments, (n, k), that of the k numbers of a sample that are emulated.
+        """
+        return self._at(parameters, lambda s: _flat(self.emulator.noise(self._coordinates(s))))
+
+    # The set
+
+    @property
+    def failing(self) -> int:
+        """Number of strings whose samples fail, which are no members."""
+        return self._failing.count
+
+    @property
+    def volume(self) -> float:
+        """Expected share of what is allowed of the box that is in the set."""
+        return float(self.points.probability @ self.points.weights)
+
+    @property
+    def inner(self) -> float:
+        """Share that is in the set with a probability of at least `INNER`."""
+        return float((self.points.probability >= INNER) @ self.points.weights)
+
+    @property
+    def outer(self) -> float:
+        """Share that is in the set with a probability of at least `OUTER`."""
+        return float((self.points.probability >= OUTER) @ self.points.weights)
+
+    @property
+    def expected_error(self) -> float:
+        """Expected volume that is wrongly in or out of {P ≥ 0.5}, over the set's; inf if empty."""
+        unsure = np.minimum(self.points.probability, 1.0 - self.points.probability)
+        volume = self.volume
+        return float(unsure @ self.points.weights) / volume if volume > 0.0 else np.inf
+
+    @property
+    def volume_error(self) -> float:
+        """Standard error of `volume`: of the emulator, by joint draws, and of the points."""
+        if "volume_error" not in self._kept:
+            self._kept["volume_error"] = self._volume_error()
+        return float(self._kept["volume_error"])
+
+    def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
+        """Draw n members: strings uniform in the box, each kept with its probability.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The searched variables in SI units and `probability`; units in `.attrs["units"]`.
+        """
+        strings = self.points.draw(self, n, np.random.default_rng(seed))
+        return self.table(strings, probability=self.probability_of(strings))
+
+    @property
+    def directions(self) -> "pd.DataFrame":
+        """Directions in which what is compared changes over the set, the most active first.
+
+        Column `eigenvalue` is the mean squared change per box length along the direction, `share`
+        its share of all; then the exponent of each variable in the product of powers that it is,
+        scaled so that the most important one is 1 or -1; `group` is a dimensionless group that it
+        is near, with their `cosine`. A direction of a single variable has the exponent 1.
+        """
+        from agglom_mpi.analysis.set_directions import directions
+
+        require_library("pandas", "report", "tables")
+        if "directions" not in self._kept:
+            self._kept["directions"] = directions(self)
+        return self._kept["directions"].copy()
+
+    @property
+    def variables(self) -> "list[SetVariable]":
+        """Each searched variable: its range in the set, and whether it is free or decided."""
+        from agglom_mpi.analysis.set_directions import variables
+
+        if "variables" not in self._kept:
+            self._kept["variables"] = variables(self)
+        return list(self._kept["variables"])
+
+    def posterior(self, measured: float, error: float) -> "Posterior":
+        """Return the posterior of the variables, given a measured mean and its standard error.
+
+        The prior is uniform over what is allowed of the box, in the coordinates of the search.
+        """
+        from agglom_mpi.analysis.set_posterior import posterior
+
+        return posterior(self, measured, error)
+
+    # For what is built on it
+
+    def even_strings(
+        self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
+    ) -> Floats:
+        """Return the allowed strings of `count` even points, (n, 10).
+
+        They fill the box, or a part of it in units of the box, (d,).
+        """
+        return within(self, count, lower, upper)
+
+    def moments_of(self, strings: Floats) -> tuple[Floats, Floats]:
+        """Return mean and standard deviation of the one number that is compared, each (n,)."""
+        points = self._coordinates(strings)
+        return self.emulator.mean(points)[:, 0], self.emulator.deviation(points)[:, 0]
+
+    def failing_of(self, strings: Floats) -> Floats:
+        """Return the probability that samples of strings, (n, 10), fail, (n,)."""
+        return self._failing.at(self._coordinates(strings))
+
+    def probability_of(self, strings: Floats) -> Floats:
+        """Return the probability that strings, (n, 10), are members, (n,); nan outside the box."""
+        found = np.full(len(strings), np.nan)
+        inside = self._inside(strings)
+        found[inside] = self._probability_inside(strings[inside])
+        return found
+
+    def table(self, strings: Floats, **columns: Floats) -> "pd.DataFrame":
+        """Tabulate the searched variables of strings, (n, 10), and more columns, (n,)."""
+        require_library("pandas", "report", "tables")
+        import pandas as pd
+
+        searched = self.coordinates.searched
+        frame = pd.DataFrame({NAMES[i]: strings[:, i] for i in searched} | columns)
+        units = {NAMES[i]: VARIABLES[i].unit for i in searched}
+        frame.attrs["units"] = units | dict.fromkeys(columns, "1")
+        return frame
+
+    def _at(self, parameters: Parameters, function: Any) -> Floats:
+        strings = self._strings(parameters)
+        inside = self._inside(strings)
+        values = np.asarray(function(strings[inside]))
+        found = np.full((len(strings), *values.shape[1:]), np.nan)
+        found[inside] = values
+        return found
+
+    def _strings(self, parameters: Parameters) -> Floats:
+        given = {str(name): np.asarray(value, np.float64) for name, value in parameters.items()}
+        for name in given:
+            if name not in NAMES:
+                raise NoFeasibleSetError(f"{name}: unknown variable; allowed: {', '.join(NAMES)}")
+        missing = [name for name in self.coordinates.names if name not in given]
+        if missing:
+            raise NoFeasibleSetError(f"{missing[0]}: is missing; the campaign searched it")
+        shape = np.broadcast_shapes((1,), *(value.shape for value in given.values()))
+        if len(shape) != 1:
+            raise NoFeasibleSetError("parameters: each must be a number or one-dimensional")
+        strings = np.tile(self.campaign.parameters(), (*shape, 1))
+        for name, value in given.items():
+            strings[:, NAMES.index(name)] = value
+        return strings
+
+    def _inside(self, strings: Floats) -> NDArray[np.bool_]:
+        some, box = self.coordinates.searched, self.campaign.variables
+        near = 1e-9 * (box.upper - box.lower)[some]
+        x = strings[:, some]
+        inside = (x >= box.lower[some] - near) & (x <= box.upper[some] + near)
+        return np.asarray(inside.all(axis=1))
+
+    def _coordinates(self, strings: Floats) -> Floats:
+        return self.coordinates.of_strings(strings)
+
+    def _probability_inside(self, strings: Floats) -> Floats:
+        if not len(strings):
+            return np.empty(0)
+        points = self._coordinates(strings)
+        if isinstance(self.criterion, NearMaximum):
+            bounds = self.criterion.share * self._maxima
+            found = (self._paths(points)[..., 0] >= bounds[:, None]).mean(axis=0)
+        elif isinstance(self.criterion, Band):
+            mean, deviation = self.emulator.mean(points), self.emulator.deviation(points)
+            found = self.criterion.probability(mean[:, 0], deviation[:, 0])
+        else:
+            found = self.emulator.probability(points)
+        found = found * (1.0 - self._failing.at(points))
+        if self.campaign.relations.constraints:
+            found = np.where(self.campaign.allowed_strings(strings), found, 0.0)
+        return np.asarray(found)
+
+    def _find_maximum(self, strings: Floats) -> None:
+        """Draw functions, and find the maximum of each near where the expected mean is largest."""
+        from agglom_mpi.analysis.set_points import near_maximum
+
+        self._paths = self.emulator.paths(FUNCTIONS, self._stream(2))
+        candidates = near_maximum(self, strings)
+        self._maxima = self._paths(self._coordinates(candidates))[..., 0].max(axis=1)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of what is compared in the set, of the first moment if there are several."""
+        near_maximum = isinstance(self.criterion, NearMaximum)
+        return self.criterion.bounds(self.maximum[0] if near_maximum else np.nan)
+
+    @property
+    def maximum(self) -> tuple[float, float]:
+        """Mean and standard deviation of the maximum of the emulated mean over the box."""
+        return float(self._maxima.mean()), float(self._maxima.std())
+
+    def _volume_error(self) -> float:
+        points = self.points
+        unsure = (points.probability > UNCERTAIN) & (points.probability < 1.0 - UNCERTAIN)
+        coordinates, weights = self._coordinates(points.strings[unsure]), points.weights[unsure]
+        if isinstance(self.criterion, NearMaximum):
+            drawn = self._paths(coordinates)[..., 0]
+            members = drawn >= (self.criterion.share * self._maxima)[:, None]
+        else:
+            functions = self.emulator.paths(FUNCTIONS, self._stream(3))(coordinates)
+            members = self.criterion.holds(functions)
+        own = float((members @ weights).std()) if unsure.any() else 0.0
+        spread = float(points.probability**2 @ points.weights**2) - self.volume**2 / len(
+            points.weights
+        )
+        return float(np.hypot(own, np.sqrt(max(spread, 0.0))))
+
+    def _stream(self, purpose: int) -> np.random.Generator:
+        return search_stream(self.campaign.seed, FEASIBLE_SET, purpose)
+
+
+def _flat(values: Floats) -> Floats:
+    """Return values, (n, q), as (n,) where q is 1."""
+    return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _check_possible(of: FeasibleSet, data: "CampaignData") -> None:
+    """Raise a NoFeasibleSetError where strings have no set, with the reason."""
+    if of.campaign.plan is None or not of.campaign.variables.searched:
+        raise NoFeasibleSetError(f"{data.path}: no variable is searched, so there is no set")
+    if of.campaign.common_configurations:
+        raise NoFeasibleSetError(
+            f"{data.path}: ensemble.common_configurations is true; the noise of its strings is "
+            "correlated, which the emulator does not model, so its set would look surer than it "
+            "is; run the campaign without them"
+        )
+
+
+def feasible_set(data: "CampaignData", tolerance: float = 0.05) -> FeasibleSet:
+    """Return the feasible set of a campaign file.
+
+    Raises
+    ------
+    NoFeasibleSetError
+        If there is none, or the emulator is not calibrated, with the reason.
+    """
+    found = FeasibleSet(data, tolerance)
+    if not found.calibration.passed:
+        raise NoFeasibleSetError(f"{data.path}: {found.calibration.text}; no set is given")
+    return found

@@ -1,0 +1,142 @@
+"""The points of the box by which a feasible set is measured, and strings drawn from the set."""
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from agglom_mpi.analysis.feasible_set import FeasibleSet
+
+Floats = NDArray[np.float64]
+
+POINTS: Final = 1 << 13
+"""Points of the box."""
+SUFFICIENT: Final = 300.0
+"""Expected members among the points from which the box is not narrowed down."""
+NARROWER: Final = 6
+"""Times that it is narrowed down at most."""
+POSSIBLE: Final = 1e-3
+"""Probability from which a point is in the narrower box."""
+MARGIN: Final = 0.1
+"""By which it is widened, in units of its own edges."""
+STARTS: Final = 8
+"""Strings from which a maximum of the emulated mean is searched."""
+CANDIDATES: Final = 256
+"""Strings of the campaign at which it may be, too."""
+MOST_DRAWS: Final = 1 << 22
+"""Points drawn at most to find members."""
+
+
+class SetPoints(NamedTuple):
+    """Points that fill the box, or the narrower box around a small set.
+
+    Attributes
+    ----------
+    strings
+        Shape (n, 10).
+    probability
+        That of each to be a member, shape (n,).
+    weights
+        Share of what is allowed of the box that each stands for, shape (n,).
+    allowed
+        Share of the box that the constraints allow.
+    lower, upper
+        The box that they fill, in units of the search box, shape (d,).
+    """
+
+    strings: Floats
+    probability: Floats
+    weights: Floats
+    allowed: float
+    lower: Floats
+    upper: Floats
+
+    def draw(self, of: "FeasibleSet", count: int, random: np.random.Generator) -> Floats:
+        """Draw strings from the set, (count, 10): each point is kept with its probability."""
+        found, drawn = np.empty((0, self.strings.shape[1])), 0
+        space = of.campaign.variables.space()
+        while len(found) < count and drawn < MOST_DRAWS:
+            points = self.lower + random.random((POINTS, len(self.lower))) * (
+                self.upper - self.lower
+            )
+            strings = space.from_unit(points)
+            kept = random.random(POINTS) < of.probability_of(strings)
+            found = np.vstack((found, strings[kept]))
+            drawn += POINTS
+        if len(found) < count:
+            raise RuntimeError(f"{len(found)} of {drawn:,} points are in the set; {count} wanted")
+        return found[:count]
+
+
+def spread_points(of: "FeasibleSet", evaluated: Floats) -> SetPoints:
+    """Return points over the box, narrowed down around the set where that is small.
+
+    Parameters
+    ----------
+    of
+        The set.
+    evaluated
+        Strings of the campaign, (n, 10), which may be members that no point is near.
+    """
+    space = of.campaign.variables.space()
+    lower, upper = np.zeros(space.dimensions), np.ones(space.dimensions)
+    units = space.to_unit(np.unique(np.nan_to_num(evaluated), axis=0))
+    strings = within(of, POINTS, lower, upper)
+    allowed_share = len(strings) / POINTS
+    probability = of.probability_of(strings)
+    weights = np.full(len(strings), 1.0 / max(len(strings), 1))
+    own = of.probability_of(space.from_unit(units))
+    for _ in range(NARROWER):
+        if probability.sum() >= SUFFICIENT:
+            break
+        possible = np.vstack(
+            (space.to_unit(strings)[probability > POSSIBLE], units[own > 10 * POSSIBLE])
+        )
+        if not len(possible):
+            break
+        margin = MARGIN * (possible.max(axis=0) - possible.min(axis=0)) + 1e-3
+        low = np.maximum(lower, possible.min(axis=0) - margin)
+        high = np.minimum(upper, possible.max(axis=0) + margin)
+        if np.prod((high - low) / (upper - lower)) > 0.7:
+            break
+        lower, upper = low, high
+        strings = within(of, POINTS, lower, upper)
+        probability = of.probability_of(strings)
+        weights = np.full(len(strings), np.prod(upper - lower) / POINTS / allowed_share)
+    return SetPoints(strings, probability, weights, allowed_share, lower, upper)
+
+
+def within(
+    of: "FeasibleSet", count: int = POINTS, lower: Floats | float = 0.0, upper: Floats | float = 1.0
+) -> Floats:
+    """Return the allowed strings of even points of the box, or of a part of it, (n, 10)."""
+    from scipy.stats import qmc
+
+    space = of.campaign.variables.space()
+    points = qmc.Sobol(space.dimensions, seed=of.campaign.seed).random(count)
+    strings = space.from_unit(lower + points * (upper - lower))
+    return strings[of.campaign.allowed_strings(strings)]
+
+
+def near_maximum(of: "FeasibleSet", evaluated: Floats) -> Floats:
+    """Return allowed strings, (n, 10), at which the emulated mean may be largest."""
+    from scipy.optimize import minimize
+
+    space, coordinates = of.campaign.variables.space(), of.coordinates
+    known = np.unique(np.nan_to_num(evaluated), axis=0)
+    known = space.from_unit(space.to_unit(known))
+    pool = np.vstack((known, within(of)))
+    expected = of.emulator.mean_only(coordinates.of_strings(pool))[:, 0]
+    best = pool[np.argsort(-expected)[:CANDIDATES]]
+
+    def minus(point: Floats) -> float:
+        strings = coordinates.strings(np.clip(point, 0.0, 1.0)[None])
+        return -float(of.emulator.mean_only(coordinates.of_strings(strings))[0, 0])
+
+    starts = coordinates.own(best[:STARTS])
+    bounds = [(0.0, 1.0)] * starts.shape[1]
+    options = {"maxiter": 30}
+    ends = [minimize(minus, at, bounds=bounds, method="L-BFGS-B", options=options) for at in starts]
+    found = np.vstack((best, coordinates.strings(np.array([np.clip(e.x, 0, 1) for e in ends]))))
+    return found[of.campaign.allowed_strings(found)]

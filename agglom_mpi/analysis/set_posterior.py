@@ -1,0 +1,222 @@
+"""Posterior of the variables of a campaign, given a measured mean."""
+
+import math
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.set_directions import weighted_quantiles
+from agglom_mpi.errors import UserError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.analysis.feasible_set import FeasibleSet
+
+Floats = NDArray[np.float64]
+
+POINTS: Final = 1 << 14
+"""Points of the prior."""
+MOST_POINTS: Final = 1 << 17
+"""Points at most, where the effective size of fewer is too small."""
+SUFFICIENT: Final = 1000.0
+"""Effective size from which no more points are taken."""
+TOO_SMALL: Final = 200.0
+"""Effective size below which a chain is run, and there is a warning without one."""
+FARTHEST: Final = 4.0
+"""Standard deviations between the measured mean and that of the nearest string at most."""
+CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Quantiles that are told of each variable."""
+
+
+class PosteriorError(UserError, ValueError):
+    """A posterior that cannot be computed, with the reason."""
+
+
+class Posterior(NamedTuple):
+    """Weighted strings that stand for the posterior.
+
+    Attributes
+    ----------
+    of
+        The feasible set, whose emulator it rests on.
+    measured, error
+        The measured mean and its standard error.
+    strings
+        Shape (n, 10), in SI units.
+    weights
+        Shape (n,); their sum is 1.
+    effective_size
+        Number of independent strings that would tell as much.
+    method
+        `importance weights` or `chain`.
+    """
+
+    of: "FeasibleSet"
+    measured: float
+    error: float
+    strings: Floats
+    weights: Floats
+    effective_size: float
+    method: str
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with it; empty if nothing is."""
+        if self.effective_size >= TOO_SMALL:
+            return ""
+        return (
+            f"the effective size is {self.effective_size:.0f}, too small to trust the tails: the "
+            "measurement leaves little of the box; pip install emcee for a Markov chain, or search "
+            "a narrower box"
+        )
+
+    @property
+    def draws(self) -> "pd.DataFrame":
+        """The searched variables in SI units and the weight of each string, as a DataFrame."""
+        return self.of.table(self.strings, weight=self.weights)
+
+    def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
+        """Draw n strings, with replacement, with equal weights."""
+        chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
+        return self.of.table(self.strings[chosen])
+
+    def quantiles(self, name: str) -> tuple[float, ...]:
+        """Return the `CREDIBLE` quantiles of a searched variable, in SI units."""
+        column = self.of.coordinates.names.index(name)
+        values = self.strings[:, self.of.coordinates.searched[column]]
+        return weighted_quantiles(values, self.weights, CREDIBLE)
+
+    @property
+    def correlations(self) -> Floats:
+        """Correlations of the searched variables, in the coordinates of the emulator, (d, d)."""
+        covariance = self._covariance
+        scale = np.sqrt(np.diag(covariance))
+        return np.asarray(covariance / np.outer(scale, scale))
+
+    @property
+    def partial_correlations(self) -> Floats:
+        """Correlations of two variables, the others kept, (d, d)."""
+        d = len(self.of.coordinates.names)
+        precision = np.linalg.inv(self._covariance + 1e-12 * np.eye(d))
+        scale = np.sqrt(np.diag(precision))
+        return np.asarray(2.0 * np.eye(d) - precision / np.outer(scale, scale))
+
+    @property
+    def _covariance(self) -> Floats:
+        own = self.of.coordinates.own(self.strings)
+        return np.atleast_2d(np.cov(own.T, aweights=self.weights))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all but the draws as plain values."""
+        names = self.of.coordinates.names
+        return {
+            "measured": self.measured,
+            "error": self.error,
+            "effective_size": self.effective_size,
+            "strings": len(self.weights),
+            "method": self.method,
+            "warning": self.warning or None,
+            "quantiles": list(CREDIBLE),
+            "variables": {name: list(self.quantiles(name)) for name in names},
+            "correlations": self.correlations.tolist(),
+            "partial_correlations": self.partial_correlations.tolist(),
+        }
+
+
+def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
+    """Return the posterior; see `FeasibleSet.posterior`.
+
+    The weight of a string is the density of the measured mean, with a variance that is the square
+    of its error plus that of the emulated mean. The noise of samples is in the error already.
+
+    Raises
+    ------
+    PosteriorError
+        If several numbers are compared, or the measured mean is nowhere in the box.
+    """
+    if not (math.isfinite(measured) and math.isfinite(error) and error > 0.0):
+        raise PosteriorError(
+            f"measured is {measured:g} with the error {error:g}; both must be finite and the "
+            "error greater than 0"
+        )
+    if len(of.criterion.quantities) > 1:
+        raise PosteriorError(
+            f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
+            "measured number that is compared alone"
+        )
+    _check_possible(of, of.even_strings(POINTS), measured, error)
+    count = POINTS
+    while True:
+        strings = of.even_strings(count)
+        logarithms = _log_weights(of, strings, measured, error)
+        weights = np.exp(logarithms - logarithms.max())
+        size = effective_size(weights)
+        if size >= SUFFICIENT or count >= MOST_POINTS:
+            break
+        count *= 2 if size > 0.5 * SUFFICIENT else 4
+    if size < TOO_SMALL:
+        chain = _chain(of, strings, weights, measured, error)
+        if chain is not None:
+            return chain
+    some = weights > 1e-12 * weights.max()
+    weights = weights[some] / weights[some].sum()
+    return Posterior(of, measured, error, strings[some], weights, size, "importance weights")
+
+
+def effective_size(weights: Floats) -> float:
+    """Return the effective number of weighted strings (Kish 1965); 0 if there are none."""
+    squares = float(weights @ weights)
+    return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _check_possible(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> None:
+    """Raise a PosteriorError if the measured mean is that of no string."""
+    mean, deviation = of.moments_of(strings)
+    away = np.abs(measured - mean) / np.hypot(error, deviation)
+    if away.min(initial=np.inf) > FARTHEST:
+        raise PosteriorError(
+            f"measured is {measured:g} ± {error:g}, which no string of the box can give: by the "
+            f"emulator they reach {mean.min():.4g} to {mean.max():.4g}"
+        )
+
+
+def _log_weights(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> Floats:
+    mean, deviation = of.moments_of(strings)
+    variance = error**2 + deviation**2
+    alive = 1.0 - of.failing_of(strings)
+    with np.errstate(divide="ignore"):
+        return np.asarray(
+            np.log(alive) - 0.5 * (measured - mean) ** 2 / variance - 0.5 * np.log(variance)
+        )
+
+
+def _chain(
+    of: "FeasibleSet", strings: Floats, weights: Floats, measured: float, error: float
+) -> Posterior | None:
+    """Return a posterior by an ensemble of Markov chains; None without the library emcee."""
+    try:
+        import emcee
+    except ImportError:
+        return None
+    space, d = of.campaign.variables.space(), len(of.coordinates.names)
+    walkers, steps = max(32, 4 * d), 600
+
+    def log_density(points: Floats) -> Floats:
+        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
+        found = np.full(len(points), -np.inf)
+        chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
+        values = _log_weights(of, chosen, measured, error)
+        found[inside] = np.where(of.campaign.allowed_strings(chosen), values, -np.inf)
+        return found
+
+    random = np.random.default_rng(of.campaign.seed)
+    chosen = random.choice(len(weights), walkers, p=weights / weights.sum())
+    starts = space.to_unit(strings[chosen]) + 1e-4 * random.normal(size=(walkers, d))
+    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
+    sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), steps)
+    drawn = sampler.get_chain(discard=steps // 3, flat=True)
+    time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
+    equal = np.full(len(drawn), 1.0 / len(drawn))
+    return Posterior(of, measured, error, space.from_unit(drawn), equal, len(drawn) / time, "chain")

@@ -1,0 +1,278 @@
+"""The feasible set of a campaign as text and as plain values for JSON."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from agglom_mpi.analysis.criteria import NearMaximum
+from agglom_mpi.analysis.feasible_set import INNER, OUTER, FeasibleSet
+from agglom_mpi.analysis.set_directions import rounded
+from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.formatting import format_digits, value_with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.analysis.set_posterior import Posterior
+
+SHOWN: Final = 0.01
+"""Share from which a direction is shown."""
+SMALL: Final = 0.1
+"""Weight in a direction, in units of the box, from which a variable is named in it."""
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """Return a share as a text in percent."""
+    return f"{format_digits(100.0 * share, digits)} %"
+
+
+def measure_text(of: FeasibleSet) -> str:
+    """Return in which measure shares are told: uniform in what the campaign searches by."""
+    box, names = of.campaign.variables, of.coordinates.names
+    searched = of.coordinates.searched
+    kinds = {
+        "by the logarithm": [n for n, i in zip(names, searched, strict=True) if box.logarithmic[i]],
+        "by the cube": [n for n, i in zip(names, searched, strict=True) if box.cubic[i]],
+    }
+    other = [name for name in names if not any(name in some for some in kinds.values())]
+    parts = [f"{', '.join(some)} {kind}" for kind, some in kinds.items() if some]
+    if not parts:
+        return "uniform in every variable, as searched"
+    return f"uniform as searched: {'; '.join([*parts, *(['the others linear'] if other else [])])}"
+
+
+def samples_to_halve(of: FeasibleSet) -> int:
+    """Return how many more samples would halve the expected error, which falls like N^(-1/2)."""
+    return 3 * of.samples
+
+
+def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> RenderableType:
+    """Return what `agglom report --feasible-set` prints."""
+    heading = f"feasible set: {of.criterion.text}"
+    if not of.calibration.passed:
+        return f"{of.calibration.text}; no set is given\n{heading}, {_rests_on(of)}"
+    parts: list[RenderableType] = [f"{heading}\n{_rests_on(of)}", _shares(of)]
+    if of.volume > 0.0:
+        parts += [_variable_table(of), _direction_table(of)]
+    parts += list(warnings(of))
+    if posterior is not None:
+        parts += ["", posterior_text(posterior)]
+    return Group(*parts)
+
+
+def _rests_on(of: FeasibleSet) -> str:
+    return f"by an emulator of {of.samples:,} samples of {of.strings:,} strings"
+
+
+def _shares(of: FeasibleSet) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row(
+        "share of the box", f"{_share_text(of.volume, of.volume_error)}; {measure_text(of)}"
+    )
+    if of.allowed < 1.0:
+        table.add_row("constraints", f"{_allowed(of)} of the box; shares are of what they allow")
+    table.add_row(f"  surely (P ≥ {INNER:g})", percent(of.inner))
+    table.add_row(f"  possibly (P ≥ {OUTER:g})", percent(of.outer))
+    table.add_row(
+        "expected error",
+        f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
+        f"{samples_to_halve(of):,} more samples would halve it",
+    )
+    if isinstance(of.criterion, NearMaximum):
+        table.add_row("maximum", f"mean b/b0 {value_with_error(*of.maximum)}")
+    if of.failing:
+        table.add_row("failed", f"{of.failing} strings, which are no members")
+    table.add_row("check", of.calibration.text)
+    return table
+
+
+def _share_text(share: float, error: float) -> str:
+    return f"{value_with_error(100.0 * share, 100.0 * error)} %"
+
+
+def _allowed(of: FeasibleSet) -> str:
+    return f"allow {allowed_share(of.campaign)}"
+
+
+def _variable_table(of: FeasibleSet) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("variable", no_wrap=True)
+    for heading in ("searched", "possible", "5 %", "50 %", "95 %", "may move over"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for each in of.variables:
+        unit = "" if each.unit == "1" else f" {each.unit}"
+        table.add_row(
+            f"{each.name}{unit}",
+            f"{each.lower:.4g} to {each.upper:.4g}",
+            f"{each.least:.3g} to {each.most:.3g}",
+            *(f"{value:.3g}" for value in (each.low, each.median, each.high)),
+            f"{100.0 * each.kept:.0f} %",
+            "free" if each.free else "decided",
+        )
+    return table
+
+
+def _direction_table(of: FeasibleSet) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("what decides", no_wrap=True)
+    table.add_column("share", justify="right")
+    table.add_column("", no_wrap=True)
+    for row in shown_directions(of):
+        near = f"near {row['group']} (cosine {row['cosine']:.3f})" if row["group"] else ""
+        table.add_row(row["product"], f"{100.0 * row['share']:.1f} %", near)
+    return table
+
+
+def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
+    """Return the directions that matter as plain values, with their products of powers."""
+    found: list[dict[str, Any]] = []
+    for row in of.directions.to_dict("records"):
+        if row["share"] < SHOWN and found:
+            break
+        found.append(
+            {
+                "eigenvalue": row["eigenvalue"],
+                "share": row["share"],
+                "exponents": {name: row[name] for name in of.coordinates.names},
+                "product": product_text(of, row),
+                "group": row["group"] or None,
+                "cosine": row["cosine"] if row["group"] else None,
+            }
+        )
+    return found
+
+
+def product_text(of: FeasibleSet, row: Any) -> str:
+    """Return a direction as a product of powers, rounded, of the variables that matter in it."""
+    weights = {
+        name: abs(row[name]) * span
+        for name, span in zip(of.coordinates.names, of.coordinates.spans, strict=True)
+    }
+    largest = max(weights.values())
+    order = sorted(weights, key=lambda name: -weights[name])
+    factors = [_factor(n, rounded(row[n])) for n in order if weights[n] > SMALL * largest]
+    return " ".join(factor for factor in factors if factor)
+
+
+def _factor(name: str, exponent: float) -> str:
+    if exponent == 0.0:
+        return ""
+    return name if exponent == 1.0 else f"{name}^{exponent:.3g}"
+
+
+def warnings(of: FeasibleSet) -> Iterator[str]:
+    """Yield warnings about a set: where it touches the box, and if it is empty."""
+    if of.volume <= 0.0 or of.outer == 0.0:
+        yield "warning: no string of the box is likely to be in the set"
+        return
+    for each in of.variables:
+        if each.touches and not each.free:
+            ends = " and ".join(f"the {end} end {getattr(each, end):.4g}" for end in each.touches)
+            yield (
+                f"warning: the set touches {ends} of {each.name}; the answer may go on outside of "
+                "the box"
+            )
+
+
+def posterior_text(posterior: "Posterior") -> RenderableType:
+    """Return what is printed of a posterior."""
+    measured = f"{posterior.measured:g} ± {posterior.error:g}"
+    lines: list[RenderableType] = [
+        f"posterior, given a measured {_quantity(posterior.of)} of {measured}",
+        f"prior {measure_text(posterior.of)}; effective size "
+        f"{posterior.effective_size:,.0f} of {len(posterior.weights):,} ({posterior.method})",
+    ]
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("variable", no_wrap=True)
+    for heading in ("2.5 %", "25 %", "50 %", "75 %", "97.5 %"):
+        table.add_column(heading, justify="right")
+    for each in posterior.of.coordinates.names:
+        table.add_row(each, *(f"{value:.4g}" for value in posterior.quantiles(each)))
+    lines.append(table)
+    if len(posterior.of.coordinates.names) > 1:
+        lines.append(_correlation_table(posterior))
+    if posterior.warning:
+        lines.append(f"warning: {posterior.warning}")
+    return Group(*lines)
+
+
+def _quantity(of: FeasibleSet) -> str:
+    """Return what is compared in words."""
+    names = {"mean_radius_ratio": "mean b/b0", "objective": "value of the function"}
+    name = of.criterion.quantities[0]
+    return names.get(name, name)
+
+
+def _correlation_table(posterior: "Posterior") -> Table:
+    """Return the largest correlations of pairs, partial ones first, which the others hide."""
+    names = posterior.of.coordinates.names
+    plain, partial = posterior.correlations, posterior.partial_correlations
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    pairs.sort(key=lambda pair: -abs(partial[pair]))
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("correlation", no_wrap=True)
+    table.add_column("all free", justify="right")
+    table.add_column("others kept", justify="right")
+    for i, j in pairs[:6]:
+        table.add_row(f"{names[j]}, {names[i]}", f"{plain[i, j]:+.2f}", f"{partial[i, j]:+.2f}")
+    return table
+
+
+def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
+    """Return a set as plain values for JSON; without a set where it is not calibrated."""
+    found: dict[str, Any] = {
+        "criterion": of.criterion.text,
+        "tolerance": of.tolerance,
+        "samples": of.samples,
+        "strings": of.strings,
+        "calibration": of.calibration.as_dict(),
+    }
+    if not of.calibration.passed:
+        return found | {"set": None, "reason": of.calibration.text}
+    found["set"] = {
+        "measure": measure_text(of),
+        "volume": of.volume,
+        "volume_error": of.volume_error,
+        "allowed": of.allowed,
+        "inner": of.inner,
+        "outer": of.outer,
+        "expected_error": of.expected_error,
+        "samples_to_halve": samples_to_halve(of),
+        "failed_strings": of.failing,
+        "variables": [each._asdict() for each in of.variables],
+        "directions": shown_directions(of),
+        "warnings": [text.removeprefix("warning: ") for text in warnings(of)],
+    }
+    if isinstance(of.criterion, NearMaximum):
+        found["set"]["maximum"], found["set"]["maximum_error"] = of.maximum
+    if posterior is not None:
+        found["posterior"] = posterior.as_dict()
+    return found
+
+
+def grid_table(of: FeasibleSet, most: int = 20_000) -> "pd.DataFrame":
+    """Tabulate probability, mean and deviation on a grid of the box.
+
+    Of up to four variables it has as many places of each as make at most `most` points; of more
+    variables a grid is too coarse, and its points are the even ones that the set is measured by.
+    """
+    import numpy as np
+
+    d = len(of.coordinates.names)
+    if d <= 4:
+        places = (np.arange(side := int(most ** (1.0 / d) + 1e-9)) + 0.5) / side
+        mesh = np.stack(np.meshgrid(*[places] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        strings = of.campaign.variables.space().from_unit(mesh)
+    else:
+        strings = of.even_strings(1 << 13)
+    points = of.coordinates.of_strings(strings)
+    mean, deviation = of.emulator.mean(points), of.emulator.deviation(points)
+    columns = {"probability": of.probability_of(strings)}
+    for i, name in enumerate(of.criterion.quantities):
+        columns |= {f"mean_of_{name}": mean[:, i], f"deviation_of_{name}": deviation[:, i]}
+    return of.table(strings, **columns)

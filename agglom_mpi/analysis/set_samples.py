@@ -1,0 +1,74 @@
+"""The samples of a campaign file that its emulator rests on: all that were completed."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.storage.reader import parameters_of
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+Floats = NDArray[np.float64]
+
+MOST_FAILED = 0.1
+"""Share of failed samples above which a string is no member, as in an ensemble."""
+
+
+class StoredSamples(NamedTuple):
+    """The different samples of a file.
+
+    Attributes
+    ----------
+    strings
+        Parameters of each completed sample, shape (n, 10).
+    rows
+        Completed samples, shape (n,).
+    tried
+        Different strings, shape (m, 10).
+    failed
+        Which of these have too many failed samples, shape (m,).
+    """
+
+    strings: Floats
+    rows: NDArray[np.void]
+    tried: Floats
+    failed: NDArray[np.bool_]
+
+
+def stored_samples(data: "CampaignData") -> StoredSamples:
+    """Return all samples of a file, each once: equal strings have the same samples."""
+    campaign, rows = recorded_campaign(data), data.all_sample_rows()
+    strings = data.string_rows()
+    known = np.isin(rows["string"], strings["string"])
+    rows = rows[known]
+    order = np.argsort(strings["string"], kind="stable")
+    of_row = order[np.searchsorted(strings["string"][order], rows["string"])]
+    parameters = parameters_of(strings)
+    keys = np.nan_to_num(parameters)  # of variables that the scene does not use
+    _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    different = parameters[one]
+    first = np.array([campaign.first_sample(int(i)) for i in strings["string"]], np.int64)
+    samples = np.column_stack((which.ravel()[of_row], first[of_row] + rows["sample"]))
+    _, once = np.unique(samples, axis=0, return_index=True)
+    rows, place = rows[once], samples[once, 0]
+    completed = rows["state"] == COMPLETED
+    count = np.bincount(place, minlength=len(different))
+    bad = np.bincount(place[~completed], minlength=len(different))
+    late = _late(data, strings, which.ravel(), len(different))
+    tried = count + late > 0
+    failed = bad + late > MOST_FAILED * (count + late)
+    good = completed & ~failed[place]
+    return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
+
+
+def _late(
+    data: "CampaignData", strings: NDArray[np.void], which: NDArray[np.int64], count: int
+) -> NDArray[np.int64]:
+    """Return how many samples of each different string have no row, as they took too long."""
+    of_string = dict(zip(strings["string"].tolist(), which.tolist(), strict=True))
+    late = [of_string[string] for string, _ in data.timed_out if string in of_string]
+    return np.bincount(np.array(late, np.int64), minlength=count)

@@ -1,0 +1,137 @@
+"""Coordinates in which a campaign's strings are emulated: variables, and dimensionless groups."""
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.groups import Group, groups_of, powers_of
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+
+Floats = NDArray[np.float64]
+
+SMALL: Final = 0.05
+"""What is added to a variable whose range begins at 0, in units of its upper end, before its
+logarithm is taken in a group."""
+
+
+class Coordinates:
+    """Maps strings to the coordinates in which they are emulated, each from 0 to 1 over the box.
+
+    There is one for each searched variable and one for each dimensionless group. Those of groups
+    are logarithms, and so are those of variables of which a law takes a power or that are searched
+    by their logarithm, unless their range begins at 0. Others are linear, as friction, to which
+    strings are most sensitive where it is large.
+
+    Parameters
+    ----------
+    lower, upper
+        The box in SI units, shape (10,).
+    groups
+        The groups.
+    powers
+        Names of variables of which a law takes a power.
+    logarithmic
+        Which variables are searched by their logarithm, shape (10,).
+
+    Attributes
+    ----------
+    searched
+        Places of the d searched variables among the ten, shape (d,).
+    names
+        Names of the searched variables.
+    groups
+    """
+
+    def __init__(
+        self,
+        lower: Floats,
+        upper: Floats,
+        groups: list[Group],
+        powers: frozenset[str] = frozenset(),
+        logarithmic: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.searched = np.flatnonzero(lower < upper)
+        self.names = tuple(NAMES[i] for i in self.searched)
+        self.groups = groups
+        self._lower, self._upper = lower, upper
+        by_power = np.array([name in powers for name in NAMES])
+        wanted = by_power if logarithmic is None else by_power | logarithmic
+        self._positive = lower[self.searched] > 0.0
+        self._logarithmic = self._positive & wanted[self.searched]
+        self._first, self._last = (self._scaled(ends[None])[0] for ends in (lower, upper))
+        self._powers = np.zeros((len(groups), len(NAMES)))
+        for row, group in zip(self._powers, groups, strict=True):
+            row[[NAMES.index(name) for name in group.powers]] = list(group.powers.values())
+        self._powers[:, ~(lower < upper)] = 0.0
+        ends = np.array([self._logarithms(lower[None])[0], self._logarithms(upper[None])[0]])
+        corners = self._powers[:, None, :] * ends
+        self._least, self._most = corners.min(axis=1).sum(axis=1), corners.max(axis=1).sum(axis=1)
+
+    @property
+    def dimensions(self) -> int:
+        """Number of coordinates, p."""
+        return len(self.searched) + len(self.groups)
+
+    @property
+    def spans(self) -> Floats:
+        """Change of the logarithm of each searched variable along its coordinate, (d,).
+
+        That of a linear coordinate is told in the middle of its range.
+        """
+        lower, upper = self._lower[self.searched], self._upper[self.searched]
+        linear = 2.0 * (upper - lower) / (upper + lower)
+        ratio = upper / np.where(self._logarithmic, lower, upper)
+        return np.where(self._logarithmic, np.log(ratio), linear)
+
+    @property
+    def group_directions(self) -> Floats:
+        """Change of the logarithm of each group along each variable's coordinate, (g, d)."""
+        return np.asarray(self._powers[:, self.searched] * self.spans)
+
+    def of_strings(self, strings: Floats) -> Floats:
+        """Return the coordinates of strings, (n, 10) in SI units, shape (n, p)."""
+        own = self.own(strings)
+        if not self.groups:
+            return own
+        values = self._logarithms(strings) @ self._powers.T
+        return np.column_stack((own, (values - self._least) / (self._most - self._least)))
+
+    def own(self, strings: Floats) -> Floats:
+        """Return the coordinates of the searched variables alone, of strings (n, 10): (n, d)."""
+        return np.asarray((self._scaled(strings) - self._first) / (self._last - self._first))
+
+    def strings(self, own: Floats) -> Floats:
+        """Return the strings, (n, 10), of coordinates of the searched variables, (n, d)."""
+        scaled = self._first + own * (self._last - self._first)
+        strings = np.tile(self._lower, (len(own), 1))
+        exponents = np.where(self._logarithmic, scaled, 0.0)
+        strings[:, self.searched] = np.where(self._logarithmic, np.exp(exponents), scaled)
+        return strings
+
+    def group_values(self, strings: Floats, group: Group) -> Floats:
+        """Return a group of strings, (n, 10), in SI units but for constants, shape (n,)."""
+        factors = [strings[:, NAMES.index(name)] ** power for name, power in group.powers.items()]
+        return np.asarray(np.prod(factors, axis=0))
+
+    def _scaled(self, strings: Floats) -> Floats:
+        chosen = strings[:, self.searched]
+        positive = np.where(self._logarithmic, chosen, 1.0)
+        return np.where(self._logarithmic, np.log(positive), chosen)
+
+    def _logarithms(self, strings: Floats) -> Floats:
+        """Return logarithms of all ten variables, 0 for those that are not searched, (n, 10)."""
+        found = np.zeros(strings.shape)
+        x, top = strings[:, self.searched], self._upper[self.searched]
+        found[:, self.searched] = np.log(np.where(self._positive, x, x + SMALL * top))
+        return found
+
+
+def coordinates_of(campaign: "Campaign") -> Coordinates:
+    """Return the coordinates in which a campaign's strings are emulated."""
+    box = campaign.variables
+    groups, powers = groups_of(campaign.scene, box.searched), powers_of(campaign.scene)
+    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic)

@@ -1,0 +1,341 @@
+"""The feasible set: pairs of variables, marginals, what decides, and how reliable it is."""
+
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.feasible_set import INNER, OUTER, FeasibleSet
+from agglom_mpi.analysis.set_report import shown_directions
+from agglom_mpi.report.drawing import (
+    COLOURS,
+    Drawing,
+    axis_label,
+    legend_below,
+    note,
+    scaled_unit,
+    style_axes,
+)
+from agglom_mpi.variables import NAMES
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from agglom_mpi.analysis.set_directions import SetVariable
+
+Floats = NDArray[np.float64]
+
+POINTS: Final = 1 << 15
+"""Points that panels are made of."""
+CELLS: Final = 22
+"""Cells of a panel along each side."""
+BARS: Final = 24
+"""Bars of a marginal."""
+MOST: Final = 6
+"""Variables of the pair plot at most; the decided ones come first."""
+PANEL: Final = 1.9
+"""Width and height of a panel of a pair plot, inches."""
+LABELS: Final = {"mean_radius_ratio": "mean b/b⁰ (1)", "objective": "value of the function (1)"}
+
+
+class PlottedSet(NamedTuple):
+    """A set with points of the box, and their places on the axes.
+
+    Attributes
+    ----------
+    of
+    variables
+        Searched variables, the decided ones first.
+    units
+        Coordinates of the points by which the campaign searches, in units of the box, (n, d).
+    probability
+        Shape (n,).
+    """
+
+    of: FeasibleSet
+    variables: "list[SetVariable]"
+    units: Floats
+    probability: Floats
+
+    def place(self, variable: "SetVariable") -> int:
+        """Return the column of a variable in `units`."""
+        return self.of.coordinates.names.index(variable.name)
+
+    def ends(self, variable: "SetVariable") -> tuple[float, float]:
+        """Return the range that the points span, in units of the box."""
+        place = self.place(variable)
+        return float(self.of.points.lower[place]), float(self.of.points.upper[place])
+
+
+def plotted(of: FeasibleSet) -> PlottedSet:
+    """Return a set with points to draw it by."""
+    space = of.campaign.variables.space()
+    strings = of.even_strings(POINTS, of.points.lower, of.points.upper)
+    probability = of.probability_of(strings)
+    ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
+    return PlottedSet(of, ordered, space.to_unit(strings), probability)
+
+
+def set_drawings(of: FeasibleSet) -> list[Drawing]:
+    """Return the figures of a calibrated set; of one that is empty, its reliability alone."""
+    drawings = []
+    if of.volume > 0.0:
+        shown = plotted(of)
+        count = min(len(shown.variables), MOST)
+        side = max(PANEL * count + 1.0, 4.0)
+        drawings += [
+            Drawing(
+                "set_pairs",
+                _pairs_caption(shown),
+                lambda figure: draw_pairs(figure, shown),
+                (side + 0.6, side),
+            ),
+            Drawing(
+                "set_marginals",
+                "Each variable in the set against the prior, which is uniform as the campaign "
+                "searches (line at 1). Free variables, which decide nothing, are grey.",
+                lambda figure: draw_marginals(figure, shown),
+                (9.0, 2.4 * -(-len(shown.variables) // 3) + 0.4),
+            ),
+            Drawing(
+                "set_group",
+                "The emulated mean of points of the box against the combination of variables that "
+                "decides most, with its 90 % interval; the band is the target.",
+                lambda figure: draw_group(figure.subplots(), shown),
+            ),
+        ]
+    drawings.append(
+        Drawing(
+            "set_reliability",
+            "Strings that the emulator predicts without their own samples: how often their mean "
+            f"was above {of.calibration.threshold:.4g}, against how probable that was. Bars are "
+            "95 % intervals of the share; on the diagonal, the emulator is right.",
+            lambda figure: draw_reliability(figure.subplots(), of),
+            (4.6, 4.2),
+        )
+    )
+    return drawings
+
+
+def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
+    """Draw a panel for each pair of variables, and return the axes, shape (m, m)."""
+    variables = shown.variables[:MOST]
+    count = len(variables)
+    axes = figure.subplots(count, count, squeeze=False)
+    image = None
+    for i, row in enumerate(variables):
+        for j, column in enumerate(variables):
+            ax = axes[i, j]
+            if j > i:
+                ax.remove()
+                continue
+            if i == j:
+                _draw_marginal(ax, shown, row)
+                ax.set_yticks([])
+            else:
+                image = _draw_pair(ax, shown, column, row)
+                _scale_axis(ax.yaxis, shown, row, label=j == 0)
+            _scale_axis(ax.xaxis, shown, column, label=i == count - 1)
+    if image is not None:
+        # The upper right half is empty.
+        place = figure.add_axes((0.62, 0.9, 0.3, 0.025))
+        place.set_in_layout(False)
+        bar = figure.colorbar(image, cax=place, orientation="horizontal")
+        bar.set_label("share of all other values in the set (1)", fontsize=8)
+        bar.ax.tick_params(labelsize=7)
+        handles = [
+            _line("black", f"possible (P ≥ {OUTER:g})"),
+            _line("white", f"sure (P ≥ {INNER:g})"),
+        ]
+        legend = figure.legend(
+            handles=handles, loc="upper right", bbox_to_anchor=(0.93, 0.83), fontsize=7
+        )
+        legend.get_frame().set_facecolor("0.7")
+        legend.set_in_layout(False)
+    return axes
+
+
+def _line(colour: str, label: str) -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=colour, label=label, linewidth=1.2)
+
+
+def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVariable") -> Any:
+    """Draw which share of the other variables' values is in the set, and where any may be."""
+    x, y = shown.units[:, shown.place(column)], shown.units[:, shown.place(row)]
+    edges = [np.linspace(*shown.ends(each), CELLS + 1) for each in (column, row)]
+    count = np.histogram2d(x, y, bins=edges)[0]
+    mass = np.histogram2d(x, y, bins=edges, weights=shown.probability)[0]
+    with np.errstate(invalid="ignore"):
+        share = mass / count
+    image = ax.pcolormesh(*edges, share.T, cmap="cividis", rasterized=True)
+    middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    for bound, colour in ((OUTER, "black"), (INNER, "white")):
+        some = shown.probability >= bound
+        there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
+        if there.any() and not there.all():
+            ax.contour(*middles, _smoothed(there).T, [0.5], colors=colour, linewidths=0.9)
+    ax.set_xlim(*edges[0][[0, -1]])
+    ax.set_ylim(*edges[1][[0, -1]])
+    return image
+
+
+def _smoothed(there: NDArray[np.bool_]) -> Floats:
+    """Return a mask as numbers, single holes between cells filled."""
+    padded = np.pad(there.astype(np.float64), 1, mode="edge")
+    n, m = there.shape
+    around = sum(
+        padded[1 + i : 1 + i + n, 1 + j : 1 + j + m] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0))
+    )
+    return np.where(there, 1.0, np.where(np.asarray(around) >= 3, 1.0, 0.0))
+
+
+def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
+    """Draw a panel for each variable, and return their axes, shape (d,)."""
+    count = len(shown.variables)
+    rows = -(-count // 3)
+    axes = figure.subplots(rows, 3, squeeze=False).ravel()
+    for unused in axes[count:]:
+        unused.remove()
+    for place, (ax, each) in enumerate(zip(axes[:count], shown.variables, strict=True)):
+        _draw_marginal(ax, shown, each)
+        _scale_axis(ax.xaxis, shown, each, label=True)
+        if place % 3 == 0:
+            ax.set_ylabel("density over prior (1)")
+    return axes[:count]
+
+
+def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
+    low, high = shown.ends(each)
+    edges = np.linspace(low, high, BARS + 1)
+    values = shown.units[:, shown.place(each)]
+    mass = np.histogram(values, edges, weights=shown.probability)[0]
+    density = mass / mass.sum() / np.diff(edges)
+    colour = "0.75" if each.free else COLOURS[0]
+    ax.stairs(density, edges, fill=True, color=colour)
+    ax.axhline(1.0, color="0.3", linewidth=0.8, linestyle="--")
+    ax.set_xlim(low, high)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_title("free" if each.free else "decided", fontsize=8, color="0.4", pad=2)
+
+
+def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) -> None:
+    """Mark values of a variable on an axis of its coordinate, with its name and unit."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    box, place = shown.of.campaign.variables, NAMES.index(each.name)
+    low, high = shown.ends(each)
+    space = box.space()
+    strings = np.tile(shown.of.points.strings[0], (2, 1))
+    units = np.zeros((2, shown.units.shape[1]))
+    units[:, shown.place(each)] = low, high
+    strings = space.from_unit(units)
+    first, last = strings[:, place]
+    factor, unit = scaled_unit(each.unit, each.upper)
+    locator = LogLocator(subs=(1.0, 2.0, 5.0)) if box.logarithmic[place] else MaxNLocator(4)
+    ticks = np.asarray(locator.tick_values(first / factor, last / factor)) * factor
+    ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
+    marked = np.tile(strings[0], (len(ticks), 1))
+    marked[:, place] = ticks
+    at = space.to_unit(marked)[:, shown.place(each)]
+    axis.set_ticks(at, [f"{tick / factor:.3g}" for tick in ticks] if label else [""] * len(ticks))
+    axis.set_tick_params(labelsize=7)
+    if label:
+        axis.set_label_text(axis_label(each.name, unit), fontsize=8)
+
+
+def draw_group(ax: Any, shown: PlottedSet) -> Any:
+    """Draw the mean against the combination that decides most, and return the axes."""
+    of = shown.of
+    style_axes(ax)
+    [row, *_] = shown_directions(of)
+    strings = of.campaign.variables.space().from_unit(shown.units[: 1 << 13])
+    x = _combination(of, row, strings)
+    points = of.coordinates.of_strings(strings)
+    mean, deviation = of.emulator.mean(points)[:, 0], of.emulator.deviation(points)[:, 0]
+    ax.vlines(
+        x, mean - 1.645 * deviation, mean + 1.645 * deviation, color="0.85", linewidth=0.6, zorder=1
+    )
+    image = ax.scatter(
+        x,
+        mean,
+        s=5,
+        c=shown.probability[: len(x)],
+        cmap="cividis",
+        vmin=0,
+        vmax=1,
+        rasterized=True,
+        zorder=3,
+    )
+    ax.figure.colorbar(image, ax=ax, label="probability of being in the set (1)")
+    lower, upper = of.bounds
+    if np.isfinite(lower) or np.isfinite(upper):
+        bottom, top = ax.get_ylim()
+        ax.axhspan(
+            max(lower, bottom),
+            min(upper, top),
+            color=COLOURS[4],
+            alpha=0.35,
+            zorder=0,
+            label="target",
+        )
+        legend_below(ax)
+    ax.set_xscale("log")
+    name = f"{row['group']}" if row["group"] else row["product"].replace("_", " ")
+    constant = " (without constants)" if row["group"] else " (SI units)"
+    ax.set_xlabel(f"{name}{constant}")
+    ax.set_ylabel(LABELS.get(of.criterion.quantities[0], f"{of.criterion.quantities[0]} (1)"))
+    return ax
+
+
+def _combination(of: FeasibleSet, row: dict[str, Any], strings: Floats) -> Floats:
+    """Return the group that a direction is near, or else its product of powers, (n,)."""
+    for group in of.coordinates.groups:
+        if group.symbol == row["group"]:
+            return of.coordinates.group_values(strings, group)
+    powers = [row["exponents"][name] for name in of.coordinates.names]
+    values = np.maximum(strings[:, of.coordinates.searched], 1e-300)
+    return np.asarray(np.prod(values ** np.array(powers), axis=1))
+
+
+def draw_reliability(ax: Any, of: FeasibleSet) -> Any:
+    """Draw observed shares against predicted probabilities, and return the axes."""
+    from scipy.stats import beta
+
+    style_axes(ax)
+    bins = of.calibration.reliability
+    ax.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
+    if not bins:
+        note(ax, "too few strings")
+        return ax
+    predicted, observed, strings = (np.array(column) for column in zip(*bins, strict=True))
+    happened = observed * strings
+    lower = np.nan_to_num(beta.ppf(0.025, happened, strings - happened + 1), nan=0.0)
+    upper = np.nan_to_num(beta.ppf(0.975, happened + 1, strings - happened), nan=1.0)
+    ax.errorbar(
+        predicted,
+        observed,
+        np.maximum([observed - lower, upper - observed], 0.0),
+        fmt="o",
+        color=COLOURS[0],
+        markersize=4,
+        capsize=2,
+    )
+    ax.set_xlim(0.0, 1.0)
+    ax.set_ylim(0.0, 1.0)
+    ax.set_aspect("equal")
+    ax.set_xlabel("predicted probability (1)")
+    ax.set_ylabel("share of held-out strings (1)")
+    return ax
+
+
+def _pairs_caption(shown: PlottedSet) -> str:
+    left = len(shown.variables) - MOST
+    more = f" {left} more variables are left out, the freest ones." if left > 0 else ""
+    return (
+        "The set in pairs of variables. Colours say of each pair of values which share of the "
+        "others' values is in the set; lines bound where some value of the others is "
+        f"possible (P ≥ {OUTER:g}, black) and where one is sure (P ≥ {INNER:g}, white). On the "
+        f"diagonal, marginals as in the next figure.{more}"
+    )

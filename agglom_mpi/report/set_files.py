@@ -1,0 +1,76 @@
+"""The feasible set of a campaign file as text or JSON, and its tables as files."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.analysis.set_report import as_dict, grid_table, set_text
+from agglom_mpi.errors import require_library
+from agglom_mpi.report.export import with_units
+from agglom_mpi.storage.files import atomic_file, require_absent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.analysis.set_posterior import Posterior
+    from agglom_mpi.storage.reader import CampaignData
+
+DEFAULT_TOLERANCE: Final = 0.05
+
+
+class SetRequest(NamedTuple):
+    """What is asked of a feasible set.
+
+    Attributes
+    ----------
+    tolerance
+    measured, error
+        A measured mean and its standard error, for the posterior; None: no posterior.
+    draws, grid
+        CSV files to write; None: do not.
+    """
+
+    tolerance: float = DEFAULT_TOLERANCE
+    measured: float | None = None
+    error: float | None = None
+    draws: Path | None = None
+    grid: Path | None = None
+
+    def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
+        """Return the posterior that is asked for, None if none is, or the set is not known."""
+        if self.measured is None or self.error is None or not found.calibration.passed:
+            return None
+        return found.posterior(self.measured, self.error)
+
+
+def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
+    """Return the feasible set of a campaign file as a renderable, or as JSON; write its files.
+
+    Raises
+    ------
+    FileExistsError
+        If there is a file of that name already.
+    NoFeasibleSetError, PosteriorError, MissingLibraryError
+        If there is none, with the reason.
+    """
+    require_library("pandas", "report", "feasible sets")
+    for path in (request.draws, request.grid):
+        if path is not None:
+            require_absent(path)
+    found = FeasibleSet(data, request.tolerance)
+    posterior = request.posterior_of(found)
+    if found.calibration.passed:
+        if request.grid is not None:
+            write_table(request.grid, grid_table(found))
+        if request.draws is not None and posterior is not None:
+            write_table(request.draws, posterior.draws)
+    if as_json:
+        return json.dumps(as_dict(found, posterior), indent=2, ensure_ascii=False)
+    return set_text(found, posterior)
+
+
+def write_table(path: Path, table: "pd.DataFrame") -> None:
+    """Write a table as CSV with units in its headings; complete under its name, or absent."""
+    with atomic_file(path) as temporary:
+        with_units(table).to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")

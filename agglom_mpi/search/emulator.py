@@ -1,0 +1,405 @@
+"""Emulator: a Gaussian process of a mean whose noise depends on the point.
+
+The noise of one sample is a second process, of the logarithm of its variance. Its data are the
+squared leave-one-out residuals of the first (Kersting et al. 2007) and, where a point has several
+samples, their variance. Both are noisy by themselves, by as much as the logarithm of a variance of
+as many degrees of freedom is.
+"""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, lapack
+from scipy.optimize import minimize
+from scipy.special import digamma, gammaincinv, ndtri, polygamma
+from scipy.stats import qmc
+
+from agglom_mpi.search.gaussian_process import (
+    JITTER,
+    LENGTHS,
+    NOISE,
+    VARIANCE,
+    Covariance,
+    GaussianProcess,
+    matern,
+    matern_slope,
+    standardised,
+)
+
+Floats = NDArray[np.float64]
+
+FITS: Final = 3
+"""Fits of a covariance, of random subsets; the most likely by all points is kept."""
+SUBSET: Final = 320
+"""Points of each of them."""
+REFINED: Final = 700
+"""Points at most that the most likely one is refined with."""
+JUDGED: Final = 1200
+"""Points at most by which the most likely one is found."""
+ROUNDS: Final = 2
+"""Turns of fitting the noise and the mean."""
+TYPICAL_LENGTH, LENGTH_SPREAD = -0.1, 2.0
+"""Mean and variance of the logarithm of a length over the square root of d, before the data."""
+LEAST_NOISE: Final = 1e-3
+"""Smallest variance of a sample, relative to the mean one: where nothing grows there is none."""
+FEATURES: Final = 2048
+"""Random frequencies of the functions drawn from the prior."""
+BLOCK: Final = 2048
+"""Points evaluated together."""
+
+
+class NoisyMeans(NamedTuple):
+    """Means of samples at n different points.
+
+    Attributes
+    ----------
+    points
+        Shape (n, d).
+    means
+        Shape (n,).
+    samples
+        Number of samples of each, shape (n,).
+    squares
+        Sum of the squared deviations of the samples from their mean, shape (n,).
+    """
+
+    points: Floats
+    means: Floats
+    samples: NDArray[np.int64]
+    squares: Floats
+
+
+def merged(points: Floats, values: Floats) -> NoisyMeans:
+    """Return the means of single samples, values (n,) at points (n, d); equal points are one."""
+    different, place = np.unique(points, axis=0, return_inverse=True)
+    place = place.ravel()
+    samples = np.bincount(place).astype(np.int64)
+    means = np.bincount(place, values) / samples
+    squares = np.bincount(place, (values - means[place]) ** 2)
+    return NoisyMeans(different, means, samples, squares.astype(np.float64))
+
+
+class Emulator:
+    """Mean of noisy samples as a function of the point, and the noise of one of them.
+
+    Parameters
+    ----------
+    data
+        The samples, at two points or more.
+    random
+        For the subsets that covariances are fitted to.
+    rounds
+        Turns of fitting the noise by the residuals, and the mean by the noise; 0: one noise for
+        all points.
+
+    Attributes
+    ----------
+    data
+    """
+
+    def __init__(self, data: NoisyMeans, random: np.random.Generator, rounds: int = ROUNDS) -> None:
+        self.data = data
+        weights = data.samples.astype(np.float64)
+        covariance = fit_covariance_of_many(data.points, data.means, weights, random)
+        process = Process(covariance, data.points, data.means, weights)
+        known: Covariance | None = None
+        for _ in range(rounds):
+            self._noise = NoiseProcess(process, data, random, known)
+            known = self._noise.covariance
+            variance = self._noise.variance(data.points, process.mean_at_points)
+            weights = data.samples * np.mean(variance) / variance
+            covariance = refined(covariance, data.points, data.means, weights, random)
+            process = Process(covariance, data.points, data.means, weights)
+        self._process = process
+
+    def mean(self, points: Floats) -> Floats:
+        """Return the expected mean at points, (m, d), shape (m,)."""
+        return _blockwise(self._process.mean, points)
+
+    def deviation(self, points: Floats) -> Floats:
+        """Return the standard deviation of the mean at points, (m, d), shape (m,)."""
+        return _blockwise(self._process.deviation, points)
+
+    def noise(self, points: Floats) -> Floats:
+        """Return the standard deviation of one sample at points, (m, d), shape (m,)."""
+        return np.sqrt(self._noise.variance(points, self.mean(points)))
+
+    def paths(self, number: int, random: np.random.Generator) -> "Paths":
+        """Draw functions from the posterior of the mean."""
+        return self._process.paths(number, random)
+
+    def held_out(self) -> tuple[Floats, Floats]:
+        """Predict each mean of the data without it: expected value and standard deviation, (n,).
+
+        The deviation is that of the mean of its samples, noise included.
+        """
+        return self._process.predicted_without()
+
+
+class Process(GaussianProcess):
+    """A Gaussian process that draws functions at many points, and predicts its own data."""
+
+    def predicted_without(self) -> tuple[Floats, Floats]:
+        """Return leave-one-out predictions and their standard deviations, (n,) [RW 5.12]."""
+        return self.leave_one_out(), self._scale / np.sqrt(self._factor.inverse)
+
+    @property
+    def noise_at_points(self) -> Floats:
+        """Standard deviation of the noise of each value, shape (n,)."""
+        return self._scale * np.sqrt(self._noise)
+
+    def paths(self, number: int, random: np.random.Generator) -> "Paths":
+        """Draw functions from the posterior, as Wilson et al. (2020).
+
+        A function of the prior, a sum of random waves, is moved by what it misses of the data.
+        """
+        lengths, variance = self._covariance.lengths, self._covariance.variance
+        waves = _frequencies(len(lengths), random) / lengths[:, None]
+        weights = random.normal(size=(2 * FEATURES, number)) * np.sqrt(variance / FEATURES)
+        noise = random.normal(size=(len(self._points), number)) * np.sqrt(self._noise)[:, None]
+        missed = self._standard[:, None] - _waves(self._points, waves) @ weights - noise
+        return Paths(self, waves, weights, cho_solve((self._factor.root, True), missed))
+
+
+class Paths:
+    """Functions drawn from the posterior of a process, to be evaluated anywhere."""
+
+    def __init__(self, process: Process, waves: Floats, weights: Floats, update: Floats) -> None:
+        self._process = process
+        self._waves, self._weights, self._update = waves, weights, update
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the n functions at points, (m, d), shape (n, m)."""
+        drawn = np.empty((self._weights.shape[1], len(points)))
+        for i in range(0, len(points), BLOCK):
+            at = points[i : i + BLOCK]
+            prior = _waves(at, self._waves) @ self._weights
+            values = prior + self._process._between(at, self._process._points) @ self._update
+            drawn[:, i : i + BLOCK] = values.T
+        return self._process._centre + self._process._scale * drawn
+
+
+def _frequencies(dimensions: int, random: np.random.Generator) -> Floats:
+    """Return frequencies of a Matérn-5/2 process of unit lengths, evenly spread, (d, `FEATURES`).
+
+    They have Student's t distribution with five degrees of freedom [RW 4.15].
+    """
+    even = qmc.Sobol(dimensions + 1, seed=random).random(FEATURES)
+    stretch = np.sqrt(2.0 * gammaincinv(2.5, even[:, 0]) / 5.0)
+    return np.asarray((ndtri(even[:, 1:]) / stretch[:, None]).T)
+
+
+def _waves(points: Floats, waves: Floats) -> Floats:
+    phases = points @ waves
+    return np.hstack((np.cos(phases), np.sin(phases)))
+
+
+class NoiseProcess:
+    """Variance of one sample, as the exponential of a process.
+
+    Its last coordinate is the emulated mean: how far grains have grown says most about how
+    differently they do.
+
+    Parameters
+    ----------
+    process
+        Of the means, with the noise as it is known so far.
+    data
+        The samples.
+    random
+    near
+        A covariance of it that was found with other noise; None: search for one everywhere.
+
+    Attributes
+    ----------
+    covariance
+    """
+
+    def __init__(
+        self,
+        process: Process,
+        data: NoisyMeans,
+        random: np.random.Generator,
+        near: Covariance | None = None,
+    ) -> None:
+        logarithms, spread = _observed_logarithms(process, data)
+        means = process.mean_at_points
+        self._lowest, self._highest = float(means.min()), float(means.max())
+        points = self._with_mean(data.points, means)
+        weights = NOISE_OF_ONE / spread
+        if near is None:
+            self.covariance = fit_covariance_of_many(points, logarithms, weights, random)
+        else:
+            self.covariance = refined(near, points, logarithms, weights, random)
+        self._process = GaussianProcess(self.covariance, points, logarithms, weights)
+        self._floor = float(logarithms.min())
+
+    def variance(self, points: Floats, means: Floats) -> Floats:
+        """Return it at points, (m, d), where the emulated means are these, (m,): shape (m,)."""
+        at = self._with_mean(points, means)
+        return np.exp(np.maximum(_blockwise(self._process.mean, at), self._floor))
+
+    def _with_mean(self, points: Floats, means: Floats) -> Floats:
+        scaled = (means - self._lowest) / (self._highest - self._lowest or 1.0)
+        return np.column_stack((points, np.clip(scaled, 0.0, 1.0)))
+
+
+NOISE_OF_ONE: Final = float(polygamma(1, 0.5))
+"""Variance of the logarithm of the square of a standard normal number, π²/2."""
+
+
+def _observed_logarithms(process: Process, data: NoisyMeans) -> tuple[Floats, Floats]:
+    """Return what the data say of the logarithm of the variance, and their own variance, (n,).
+
+    A leave-one-out residual is due to the noise and to the process; its square is divided among
+    them as their variances are.
+    """
+    predicted, deviation = process.predicted_without()
+    own = process.noise_at_points**2 * data.samples
+    share = ((data.means - predicted) / deviation) ** 2
+    least = LEAST_NOISE * float(np.average(own, weights=data.samples))
+    logarithms = np.log(np.maximum(own * share, least)) - float(digamma(0.5) + np.log(2.0))
+    spread = np.full(len(own), NOISE_OF_ONE)
+    several = data.samples > 1
+    freedom = data.samples[several] - 1.0
+    variance = np.maximum(data.squares[several] / freedom, least)
+    within = np.log(variance) - digamma(0.5 * freedom) + np.log(0.5 * freedom)
+    precision = 1.0 / polygamma(1, 0.5 * freedom), 1.0 / NOISE_OF_ONE
+    logarithms[several] = (precision[0] * within + precision[1] * logarithms[several]) / sum(
+        precision
+    )
+    spread[several] = 1.0 / sum(precision)
+    return logarithms, spread
+
+
+def fit_covariance_of_many(
+    points: Floats, values: Floats, weights: Floats, random: np.random.Generator
+) -> Covariance:
+    """Return the covariance of maximum posterior density, found by several fits of subsets.
+
+    Parameters
+    ----------
+    points
+        Shape (n, d).
+    values
+        Means observed there, shape (n,).
+    weights
+        Number of samples of each, or what else the variance of its noise is inverse to, (n,).
+    random
+        Draws the subsets.
+    """
+    _, _, standard = standardised(values)
+    dimensions = points.shape[1]
+    start = np.log([1.0, *np.full(dimensions, np.sqrt(dimensions)), 0.3])
+    if len(points) <= SUBSET:
+        return _covariance(_descent(start, points, standard, weights, 100))
+    subsets = (random.permutation(len(points))[:SUBSET] for _ in range(FITS))
+    found = [_descent(start, points[i], standard[i], weights[i], 60) for i in subsets]
+    some = random.permutation(len(points))[:JUDGED]
+    data = _squares(points[some]), standard[some], weights[some]
+    best = min(found, key=lambda at: negative_log_likelihood(at, *data, slope=False)[0])
+    return refined(_covariance(best), points, values, weights, random)
+
+
+def refined(
+    covariance: Covariance,
+    points: Floats,
+    values: Floats,
+    weights: Floats,
+    random: np.random.Generator,
+) -> Covariance:
+    """Return a more likely covariance near one; arguments as for `fit_covariance_of_many`."""
+    _, _, standard = standardised(values)
+    some = random.permutation(len(points))[:REFINED]
+    start = np.log([covariance.variance, *covariance.lengths, covariance.noise])
+    return _covariance(_descent(start, points[some], standard[some], weights[some], 15))
+
+
+def _covariance(logarithms: Floats) -> Covariance:
+    best = np.exp(logarithms)
+    return Covariance(float(best[0]), best[1:-1], float(best[-1]))
+
+
+def _descent(
+    start: Floats, points: Floats, values: Floats, weights: Floats, iterations: int
+) -> Floats:
+    bounds = np.log([VARIANCE, *[LENGTHS] * points.shape[1], NOISE])
+    found = minimize(
+        negative_log_likelihood,
+        np.clip(start, *bounds.T),
+        (_squares(points), values, weights),
+        jac=True,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": iterations},
+    )
+    return np.asarray(found.x)
+
+
+def _squares(points: Floats) -> Floats:
+    return np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
+
+
+def negative_log_likelihood(
+    logarithms: Floats, squares: Floats, values: Floats, weights: Floats, slope: bool = True
+) -> tuple[float, Floats]:
+    """Negative logarithm of likelihood times prior, and its gradient [RW 5.8, 5.9].
+
+    Parameters
+    ----------
+    logarithms
+        Of variance, lengths and noise, shape (d + 2,).
+    squares
+        Squared differences of the points, shape (d, n, n).
+    values, weights
+        Standardised means, and what their noise is divided by, shape (n,).
+    slope
+        Whether to compute the gradient, too, which takes most of the time.
+    """
+    variance, lengths, noise = (
+        np.exp(logarithms[0]),
+        np.exp(logarithms[1:-1]),
+        np.exp(logarithms[-1]),
+    )
+    flat = squares.reshape(len(lengths), -1)
+    r = np.sqrt(lengths**-2.0 @ flat).reshape(squares.shape[1:])
+    smooth = variance * matern(r)
+    matrix = smooth.copy()
+    matrix[np.diag_indices_from(matrix)] += noise / weights + JITTER
+    root = cholesky(matrix, lower=True, check_finite=False)
+    alpha = cho_solve((root, True), values, check_finite=False)
+    prior, prior_slope = _length_prior(logarithms[1:-1])
+    value = 0.5 * values @ alpha + np.log(np.diag(root)).sum() + prior
+    if not slope:
+        return float(value), np.empty(0)
+    # The lower half of the inverse alone: it is summed with symmetric matrices.
+    change, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+    change[np.diag_indices_from(change)] *= 0.5
+    change -= 0.5 * np.outer(alpha, alpha)
+    slopes = change * (variance * matern_slope(r))
+    gradient = np.concatenate(
+        (
+            [np.vdot(change, smooth)],
+            flat @ slopes.ravel() / lengths**2 + prior_slope,
+            [change.diagonal() @ (noise / weights)],
+        )
+    )
+    return float(value), gradient
+
+
+def _length_prior(logarithms: Floats) -> tuple[float, Floats]:
+    """Negative logarithm of the density of lengths, by their logarithms, and its gradient.
+
+    As that of the search (Hvarfner et al. 2024), but of shorter lengths: with it an influence that
+    the data hardly show is not taken for none, so that intervals cover.
+    """
+    away = logarithms - TYPICAL_LENGTH - 0.5 * np.log(len(logarithms))
+    return float((away**2).sum()) / (2.0 * LENGTH_SPREAD), away / LENGTH_SPREAD
+
+
+def _blockwise(function: Callable[[Floats], Floats], points: Floats) -> Floats:
+    """Return a function of points, (m, d), computed for some of them at a time, shape (m,)."""
+    blocks = [function(points[i : i + BLOCK]) for i in range(0, len(points), BLOCK)]
+    return np.concatenate(blocks) if blocks else np.empty(0)

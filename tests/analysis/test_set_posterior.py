@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from agglom_mpi.analysis.set_posterior import PosteriorError, effective_size
+
+
+@pytest.fixture(scope="module")
+def posterior(doubling):
+    return doubling.posterior(2.0, 0.05)
+
+
+def test_weighted_strings_give_the_measured_mean_back(doubling, posterior):
+    draws = posterior.draws
+    assert draws["weight"].sum() == pytest.approx(1.0)
+    mean = doubling.mean(draws.drop(columns="weight"))
+    spread = np.sqrt(draws["weight"] @ (mean - 2.0) ** 2)
+    assert abs(draws["weight"] @ mean - 2.0) < 0.05
+    assert 0.02 < spread < 0.15
+
+
+def test_quantiles_are_in_order_and_inside_the_box(posterior):
+    found = posterior.quantiles("relative_speed")
+    assert list(found) == sorted(found)
+    assert 1.0 < found[0] < found[-1] < 12.0
+
+
+def test_what_pairs_hide_partial_correlations_show(posterior):
+    """Speed and hardness rise together; friction matters to neither."""
+    names = list(posterior.of.coordinates.names)
+    speed, hardness = names.index("relative_speed"), names.index("hardness")
+    assert posterior.correlations[speed, hardness] > 0.9
+    assert posterior.partial_correlations[speed, hardness] > 0.9
+    assert np.diag(posterior.partial_correlations) == pytest.approx(1.0)
+
+
+def test_the_effective_size_of_equal_weights_is_their_number():
+    assert effective_size(np.full(40, 0.3)) == pytest.approx(40.0)
+    assert effective_size(np.array([1.0, 0.0, 0.0])) == pytest.approx(1.0)
+    assert effective_size(np.zeros(3)) == 0.0
+
+
+def test_drawn_strings_follow_the_weights(posterior):
+    """The median of 2000 draws is within 4 standard errors in rank of the weighted one."""
+    drawn = posterior.sample(2000, seed=3)["hardness"].to_numpy()
+    below = np.mean(drawn < posterior.quantiles("hardness")[2])
+    assert abs(below - 0.5) < 4.0 * 0.5 / np.sqrt(2000) + 0.01
+
+
+@pytest.mark.parametrize(
+    ("measured", "error", "said"),
+    [
+        (2.0, 0.0, "greater than 0"),
+        (float("nan"), 0.1, "must be finite"),
+        (9.0, 0.01, "no string of the box can give"),
+    ],
+)
+def test_impossible_measurements_are_said(doubling, measured, error, said):
+    with pytest.raises(PosteriorError, match=said):
+        doubling.posterior(measured, error)

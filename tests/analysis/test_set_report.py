@@ -1,0 +1,72 @@
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from agglom_mpi.analysis.set_directions import nearest_group, rounded, weighted_quantiles
+from agglom_mpi.analysis.set_report import as_dict, grid_table, measure_text, set_text
+from agglom_mpi.config.groups import IMPACT_PRESSURE
+
+
+def printed(content):
+    console = Console(width=160)
+    with console.capture() as capture:
+        console.print(content)
+    return capture.get()
+
+
+def test_the_report_names_the_share_what_is_free_and_what_decides(doubling):
+    said = printed(set_text(doubling, doubling.posterior(2.0, 0.05)))
+    assert said.startswith("feasible set: mean b/b0 1.9 to 2.1\n")
+    lines = said.splitlines()
+    [friction] = [line for line in lines if line.startswith("friction  ")][:1]
+    assert friction.split()[-1] == "free"
+    assert any("near ρv²/H" in line for line in lines)
+    assert any(line.startswith("warning: the set touches the upper end") for line in lines)
+    assert "hardness by the logarithm; the others linear" in measure_text(doubling)
+    assert "effective size" in said
+
+
+def test_json_holds_the_same_numbers(doubling):
+    found = json.loads(json.dumps(as_dict(doubling, doubling.posterior(2.0, 0.05))))
+    assert found["set"]["volume"] == doubling.volume
+    assert found["set"]["variables"][0]["name"] == "relative_speed"
+    assert found["set"]["directions"][0]["group"] == "ρv²/H"
+    assert found["posterior"]["variables"].keys() == {"relative_speed", "hardness", "friction"}
+
+
+def test_an_emulator_that_is_not_calibrated_gives_no_set(doubling, monkeypatch):
+    [near, *others] = doubling.calibration.regions
+    wrong = doubling.calibration._replace(regions=[near._replace(coverage=0.5), *others])
+    monkeypatch.setattr(doubling, "calibration", wrong)
+    first, *rest = printed(set_text(doubling)).splitlines()
+    assert first.startswith("the emulator is not calibrated: its 90 % intervals hold 50.0 %")
+    assert "share of the box" not in " ".join(rest)
+    assert as_dict(doubling)["set"] is None
+
+
+def test_the_grid_fills_the_box(doubling):
+    table = grid_table(doubling, most=1000)
+    assert len(table) == 1000
+    assert table["probability"].between(0.0, 1.0).all()
+    assert table["probability"].mean() == pytest.approx(doubling.volume, abs=0.02)
+
+
+def test_exponents_are_rounded_to_simple_fractions():
+    assert [rounded(x) for x in (-0.498, 0.34, 1.02, 0.02)] == [-0.5, 1 / 3, 1.0, 0.0]
+
+
+def test_quantiles_weigh():
+    values, weights = np.array([3.0, 1.0, 2.0]), np.array([0.1, 0.8, 0.1])
+    assert weighted_quantiles(values, weights, (0.5, 0.85, 1.0)) == (1.0, 2.0, 3.0)
+
+
+def test_a_direction_is_near_a_group_of_either_sign():
+    along = np.array([[2.0, -1.0]])
+    unit = along[0] / np.sqrt(5.0)
+    assert nearest_group(-unit, along, [IMPACT_PRESSURE]) == (
+        IMPACT_PRESSURE,
+        pytest.approx(-1.0),
+    )
+    assert nearest_group(np.array([0.0, 1.0]), along, [IMPACT_PRESSURE])[0] is None

@@ -1,0 +1,302 @@
+"""How right feasible sets are, over seeds: their truth is simulated in the same run.
+
+`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS]`, with the question
+`three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three variables,
+growth by half), `moments` (three variables, mean and spread together) or `maximum` (three
+variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
+string. `python … posterior SAMPLES SEEDS` compares posteriors with brute force, and ranks.
+
+The truth is the mean of b/b0, and its spread, at even points of the box: samples are added to a
+point until it is clear on which side of the bounds it is, or their limit is reached; then the
+points are smoothed by an emulator of their own, whose error, told by points held out, is far
+below that of a campaign, which rests on a hundredth of the samples.
+"""
+
+import re
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare, kstest, qmc
+
+from agglom_mpi.analysis.criteria import criterion_of
+from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.analysis.set_emulator import SetEmulator
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.cli.invert import invert_command
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.sample import simulate_scene
+
+JOBS = Path(__file__).parents[2] / "jobs"
+BATCH, INITIAL = 16, 32
+FIRST, CLEAR = 16, 3.0
+"""Samples of a point to begin with; standard errors from a bound from which no more are taken."""
+FRESH = 10**6
+"""Number of the first sample of the truth, which no search has seen."""
+CENTRE = "{law: growth_target, ratio: 2}"
+
+
+class Question(NamedTuple):
+    """A question: its job, objective, tolerance, and points and samples of its truth."""
+
+    job: str
+    objective: str
+    tolerance: float
+    points: int
+    most: int
+
+
+QUESTIONS = {
+    "three": Question("doubling_in_three", CENTRE, 0.05, 4096, 1024),
+    "half": Question("doubling_in_three", "{law: growth_target, ratio: 1.5}", 0.05, 4096, 1024),
+    "moments": Question(
+        "doubling_in_three", "{law: moments, targets: {mean: 2, spread: 0.65}}", 0.1, 4096, 1024
+    ),
+    "maximum": Question("doubling_in_three", "{law: maximum_growth}", 0.05, 4096, 512),
+    "nine": Question("accretion_2003", CENTRE, 0.05, 1024, 1024),
+}
+SEEDS, SAMPLES = 20, 800
+
+
+def campaign_text(name, seed, samples):
+    question = QUESTIONS[name]
+    text = (JOBS / f"{question.job}.yaml").read_text()
+    text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", text)
+    head = text[: text.index("objective:")]
+    generations = 2 + (samples - INITIAL) // BATCH
+    plan = (
+        f"search: {{method: surrogate, initial: {INITIAL}, batch: {BATCH}}}\n"
+        f"ensemble: {{rule: fixed, samples: 1}}\nstopping: {{generations: {generations}}}\n"
+    )
+    return f"final: none\n{head}objective: {question.objective}\n{plan}"
+
+
+def searched(name, seed, samples, folder):
+    """Run a campaign of a question, and return its file."""
+    from click.testing import CliRunner
+
+    path = Path(folder) / f"{name}_{seed}_{samples}.yaml"
+    path.write_text(campaign_text(name, seed, samples))
+    target = path.with_suffix(".h5")
+    done = CliRunner().invoke(invert_command, [str(path), "--output", str(target), "--quiet"])
+    assert done.exit_code == 0, done.output
+    return open_campaign(target)
+
+
+def simulated(campaign, string, first, count):
+    rows = np.zeros(count, OUTCOME)
+    scene = campaign.scene.build(string)
+    for k in range(count):
+        rows[k] = simulate_scene(scene, sample_stream(7, string, first + k))[0]
+    return rows
+
+
+class Truth(NamedTuple):
+    """Points of the box with the true values of what is compared, (n, q), and their error."""
+
+    strings: np.ndarray
+    values: np.ndarray
+    error: float
+    samples: int
+
+
+def point_samples(arguments):
+    """Samples of one point, as many as make it clear whether it is in the set."""
+    name, string = arguments
+    campaign, question = Campaign.from_text(campaign_text(name, 1, 32)), QUESTIONS[name]
+    criterion = criterion_of(campaign.objective.entries(), question.tolerance)
+    rows = simulated(campaign, string, FRESH, FIRST)
+    while len(rows) < question.most:
+        growth = rows["mean_radius_ratio"]
+        error = growth.std(ddof=1) / np.sqrt(len(growth))
+        bounds = criterion.bounds(3.2) if name == "maximum" else criterion.bounds()
+        away = [abs(growth.mean() - end) for end in bounds if np.isfinite(end)]
+        if min(away) > CLEAR * error + 0.02:
+            break
+        rows = np.concatenate((rows, simulated(campaign, string, FRESH + len(rows), len(rows))))
+    return rows
+
+
+def truth_of(name, jobs):
+    campaign, question = Campaign.from_text(campaign_text(name, 1, 32)), QUESTIONS[name]
+    space, coordinates = campaign.variables.space(), coordinates_of(campaign)
+    criterion = criterion_of(campaign.objective.entries(), question.tolerance)
+    units = qmc.Sobol(space.dimensions, seed=99).random(question.points)
+    strings = space.from_unit(units)
+    with ProcessPoolExecutor(jobs) as pool:
+        samples = list(pool.map(point_samples, [(name, s) for s in strings], chunksize=32))
+    points = coordinates.of_strings(strings)
+    numbers = [criterion.numbers(rows, campaign.scene.particles) for rows in samples]
+    kept = np.repeat(np.arange(len(strings)), [len(rows) for rows in samples])
+    known = np.random.default_rng(3).random(len(strings)) < 0.8
+    rng = np.random.default_rng(4)
+    some = SetEmulator(criterion, points[kept][known[kept]], np.vstack(numbers)[known[kept]], rng)
+    own = np.array([criterion.compared(n.mean(axis=0)) for n in numbers])
+    long = ~known & (np.array([len(rows) for rows in samples]) >= question.most)
+    missed = some.mean_only(points[long])[:, 0] - own[long, 0]
+    spread = [
+        r["mean_radius_ratio"].var(ddof=1) / len(r)
+        for r, at in zip(samples, long, strict=True)
+        if at
+    ]
+    error = np.sqrt(max(0.0, np.mean(missed**2) - np.mean(spread)))
+    whole = SetEmulator(criterion, points[kept], np.vstack(numbers), rng)
+    more = space.from_unit(qmc.Sobol(space.dimensions, seed=5).random(1 << 14))
+    if space.dimensions > 4:  # where points are far from each other, their own samples say most
+        more = strings
+    values = whole.mean_only(coordinates.of_strings(more))
+    return Truth(more, values, float(error), len(kept))
+
+
+class Score(NamedTuple):
+    """How right one set is; shares are of the true volume unless said otherwise."""
+
+    relative_error: float
+    expected_error: float
+    volume_ratio: float
+    coverage: float
+    outer: float
+    inner: float
+    exponent: float
+    calibrated: float
+    seconds: float
+
+
+def members(truth, found):
+    if hasattr(found, "_maxima"):
+        return truth.values[:, 0] >= found.criterion.share * truth.values[:, 0].max()
+    return found.criterion.holds(truth.values)
+
+
+def score(name, seed, samples, truth):
+    """Return the score of a campaign, and its probabilities and true members at the points."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = searched(name, seed, samples, folder)
+        began = time.perf_counter()
+        found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
+        _ = found.volume_error, found.variables
+        directions = found.directions
+        seconds = time.perf_counter() - began
+    inside, probability = members(truth, found), found.probability_of(truth.strings)
+    wrong = np.sum((probability >= 0.5) != inside) / inside.sum()
+    points = found.coordinates.of_strings(truth.strings[inside])
+    away = found.emulator.mean(points)[:, 0] - truth.values[inside, 0]
+    covered = np.abs(away) < 1.6449 * found.emulator.deviation(points)[:, 0]
+    return Score(
+        wrong,
+        found.expected_error,
+        found.volume / inside.mean(),
+        covered.mean(),
+        (probability >= 0.05)[inside].mean(),
+        inside[probability >= 0.95].mean() if (probability >= 0.95).any() else np.nan,
+        directions["hardness"][0] / directions["relative_speed"][0],
+        float(found.calibration.passed),
+        seconds,
+    ), (probability, inside)
+
+
+def run(name, samples, seeds, jobs=1):
+    began = time.perf_counter()
+    truth = truth_of(name, jobs)
+    print(
+        f"\n{name}, {samples} samples: truth by {truth.samples:,}, error {truth.error:.4f}, "
+        f"{time.perf_counter() - began:.0f} s",
+        flush=True,
+    )
+    print("seed  " + "  ".join(f"{field:>14}" for field in Score._fields))
+    scores, pairs = [], []
+    for seed in range(1, seeds + 1):
+        found, pair = score(name, seed, samples, truth)
+        scores.append(found)
+        pairs.append(pair)
+        print(f"{seed:4}  " + "  ".join(f"{value:14.3f}" for value in found), flush=True)
+    table = np.array(scores)
+    for label, row in (("mean", table.mean(0)), ("least", table.min(0)), ("most", table.max(0))):
+        print(f"{label:5} " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
+    probability, inside = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    print("true share against P, all seeds:")
+    for low in np.arange(10) / 10:
+        some = (probability > max(low, 0.01)) & (probability <= low + 0.1)
+        if some.any():
+            print(
+                f"  P {probability[some].mean():.3f}  share {inside[some].mean():.3f}  {some.sum()}"
+            )
+
+
+def posteriors(samples, seeds, draws=200, error=0.05, jobs=1):
+    """Compare posteriors with brute force on the truth, and ranks of true values in them."""
+    truth, name = truth_of("three", jobs), "three"
+    coordinates = coordinates_of(Campaign.from_text(campaign_text(name, 1, 32)))
+    own, growth = coordinates.own(truth.strings), truth.values[:, 0]
+    rng, ranks, distances, sizes = np.random.default_rng(1), [], [], []
+    weights = np.exp(-0.5 * ((growth - 2.0) / error) ** 2)
+    for seed in range(1, seeds + 1):
+        with tempfile.TemporaryDirectory() as folder:
+            found = FeasibleSet(searched(name, seed, samples, folder).snapshot(), 0.05)
+        posterior = found.posterior(2.0, error)
+        sizes.append(posterior.effective_size)
+        mine = coordinates.own(posterior.strings)
+        distances.append(
+            [weighted_ks(mine[:, i], posterior.weights, own[:, i], weights) for i in range(3)]
+        )
+        for at in rng.choice(np.flatnonzero((growth > 1.3) & (growth < 2.7)), draws // seeds):
+            measured = growth[at] + error * rng.normal()
+            drawn = found.posterior(measured, error)
+            for i in range(3):
+                below = coordinates.own(drawn.strings)[:, i] < own[at, i]
+                ranks.append((i, drawn.weights[below].sum()))
+    print(f"\nposterior of 2.00 ± {error}, {samples} samples, {seeds} seeds")
+    print(f"effective size {np.min(sizes):.0f} to {np.max(sizes):.0f}")
+    print("KS distance of marginals, mean and most: ", end="")
+    print(
+        ", ".join(
+            f"{mean:.3f} {most:.3f}"
+            for mean, most in zip(np.mean(distances, 0), np.max(distances, 0), strict=True)
+        )
+    )
+    for i, variable in enumerate(coordinates.names):
+        values = np.array([rank for place, rank in ranks if place == i])
+        counts = np.histogram(values, np.linspace(0.0, 1.0, 11))[0]
+        print(
+            f"ranks of {variable}, {len(values)}: p = {kstest(values, 'uniform').pvalue:.2f} (KS), "
+            f"{chisquare(counts).pvalue:.2f} (chi2)"
+        )
+
+
+def weighted_ks(one, of_one, other, of_other):
+    """Largest distance of two weighted distribution functions."""
+    grid = np.sort(np.concatenate((one, other)))
+    both = []
+    for values, weights in ((one, of_one), (other, of_other)):
+        order = np.argsort(values)
+        below = np.concatenate(([0.0], np.cumsum(weights[order]) / weights.sum()))
+        both.append(below[np.searchsorted(values[order], grid, side="right")])
+    return float(np.abs(both[0] - both[1]).max())
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_print_how_right_the_set_of_a_question_is(name):
+    run(name, SAMPLES, SEEDS)
+
+
+@pytest.mark.benchmark
+def test_print_how_right_posteriors_are():
+    posteriors(SAMPLES, SEEDS)
+
+
+if __name__ == "__main__":
+    what, samples, seeds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    jobs = int(sys.argv[4]) if len(sys.argv) > 4 else 1
+    if what == "posterior":
+        posteriors(samples, seeds, jobs=jobs)
+    else:
+        run(what, samples, seeds, jobs)

@@ -1,0 +1,79 @@
+import csv
+import json
+
+import pytest
+from click.testing import CliRunner
+from set_runs import three_variable_file
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return three_variable_file(tmp_path_factory.mktemp("set"), generations=10)
+
+
+def report(*arguments):
+    from agglom_mpi.cli import main
+
+    words = ["report", *map(str, arguments)]
+    return CliRunner().invoke(main, words)
+
+
+def test_the_set_is_printed_with_its_posterior_and_written(path, tmp_path):
+    draws, grid = tmp_path / "draws.csv", tmp_path / "grid.csv"
+    options = ["--measured", 2, "--error", 0.1, "--draws", draws, "--grid", grid]
+    done = report(path, "--feasible-set", "--tolerance", "10%", *options)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("feasible set: mean b/b0 1.8 to 2.2")
+    assert "posterior, given a measured mean b/b0 of 2 ± 0.1" in done.stdout
+    with draws.open() as file:
+        rows = list(csv.DictReader(file))
+    assert sum(float(row["weight"]) for row in rows) == pytest.approx(1.0)
+    assert set(rows[0]) == {"relative_speed (m/s)", "hardness (Pa)", "friction", "weight"}
+    with grid.open() as file:
+        assert all(0.0 <= float(row["probability"]) <= 1.0 for row in csv.DictReader(file))
+
+
+def test_json_is_alone_on_standard_output(path):
+    done = report(path, "--feasible-set", "--json")
+    assert json.loads(done.stdout)["set"]["volume"] > 0.0
+
+
+def test_existing_files_are_kept(path, tmp_path):
+    (tmp_path / "grid.csv").write_text("mine")
+    done = report(path, "--feasible-set", "--grid", tmp_path / "grid.csv")
+    assert done.exit_code == 2
+    assert (tmp_path / "grid.csv").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--tolerance", "5%"], "--tolerance is for --feasible-set"),
+        (["--feasible-set", "--tolerance", "wide"], "is no share above 0"),
+        (["--feasible-set", "--tolerance", "-5%"], "is no share above 0"),
+        (["--feasible-set", "--measured", "2"], "--measured and --error go together"),
+        (["--feasible-set", "--draws", "x.csv"], "--draws is for --measured"),
+    ],
+)
+def test_options_that_make_no_sense_are_told(path, options, said):
+    done = report(path, *options)
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def test_too_few_strings_are_one_line(tmp_path):
+    path = three_variable_file(tmp_path, generations=2)
+    done = report(path, "--feasible-set")
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    assert "at least 50 are needed" in done.stderr
+
+
+def test_the_page_has_the_figures_of_the_set(path, tmp_path):
+    done = report(path, "--feasible-set", "--out", tmp_path / "page", "--stored-only")
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "share of the box" in page
+    for name in ("set_pairs", "set_marginals", "set_group", "set_reliability"):
+        assert (tmp_path / "page" / f"{name}.png").stat().st_size > 5000
+        assert f"{name}.svg" in page

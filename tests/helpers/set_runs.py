@@ -1,0 +1,26 @@
+"""Small campaigns of the question which speeds, hardnesses and frictions double the grains."""
+
+import re
+from pathlib import Path
+
+from campaign_runs import finish
+
+JOB = Path(__file__).parents[2] / "jobs" / "doubling_in_three.yaml"
+
+
+def three_variable_text(generations=14, **changed):
+    """Return the job with fewer generations, and with other sections by name."""
+    text = re.sub(r"generations: \d+", f"generations: {generations}", JOB.read_text())
+    for name, value in changed.items():
+        pattern = rf"(?m)^{name}: .*$"
+        line = f"{name}: {value}"
+        text = re.sub(pattern, line, text) if re.search(pattern, text) else f"{text}\n{line}\n"
+    return text
+
+
+def three_variable_file(folder, **options):
+    """Run such a campaign, without estimates at its end; the path of its file."""
+    options.setdefault("final", "none")
+    (folder / "three.yaml").write_text(three_variable_text(**options))
+    finish(folder, "three.yaml")
+    return folder / "three.h5"
