@@ -68,7 +68,7 @@ _Positive = Annotated[float, Field(gt=0)] | None
 HalfWidth = Annotated[
     _Positive,
     BeforeValidator(_read_length),
-    Field(description="half the cube's edge, like '1 cm', or grain_diameter, like '50 um'"),
+    Field(description="half the edge, like '1 cm', or grain_diameter, like '50 um', or sizes in m"),
 ]
 """Metres; None where the size of the grains is given."""
 GrainSize = Annotated[_Positive, BeforeValidator(_read_length), LATER]

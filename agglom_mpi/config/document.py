@@ -210,10 +210,12 @@ def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
         if isinstance(string, dict) and VOLUME_FRACTION.name in string:
             message = "is not read of strings where grains have sizes; give size_ratio"
             problems.append((("search", "start", i, VOLUME_FRACTION.name), message))
-    if isinstance(sizes, dict) and isinstance(sizes.get("file"), str):
-        for key in READ_KEYS:
-            if key in sizes:
-                problems.append(((*path, key), f"unknown key '{key}'; allowed: file"))
+    named = isinstance(sizes, dict) and isinstance(sizes.get("file"), str)
+    if named and sizes.get("law", "file") == "file":
+        for key in sizes:
+            if key not in ("law", "file"):
+                message = f"unknown key '{str(key)[:40]}'; allowed beside file: law"
+                problems.append(((*path, str(key)), message))
         try:
             found = read_sizes(sizes["file"])
         except ValueError as error:

@@ -61,6 +61,8 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     ValueError
         If it cannot be read, or holds something else.
     """
+    if not name.isprintable():
+        raise ValueError(f"is {quoted(name)}, which holds a character that cannot be printed")
     path = folder / name
     try:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")

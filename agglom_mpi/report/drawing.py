@@ -110,8 +110,8 @@ def log_ticks(axis: Any) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     axis.set_minor_formatter(NullFormatter())
-    lower, upper = axis.get_view_interval()
-    if upper < MANY_DECADES * lower:
+    lower, upper = axis.get_data_interval()
+    if 0.0 < lower < upper < MANY_DECADES * lower:
         narrow = upper < 10.0 * lower
         axis.set_major_locator(MaxNLocator(5) if narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))

@@ -165,8 +165,29 @@ def test_a_lacking_file_of_sizes_is_said(folder):
 def test_what_is_read_of_a_file_cannot_be_given(folder):
     text = (folder / "c.yaml").read_text().replace("sizes.csv", "sizes.csv, diameters: [1]")
     (folder / "c.yaml").write_text(text)
-    with pytest.raises(CampaignError, match="unknown key 'diameters'"):
+    with pytest.raises(CampaignError, match="unknown key 'diameters'; allowed beside file: law"):
         loaded(folder, "1\n")
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("{file: 3}", "sizes.file: is 3; must be a text"),
+        ("{law: file}", "sizes.file: is missing"),
+        ("{file: /dev/zero}", "is '/dev/zero', but /dev/zero cannot be read: is not a regular"),
+        ("{file: .}", "cannot be read: Is a directory"),
+        ('{file: "a\\0b"}', "which holds a character that cannot be printed"),
+        ("{file: sizes.csv, law: lognormal}", "sizes.file: unknown key 'file'; allowed: law, sp"),
+        ("5", "scene.sizes: is 5; must be the name of a law"),
+    ],
+)
+def test_an_entry_that_names_no_file_is_said(folder, entry, said):
+    text = (folder / "c.yaml").read_text().replace("{file: sizes.csv}", entry)
+    (folder / "c.yaml").write_text(text)
+    with pytest.raises(CampaignError) as caught:
+        loaded(folder, "1\n")
+    assert said in str(caught.value)
+    assert "diameters" not in str(caught.value)
 
 
 def test_the_content_of_a_file_of_sizes_is_in_the_identity_and_comes_back(folder):

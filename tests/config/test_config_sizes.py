@@ -91,7 +91,7 @@ def test_the_middle_and_a_given_string_may_be_by_volume_fraction():
         ),
         (
             [("  half_width", "")],
-            "scene.half_width: is missing; half the cube's edge, like '1 cm', or grain_diameter, "
+            "scene.half_width: is missing; half the edge, like '1 cm', or grain_diameter, "
             "like '50 um'",
         ),
         ([("  half_width", "  grain_diameter: 50 s")], "scene.grain_diameter: wrong unit: 's'"),

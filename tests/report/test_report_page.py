@@ -137,7 +137,7 @@ def test_without_particles_the_mean_radii_of_samples_are_shown_instead(finished,
 def test_the_page_names_what_the_scene_leaves_out_and_the_worst_samples(finished, tmp_path):
     page = report(finished, tmp_path / "out")
     samples = open_campaign(finished).all_sample_rows()
-    worst = samples[np.argmax(samples["energy_error"])]
+    worst = samples[np.argmax(np.abs(samples["energy_error"]))]
     assert "fragmentation" in page
     chosen = f"--string {worst['string']} --sample {worst['sample']}"
     assert f"agglom simulate {finished.name} {chosen}" in page
