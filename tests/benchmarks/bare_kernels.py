@@ -17,11 +17,12 @@ from agglom_mpi.simulation.event_driven.cells import (
     MAX_ALL_PAIRS,
     best_edge,
     choose_range,
+    copy_if_oversize,
     insert,
     max_cells,
     reset_cells,
 )
-from agglom_mpi.simulation.event_driven.engine import no_contact, predict_due
+from agglom_mpi.simulation.event_driven.engine import entry, predict_due
 from agglom_mpi.simulation.event_driven.event_queue import (
     earliest,
     earliest_time,
@@ -81,7 +82,9 @@ def process_next(scene, state, events, counts, now):
     next_event = flights.next_event[i]
     j = np.int64(next_event["partner"])
     if next_event["crossing_time"] <= next_event["collision_time"]:
-        return i, NO_PARTICLE, cross_cell(scene, state, cells, flights, i, now)
+        face = cross_cell(scene, state, cells, flights, i, now)
+        schedule_crossing(scene, cells, flights, i)
+        return i, NO_PARTICLE, face
     if flights.next_event[j]["version"] != next_event["partner_version"]:
         next_event["collision_time"] = np.inf
         next_event["partner"] = NO_PARTICLE
@@ -96,6 +99,8 @@ def process_next(scene, state, events, counts, now):
     counts[1] += int(bounce(state.velocity, scene.laws.restitution.value, dx, dy, dz, i, j))
     load_velocity(flights, state, i)
     load_velocity(flights, state, j)
+    copy_if_oversize(cells, flights, i)
+    copy_if_oversize(cells, flights, j)
     schedule_crossing(scene, cells, flights, i)
     schedule_crossing(scene, cells, flights, j)
     return i, j, RANGE
@@ -119,7 +124,7 @@ def events_of_whole_state(scene, particles, events):
     """Run the events of particles with all that the package keeps of them; events and hits."""
     counts = np.zeros(2, np.int64)
     reset_event_queue(events.event_queue)
-    predict_due(scene, events, no_contact(rebuild(scene, particles, events, 0.0), RANGE), 0.0)
+    predict_due(scene, events, entry(rebuild(scene, particles, events, 0.0)), 0.0)
     loop(scene, particles, events, counts)
     synchronise(scene, particles, events, scene.end_time)
     return counts
@@ -130,10 +135,6 @@ def events_of_bare_state(scene, state, events):
     """Run the events of spheres of which only positions and velocities are kept."""
     counts = np.zeros(2, np.int64)
     begin(scene, state, events)
-    for i in range(scene.particles):
-        predict_collision(
-            scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NO_PARTICLE
-        )
     loop(scene, state, events, counts)
     for i in range(scene.particles):
         synchronise_particle(scene, state, events.flights, i, scene.end_time)
@@ -142,7 +143,7 @@ def events_of_bare_state(scene, state, events):
 
 @inlined
 def begin(scene, state, events):
-    """Insert all particles into cells, or among the oversize where they are few."""
+    """Insert all particles into cells, or among the oversize where they are few, and predict."""
     count, half = scene.particles, scene.half_width
     reset_event_queue(events.event_queue)
     edge = max(2.0 * scene.radius, best_edge(count, 2.0 * scene.radius, half))
@@ -160,6 +161,9 @@ def begin(scene, state, events):
         load_velocity(events.flights, state, i)
         insert(scene, events.cells, events.flights, i)
         schedule_crossing(scene, events.cells, events.flights, i)
+        predict_collision(
+            scene, events.cells, events.flights, events.event_queue, i, 0.0, RANGE, NO_PARTICLE
+        )
 
 
 @kernel

@@ -12,13 +12,12 @@ from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import BONDED, BOUNCED
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.engine import (
+    entry,
     next_time,
-    no_contact,
     predict_due,
     process_event,
 )
 from agglom_mpi.simulation.event_driven.event_queue import reset_event_queue
-from agglom_mpi.simulation.event_driven.flights import RANGE
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
@@ -53,9 +52,10 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
     reset_event_queue(events.event_queue)
     budget = scene.engine.budget * particles.size[0]
     time, collisions = start, 0
-    event = no_contact(rebuild(scene, particles, events, time), RANGE)
+    event = entry(rebuild(scene, particles, events, time))
     shape[0, 0], shape[0, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
     while collisions < times.size:
+        predict_due(scene, events, event, time)
         for k in range(event.due):
             trajectory = events.flights.trajectory[events.due[k]]
             next_event = events.flights.next_event[events.due[k]]
@@ -63,10 +63,9 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
             x = trajectory["x"] + trajectory["u"] * flight
             y = trajectory["y"] + trajectory["v"] * flight
             z = trajectory["z"] + trajectory["w"] * flight
-            shape[2, 0] += neighbours_of(
+            shape[2, 0] += events.cells.shape[OVERSIZE] + neighbours_of(
                 scene, events.cells, trajectory, next_event, x, y, z, event.face
             )
-        predict_due(scene, events, event, time)
         following = next_time(events)
         if following > scene.end_time:
             time = scene.end_time

@@ -117,7 +117,7 @@ def _begin_events(engine, scene, particles, events):
 def _advance_events(engine, scene, particles, ledger, events, until, abort):
     budget = engine.budget * scene.particles
     time = 0.0
-    event = Event(events.counts[NEW], RANGE, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, True)
+    event = entry(events.counts[NEW])
     events.counts[NEW] = 0
     while True:
         predict_due(scene, events, event, time)
@@ -145,6 +145,12 @@ def _copy_between_events(engine, scene, particles, events, observer, time):
 def next_time(events):
     """Time of the next event in s."""
     return earliest_time(events.event_queue)
+
+
+@inlined
+def entry(due):
+    """Return an event after which `due` particles enter their cells."""
+    return Event(due, RANGE, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, True)
 
 
 @inlined
