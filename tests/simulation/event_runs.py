@@ -53,9 +53,10 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
     budget = scene.engine.budget * particles.size[0]
     time, collisions = start, 0
     event = entry(rebuild(scene, particles, events, time))
-    shape[0, 0], shape[0, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
     while collisions < times.size:
         predict_due(scene, events, event, time)
+        if ledger.counts[STEPS] == 0:
+            shape[0, 0], shape[0, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
         for k in range(event.due):
             trajectory = events.flights.trajectory[events.due[k]]
             next_event = events.flights.next_event[events.due[k]]

@@ -81,8 +81,8 @@ IMPACTS = pytest.mark.parametrize(
 @pytest.mark.parametrize(
     ("number", "fraction", "per_sphere", "cells"),
     [
-        (100, 0.03, 3, True),
-        pytest.param(100, 0.2, 8, True, marks=SLOW),
+        (150, 0.03, 3, True),
+        pytest.param(150, 0.2, 8, True, marks=SLOW),
         (20, 0.1, 4, False),
         pytest.param(30, 0.2, 4, False, marks=SLOW),
     ],
@@ -148,7 +148,7 @@ def mixture(scene, seed, large):
 @IMPACTS
 @pytest.mark.parametrize("large", [pytest.param([0.4], marks=SLOW), [0.45, 0.3, 0.3]])
 def test_oversize_spheres_among_grains_collide_as_without_cells(large, e, friction, escape):
-    scene = bouncing(e, escape, friction, particles=100, size_ratio=0.25, end_time=1e9)
+    scene = bouncing(e, escape, friction, particles=150, size_ratio=0.25, end_time=1e9)
     particles = mixture(scene, 3, np.array(large) * HALF)
     expected = reference(scene, particles, e, friction, 100)
     run = recorded(scene, particles, 100)

@@ -284,8 +284,9 @@ NUDGE = 1e-13
 def foreseeable(gas):
     """A run, its end, how many of its collisions a nudge leaves alone, and whether the end too.
 
-    Left alone means that times change by less than 1e-9, so roundings change them by 1e-12. In
-    periodic boxes: who re-enters onto two at once may hit either of them.
+    Left alone means that times change by less than 1e-9, so roundings change them by 1e-12; where
+    collisions follow one another within that, as in a collapse, roundings say which of them come.
+    In periodic boxes: who re-enters onto two at once may hit either of them.
     """
     particles = gas.particles()
     run = recorded(gas.scene, particles)
@@ -299,6 +300,7 @@ def foreseeable(gas):
     both = min(len(run.times), len(other.times))
     alike = np.all(run.pairs[:both] == other.pairs[:both], axis=1)
     alike &= np.abs(other.times[:both] - run.times[:both]) <= 1e-9 * run.times[:both] + 1e-300
+    alike[1:] &= np.diff(run.times[:both]) > 1e-12 * run.times[1:both]
     known = both if np.all(alike) else int(np.argmin(alike))
     ends = known == len(run.times) == len(other.times)
     ends = ends and same_place(nudged.position - particles.position, 1e-9 * HALF)

@@ -32,7 +32,7 @@ from scenes import (
 from agglom_mpi.physics.hardness import ConstantHardness
 from agglom_mpi.physics.heating import ContactAreaReaction
 from agglom_mpi.random_streams import sample_stream
-from agglom_mpi.simulation.particles import COLLISIONS, MERGES
+from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps
 
@@ -215,7 +215,9 @@ def test_a_periodic_box_looks_the_same_to_a_moving_observer_while_nothing_is_shi
     moving = state(scene, particles.position.T, particles.velocity.T + np.array(drift))
     counts = run_from(scene, particles)[0].counts
     assert counts[COLLISIONS] > 2
-    assert np.array_equal(run_from(scene, moving)[0].counts, counts)
+    others = run_from(scene, moving)[0].counts
+    # Roundings may change how often the event engine looks around, and nothing else.
+    assert np.array_equal(np.delete(others, STEPS), np.delete(counts, STEPS))
     n = int(particles.size[0])
     np.testing.assert_array_equal(moving.radius[:n], particles.radius[:n])
     travelled = np.array(drift)[:, None] * scene.end_time

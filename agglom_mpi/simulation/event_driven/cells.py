@@ -104,7 +104,7 @@ def new_cells(count: int, capacity: int) -> Cells:
         np.empty(capacity, np.int32),
         np.empty(capacity, np.int32),
         np.empty(capacity + 1, np.uint32),
-        np.empty((8, capacity + 8)),
+        np.zeros((8, capacity + 8)),  # those beyond the last are compared, too
         np.empty((2, capacity + 8)),
         np.empty(capacity + 1),
         np.zeros(1),
