@@ -36,11 +36,14 @@ VOLUME_FRACTION: Final = Variable(
 """What may be given in place of the size ratio."""
 
 
-def volume_fraction(size_ratio: float) -> float:
-    """Return the share of the box that the grains fill, (pi/6) size_ratio^3."""
-    return pi / 6.0 * size_ratio**3
+def volume_fraction(size_ratio: float, third_moment: float = 1.0) -> float:
+    """Return the share of the box that the grains fill, (pi/6) size_ratio^3 <b^3>/<b>^3.
+
+    The last factor, 1 of equal grains, is the `third_moment` of the law of their sizes.
+    """
+    return pi / 6.0 * size_ratio**3 * third_moment
 
 
-def size_ratio(fraction: float) -> float:
-    """Return the size ratio of grains that fill a share of the box, (6 fraction/pi)^(1/3)."""
-    return float((6.0 * fraction / pi) ** (1.0 / 3.0))
+def size_ratio(fraction: float, third_moment: float = 1.0) -> float:
+    """Return the size ratio of grains that fill a share of the box, as `volume_fraction`."""
+    return float((6.0 * fraction / (pi * third_moment)) ** (1.0 / 3.0))

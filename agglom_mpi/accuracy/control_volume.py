@@ -152,7 +152,8 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
     growth = mean_of(ratios)
-    value, error = campaign.objective.build(particles).of_rows(good)
+    grains = particles * campaign.scene.third_moment
+    value, error = campaign.objective.build(grains).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,

@@ -23,7 +23,7 @@ from agglom_mpi.formatting import (
     format_percent,
     format_seconds,
 )
-from agglom_mpi.report.drawing import COLOURS, Drawing, write_drawing
+from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, write_drawing
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.version import __version__
 
@@ -240,6 +240,8 @@ def draw_curves(
         _add_curve(axes, curve, index)
     if zero:
         axes.axhline(0.0, color="0.5", linewidth=0.8)
+    if scales[0] == "log":
+        log_ticks(axes.xaxis)
     axes.set_xlabel(cost)
     axes.set_ylabel(error)
     axes.grid(True, which="major", color="0.9", linewidth=0.6)

@@ -84,7 +84,7 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
     if len(pool) < FEWEST_ROWS:
         too_few = sentences.paragraph("too_few")
         return _nothing(sentences, "no pool to draw from", failures=(too_few,))
-    plan, particles = campaign.plan, campaign.scene.particles
+    plan, particles = campaign.plan, campaign.scene.equivalent_grains
     objective, other = campaign.objective.build(particles), False
     if not isinstance(objective, RadiusObjective):
         plan, objective, other = None, MaximumGrowth(particles), True

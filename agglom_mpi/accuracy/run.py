@@ -251,7 +251,7 @@ def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
     """Yield what was measured, and how long it took."""
     if plan.campaign is not None:
         values = dict(zip(NAMES, plan.parameters.tolist(), strict=True))
-        fraction = volume_fraction(values["size_ratio"])
+        fraction = volume_fraction(values["size_ratio"], plan.campaign.scene.third_moment)
         yield f"{plan.campaign.scene.particles} particles, volume fraction {fraction:.3g}"
         yield ", ".join(
             f"{variable.name} {values[variable.name]:.6g}"

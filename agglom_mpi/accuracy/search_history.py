@@ -9,7 +9,8 @@ import numpy as np
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.user_function import UserFunction, recorded_function
+from agglom_mpi.config.loading import recorded_campaign
+from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
 from agglom_mpi.report.drawing import Drawing
@@ -35,8 +36,7 @@ def best_strings(history: CampaignData) -> list[int]:
 
 def campaign_of(history: CampaignData) -> Campaign:
     """Return the campaign of a file; if its objective is a function, without the code."""
-    code = recorded_function(history.identity)
-    return Campaign.from_text(history.campaign_text, str(history.path), code)
+    return recorded_campaign(history.campaign_text, str(history.path), history.identity)
 
 
 def setups(
@@ -111,7 +111,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     import pandas as pd
 
     campaign = campaign_of(history)
-    objective = campaign.objective.build(campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.equivalent_grains)
     rows = []
     for row in history.generation_rows():
         string = int(row["best_string"])

@@ -102,7 +102,7 @@ class BudgetedEnsemble(Ensemble):
 
     def __init__(self, setup: Setup, min_samples: int, budget: float) -> None:
         particles = setup.campaign.scene.particles
-        objective = setup.campaign.objective.build(particles)
+        objective = setup.campaign.objective.build(setup.campaign.scene.equivalent_grains)
         super().__init__(_Never(), objective, particles, 1, setup.samples)
         self._min_used = min_samples
         self._budget_left = budget

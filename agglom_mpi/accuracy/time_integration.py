@@ -170,7 +170,7 @@ def measure(
 
 def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
     """Return the bias of the objective, signed where the objective is a magnitude."""
-    objective = campaign.objective.build(campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.equivalent_grains)
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-WORDS: Final = ("derived", "volume_fraction", "grain_diameter", "grain_radius")
+WORDS: Final = ("derived", "volume_fraction", "grain_diameter", "grain_radius", "sizes")
 """Keys of which a campaign's text has one if it has derived columns."""
 
 

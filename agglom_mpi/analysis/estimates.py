@@ -132,4 +132,9 @@ def objective_of(data: "CampaignData") -> "Objective":
 def _objective(data: "CampaignData") -> "Objective":
     from agglom_mpi.search import objectives
 
-    return objectives.objective_of(data.section("objective"), int(data.identity["scene.particles"]))
+    grains: float = int(data.identity["scene.particles"])
+    if "scene.sizes.law" in data.identity:
+        from agglom_mpi.analysis.resimulation import recorded_campaign
+
+        grains = recorded_campaign(data).scene.equivalent_grains
+    return objectives.objective_of(data.section("objective"), grains)

@@ -1,14 +1,19 @@
 """The order of the best strings of a campaign file."""
 
+import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
+
+LISTED: Final = 6
+"""Strings in a table, unless the campaign says how many are estimated again."""
 
 
 class RankedStrings(NamedTuple):
@@ -108,3 +113,20 @@ def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[in
         return own
     first = sorted((string for string in own if string in known), key=lambda i: (known[i], i))
     return [*first, *(string for string in own if string not in known)]
+
+
+def listed_strings(data: "CampaignData") -> int:
+    """Return how many strings tables list: as many as `final` asks for, else `LISTED`."""
+    # Most campaigns do not say it, and need not be read for that.
+    said = re.search(r"^final:.*\bstrings:", data.campaign_text, re.MULTILINE | re.DOTALL)
+    if said is None or data.attributes.get("purpose", INVERSION) != INVERSION:
+        return LISTED
+    # Imported here: reading a file does not need what reads a campaign's text.
+    from agglom_mpi.analysis.resimulation import recorded_campaign
+    from agglom_mpi.config.yaml_source import CampaignError
+
+    try:
+        final = recorded_campaign(data).final
+    except CampaignError:
+        return LISTED
+    return LISTED if final is None else final.strings

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
+from agglom_mpi.config.loading import recorded_campaign
 from agglom_mpi.config.search import EarlierCampaign
-from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
 from agglom_mpi.formatting import pluralise
@@ -64,11 +64,8 @@ def replay(report: VerificationReport) -> Replayed:
         If the search needs a library that is not installed.
     """
     try:
-        text, code = (
-            str(report.data.attributes["campaign"]),
-            recorded_function(report.data.identity),
-        )
-        campaign = Campaign.from_text(text, str(report.data.path), code)
+        text, identity = str(report.data.attributes["campaign"]), report.data.identity
+        campaign = recorded_campaign(text, str(report.data.path), identity)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         campaign.check_libraries()

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.outcome import COLUMNS
 
@@ -32,7 +32,7 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 
 def _campaign(data: "CampaignData") -> Campaign:
-    return Campaign.from_text(data.campaign_text, str(data.path), recorded_function(data.identity))
+    return loading.recorded_campaign(data.campaign_text, str(data.path), data.identity)
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:

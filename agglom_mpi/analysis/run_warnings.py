@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.outcome import COMPLETED
@@ -60,7 +61,7 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
 def _edges(file: "CampaignData", best: int) -> Iterator[str]:
     """Yield each variable of the best string that lies at an end of its range."""
     for variable, lower, upper, logarithmic in searched_variables(file):
-        value = float(file.values([best], variable.name)[0])
+        value = float(values_of(file, [best], variable.name)[0])
         low, high, at = np.log([lower, upper, value]) if logarithmic else (lower, upper, value)
         share = (at - low) / (high - low)
         unit = "" if variable.unit == "1" else f" {variable.unit}"

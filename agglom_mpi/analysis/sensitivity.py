@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.surrogate import best_and_spread
@@ -99,7 +99,7 @@ def sensitivity_of(data: CampaignData) -> tuple[tuple[str, ...], Sensitivity | N
 
     Strings without a finite objective are left out.
     """
-    variables = Campaign.from_text(data.campaign_text, str(data.path)).variables
+    variables = recorded_campaign(data).variables
     strings, results = data.string_rows(), data.result_rows()
     _, of_string, of_result = np.intersect1d(
         strings["string"], results["string"], return_indices=True

@@ -14,7 +14,7 @@ from rich.table import Table
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import Estimate, objective_of
-from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COMPLETED, summaries
@@ -120,9 +120,11 @@ def _comparison(verdict: SelectionBias, shown: Sequence[int]) -> str:
     first = places.get(verdict.first, f"string {verdict.first}")
     if not verdict.same:
         return f"{first} is the best of those estimated again, {test}"
-    names = [places.get(string, f"string {string}") for string in verdict.same]
+    names = [places[string] for string in verdict.same if string in places]
+    others = [f"string {string}" for string in verdict.same if string not in places]
+    names += others if len(others) < 2 else [f"{len(others)} strings that are not listed"]
     listed = names[-1] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    do = "does" if len(names) == 1 else "do"
+    do = "does" if len(verdict.same) == 1 else "do"
     return f"{listed} {do} not differ significantly from {first} {test}"
 
 
@@ -268,12 +270,12 @@ class FitWidth:
             yield f"{count} of {self._most} shown; a wider window shows more"
 
 
-def summary_table(file: CampaignData) -> RenderableType:
-    """Return a table of the best six strings in SI units, and the cost of the campaign.
+def summary_table(file: CampaignData, best: int | None = None) -> RenderableType:
+    """Return a table of the best strings in SI units, and the cost of the campaign.
 
-    A narrow terminal shows fewer strings.
+    A narrow terminal shows fewer strings. There are `best` at most, or `listed_strings`.
     """
-    summary = collect_summary(file)
+    summary = collect_summary(file, listed_strings(file) if best is None else best)
     table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
     note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
     return Group(table, *_footer(summary, note))

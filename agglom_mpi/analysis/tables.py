@@ -137,15 +137,20 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
     ]
     if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
         return searched
-    return [_by_volume_fraction(*entry) for entry in searched]
+    # Imported here: reading a file does not need what reads a campaign's text.
+    from agglom_mpi.analysis.resimulation import recorded_campaign
+
+    cubes = recorded_campaign(data).scene.third_moment
+    return [_by_volume_fraction(*entry, cubes) for entry in searched]
 
 
 def _by_volume_fraction(
-    variable: Variable, lower: float, upper: float, logarithmic: bool
+    variable: Variable, lower: float, upper: float, logarithmic: bool, third_moment: float
 ) -> tuple[Variable, float, float, bool]:
     if variable.name != "size_ratio":
         return variable, lower, upper, logarithmic
-    return VOLUME_FRACTION, volume_fraction(lower), volume_fraction(upper), logarithmic
+    low, high = (volume_fraction(end, third_moment) for end in (lower, upper))
+    return VOLUME_FRACTION, low, high, logarithmic
 
 
 def _used_names(rows: np.ndarray) -> list[str]:

@@ -21,6 +21,7 @@ class _Beside(NamedTuple):
     """Stands for the value of a key that is given beside another in whose place it stands."""
 
     other: str
+    """How it is called in a message."""
 
 
 class _Absent:
@@ -39,6 +40,13 @@ def one_of(keys: tuple[str, ...], data: Any) -> Any:
     if given and keys[0] not in given:
         marks[keys[0]] = _Absent()
     return {**data, **marks}
+
+
+def none_of(keys: tuple[str, ...], data: Any, other: str) -> Any:
+    """Return a section's data in which each of these keys is marked, for `other` stands there."""
+    given = [key for key in keys if key in data]
+    marks: dict[str, Any] = {key: _Beside(other) for key in given}
+    return {keys[0]: _Absent(), **data, **marks}
 
 
 def read_marked(value: Any, keys: tuple[str, ...], read: Callable[[Any], Any]) -> Any:

@@ -79,8 +79,10 @@ def read_value(variable: Variable, value: Any) -> float:
     return number
 
 
-def read_variable(name: str, value: Any) -> tuple[str, float]:
+def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str, float]:
     """Return a variable's name and value in SI units; a volume fraction is read as a size ratio.
+
+    The latter by the `third_moment` of the law of sizes.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def read_variable(name: str, value: Any) -> tuple[str, float]:
         If the name is unknown or the value impossible.
     """
     if name == VOLUME_FRACTION.name:
-        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value))
+        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
     if name not in NAMES:
         raise ValueError(f"unknown variable; {suggestion(name, (*NAMES, VOLUME_FRACTION.name))}")
     return name, read_value(VARIABLES[NAMES.index(name)], value)
@@ -150,15 +152,21 @@ VariableEntries: Any = create_model(
 """Model of the section, with one optional field per variable, and the volume fraction."""
 
 
-def ranges_of(entries: Any) -> dict[str, Range | None]:
-    """Return the ten variables' ranges; that of a volume fraction as one of the size ratio."""
+def ranges_of(entries: Any, third_moment: float) -> dict[str, Range | None]:
+    """Return the ten variables' ranges; that of a volume fraction as one of the size ratio.
+
+    The latter by the `third_moment` of the law of sizes, 1 for equal grains.
+    """
     ranges: dict[str, Range | None] = dict(entries)
     fraction = ranges.pop(VOLUME_FRACTION.name)
     if fraction is not None:
         lower, upper, logarithmic, _ = fraction
         searched = lower < upper
         ranges["size_ratio"] = Range(
-            size_ratio(lower), size_ratio(upper), logarithmic, searched and not logarithmic
+            size_ratio(lower, third_moment),
+            size_ratio(upper, third_moment),
+            logarithmic,
+            searched and not logarithmic,
         )
     return ranges
 
@@ -182,6 +190,8 @@ class Bounds:
         Names of variables that the file fixes although the scene does not depend on them.
     by_volume_fraction
         Whether the file gives the volume fraction in place of the size ratio.
+    third_moment
+        Mean volume of the grains over that of their mean radius.
     """
 
     lower: np.ndarray
@@ -191,6 +201,7 @@ class Bounds:
     used: tuple[str, ...]
     ignored: tuple[str, ...]
     by_volume_fraction: bool = False
+    third_moment: float = 1.0
 
     @property
     def searched(self) -> tuple[str, ...]:
@@ -214,12 +225,13 @@ class Bounds:
         return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
 
 
-def bounds_of(entries: Any, used: tuple[str, ...]) -> Bounds:
-    """Return the bounds of the entries that the scene depends on."""
+def bounds_of(entries: Any, scene: SceneSection) -> Bounds:
+    """Return the bounds of the entries that a scene depends on."""
+    used, cubes = tuple(required_variables(scene)), scene.third_moment
     lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
     logarithmic, cubic = np.zeros((2, COUNT), np.bool_)
     ignored = []
-    for i, (name, entry) in enumerate(ranges_of(entries).items()):
+    for i, (name, entry) in enumerate(ranges_of(entries, cubes).items()):
         if entry is not None and name in used:
             lower[i], upper[i], logarithmic[i], cubic[i] = entry
         elif entry is not None:
@@ -227,7 +239,7 @@ def bounds_of(entries: Any, used: tuple[str, ...]) -> Bounds:
     for array in (lower, upper, logarithmic, cubic):
         array.flags.writeable = False
     by_fraction = entries.volume_fraction is not None
-    return Bounds(lower, upper, logarithmic, cubic, used, tuple(ignored), by_fraction)
+    return Bounds(lower, upper, logarithmic, cubic, used, tuple(ignored), by_fraction, cubes)
 
 
 ABSENT: Final = {
@@ -262,6 +274,16 @@ def check_required(
     """Return problems: variables that are missing, and ranges that nothing depends on."""
     needed = required_variables(scene)
     problems: list[tuple[FieldPath, str]] = []
+    filled, cubes = entries["size_ratio"], scene.third_moment
+    if filled is not None and cubes > 1.0:
+        fraction = volume_fraction(filled.upper, cubes)
+        if fraction > JAMMING_FRACTION * (1.0 + 1e-12):
+            most = size_ratio(JAMMING_FRACTION, cubes)
+            message = (
+                f"reaches {filled.upper:g}, a volume fraction of {fraction:.3g} with these sizes; "
+                f"random placement jams near {JAMMING_FRACTION}, so at most {most:.4g}"
+            )
+            problems.append((("size_ratio",), message))
     for name in NAMES:
         entry = entries[name]
         if entry is None and name in needed:

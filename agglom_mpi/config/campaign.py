@@ -10,13 +10,14 @@ import numpy.typing as npt
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.alternatives import FRACTIONS
-from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable, required_variables
+from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
+from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
     CampaignError,
@@ -27,7 +28,7 @@ from agglom_mpi.config.yaml_source import (
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.physics import scales
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT, NAMES
+from agglom_mpi.variables import COUNT, NAMES, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate
@@ -74,15 +75,22 @@ class Campaign:
 
     @classmethod
     def from_text(
-        cls, text: str, name: str = "campaign.yaml", user_function: UserFunction | None = None
+        cls,
+        text: str,
+        name: str = "campaign.yaml",
+        user_function: UserFunction | None = None,
+        read_sizes: SizeReader = unread,
     ) -> "Campaign":
-        """Return the campaign of a YAML text; `name` stands for the file in errors."""
-        document = read_document(text, name)
+        """Return the campaign of a YAML text; `name` stands for the file in errors.
+
+        `read_sizes` returns what is in a file of sizes that its scene may name.
+        """
+        document = read_document(text, name, read_sizes)
         campaign = cls(
             title=document.title,
             seed=document.seed,
             scene=document.scene,
-            variables=bounds_of(document.variables, tuple(required_variables(document.scene))),
+            variables=bounds_of(document.variables, document.scene),
             objective=document.objective,
             plan=document.plan,
             output=document.output,
@@ -265,6 +273,10 @@ class Campaign:
             problem = Problem(self.name, line, "search.method", message)
             raise MissingSearchLibraryError(problem) from None
 
+    def fraction(self, size_ratio: float) -> float:
+        """Return the share of the box that the grains fill at the start, by their size ratio."""
+        return volume_fraction(size_ratio, self.variables.third_moment)
+
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
         """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
 
@@ -345,7 +357,7 @@ class Campaign:
         given: dict[str, str] = {}
         for key, value in (values or {}).items():
             try:
-                name, number = read_variable(key, value)
+                name, number = read_variable(key, value, self.variables.third_moment)
             except ValueError as error:
                 problems.append(Problem(self.name, None, key, str(error)))
                 continue

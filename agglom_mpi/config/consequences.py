@@ -68,6 +68,13 @@ NOTES: Final = {
     "surface/impact energy": "of a grain, over that of two that meet at relative_speed",
 }
 """What is said of some of them."""
+NOTES_OF_SIZES: Final = {
+    "grain diameter": "mean",
+    "grain mass": "of the mean radius",
+    "mean free path": "mean over all sizes",
+    "collisions per grain": "by Enskog's theory of mixtures, were all elastic",
+}
+"""The same where grains have different sizes."""
 
 
 def consequences(campaign: "Campaign") -> list[str]:
@@ -83,9 +90,10 @@ def consequences(campaign: "Campaign") -> list[str]:
         for label, quantity in _quantities(scene)
     }
     derived = campaign.derived_values(strings)
+    notes = NOTES if scene.sizes is None else NOTES | NOTES_OF_SIZES
     lines = []
     for label, (unit, found) in values.items():
-        note = NOTES.get(label, "").format(final=scene.contact_area.final)
+        note = notes.get(label, "").format(final=scene.contact_area.final)
         lines.append(_line(label, unit, found, note))
     for each in campaign.relations.derived:
         lines.append(_line(each.name, each.unit, derived[each.name], f"= {each.text}"))

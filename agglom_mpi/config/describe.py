@@ -10,7 +10,7 @@ from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.validation import Section
 from agglom_mpi.formatting import pluralise, value_with_prefix
-from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, volume_fraction
+from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -50,7 +50,7 @@ def missing_arrays(scene: SceneSection) -> list[str]:
         "temperature": scene.heating.law != "none",
         "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",
         "time of last impact": getattr(scene.restitution, "contact_time", 0.0) > 0.0,
-        "number of grains": scene.fragmentation.law != "none",
+        "number of grains": scene.fragmentation.law != "none" or scene.sizes is not None,
     }
     return [name for name, used in kept.items() if not used]
 
@@ -222,10 +222,12 @@ def _objective(campaign: "Campaign") -> str:
 
 def _scene(campaign: "Campaign") -> list[str]:
     scene = campaign.scene
+    mean = "" if scene.sizes is None else "mean "
     if scene.diameter is not None:
-        size = f"grains: diameter {value_with_prefix(scene.diameter, 'm')}; the box follows from it"
+        diameter = value_with_prefix(scene.diameter, "m")
+        size = f"grains: {mean}diameter {diameter}; the box follows from it"
     else:
-        low, high = (volume_fraction(float(ends[SIZE_RATIO])) for ends in _ends(campaign))
+        low, high = (campaign.fraction(float(ends[SIZE_RATIO])) for ends in _ends(campaign))
         fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         size = f"box: half-width {scene.half_width:g} m, volume fraction {fraction}"
     if scene.end_time == "characteristic":
@@ -234,6 +236,7 @@ def _scene(campaign: "Campaign") -> list[str]:
         end = f"{scene.end_time:g} s"
     return [
         f"particles: {scene.particles:,}",
+        *(() if scene.sizes is None else (f"sizes: {scene.sizes.summary}",)),
         size,
         f"engine: {scene.engine.summary}",
         f"end time: {end}",
@@ -251,7 +254,7 @@ def _variables(campaign: "Campaign") -> list[str]:
     for variable, *ends in zip(VARIABLES, *_ends(campaign), strict=True):
         name, (lower, upper) = variable.name, ends
         if name == "size_ratio" and campaign.variables.by_volume_fraction:
-            name, lower, upper = VOLUME_FRACTION.name, *map(volume_fraction, (lower, upper))
+            name, lower, upper = VOLUME_FRACTION.name, *map(campaign.fraction, (lower, upper))
         if variable.name in campaign.variables.searched:
             value = f"{lower:g} .. {upper:g}"
             if variable.name in logarithmic:

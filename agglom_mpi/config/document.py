@@ -34,6 +34,8 @@ from agglom_mpi.config.objective import (
 from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.search import AnySearch, Genetic, Search
+from agglom_mpi.config.size_file import SizeReader, unread
+from agglom_mpi.config.sizes import READ_KEYS
 from agglom_mpi.config.validation import (
     FieldError,
     Line,
@@ -42,7 +44,7 @@ from agglom_mpi.config.validation import (
     raise_field_errors,
     to_campaign_error,
 )
-from agglom_mpi.config.yaml_source import FieldPath, parse
+from agglom_mpi.config.yaml_source import CampaignError, FieldPath, Problem, Source, parse
 
 
 class SceneDocument(Section):
@@ -77,7 +79,11 @@ class SceneDocument(Section):
     @classmethod
     def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" in info.data:
-            raise_field_errors(check_required(info.data["scene"], ranges_of(entries)))
+            raise_field_errors(
+                check_required(
+                    info.data["scene"], ranges_of(entries, info.data["scene"].third_moment)
+                )
+            )
         return entries
 
     @field_validator("derived")
@@ -105,7 +111,7 @@ class SceneDocument(Section):
         field, ratio = _wanted_mean(objective)
         if "scene" in info.data and ratio is not None:
             particles = info.data["scene"].particles
-            largest = particles ** (1.0 / 3.0)
+            largest = info.data["scene"].equivalent_grains ** (1.0 / 3.0)
             if ratio > largest:
                 message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
                 raise FieldError((field, f"{message}, which is the most"))
@@ -141,7 +147,8 @@ class CampaignDocument(SceneDocument):
         if "variables" in info.data and isinstance(search.start, list):
             entries = info.data["variables"]
             by_fraction = entries.volume_fraction is not None
-            ranges = ranges_of(entries)
+            scene = info.data.get("scene")
+            ranges = ranges_of(entries, 1.0 if scene is None else scene.third_moment)
             raise_field_errors(check_given_strings(search.start, ranges, by_fraction))
         return search
 
@@ -177,14 +184,51 @@ class CampaignDocument(SceneDocument):
         return stopping
 
 
-def read_document(text: str, name: str) -> SceneDocument:
+def read_document(text: str, name: str, read_sizes: SizeReader = unread) -> SceneDocument:
     """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
     source = parse(text, name)
     model = CampaignDocument if _is_searched(source.data) else SceneDocument
+    data = _with_sizes(source, read_sizes)
     try:
-        return model.model_validate(source.data)
+        return model.model_validate(data)
     except ValidationError as error:
         raise to_campaign_error(error, source, model) from None
+
+
+def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
+    """Return a file's data with what is in the file of sizes that its scene may name."""
+    data: dict[str, Any] = source.data
+    scene: Any = data.get("scene")
+    sizes = scene.get("sizes") if isinstance(scene, dict) else None
+    if sizes is None:
+        return data
+    path: FieldPath = ("scene", "sizes")
+    problems: list[tuple[FieldPath, str]] = []
+    search = data.get("search")
+    start = search.get("start") if isinstance(search, dict) else None
+    for i, string in enumerate(start if isinstance(start, list) else ()):
+        if isinstance(string, dict) and VOLUME_FRACTION.name in string:
+            message = "is not read of strings where grains have sizes; give size_ratio"
+            problems.append((("search", "start", i, VOLUME_FRACTION.name), message))
+    if isinstance(sizes, dict) and isinstance(sizes.get("file"), str):
+        for key in READ_KEYS:
+            if key in sizes:
+                problems.append(((*path, key), f"unknown key '{key}'; allowed: file"))
+        try:
+            found = read_sizes(sizes["file"])
+        except ValueError as error:
+            problems.append(((*path, "file"), str(error)))
+        else:
+            sizes = {**sizes, **dict(zip(READ_KEYS, found, strict=True))}
+            data = {**data, "scene": {**scene, "sizes": sizes}}
+    if problems:
+        raise CampaignError(
+            *(
+                Problem(source.name, source.line(where), ".".join(map(str, where)), message)
+                for where, message in problems
+            )
+        )
+    return data
 
 
 def _is_searched(data: dict[str, Any]) -> bool:

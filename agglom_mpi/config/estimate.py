@@ -161,7 +161,7 @@ def estimate_of(
     failed
         Number of samples that failed.
     """
-    objective = campaign.objective.build(campaign.scene.particles)
+    objective = campaign.objective.build(campaign.scene.equivalent_grains)
     summaries = [outcome.measured for outcome in outcomes]
     used = campaign.variables.used
     records = [outcome.record for outcome in outcomes]

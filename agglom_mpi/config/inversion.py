@@ -37,7 +37,8 @@ def inversion_of(
     """
     ensemble, stopping = campaign.ensemble, campaign.stopping
     particles = campaign.scene.particles
-    objective, rule = campaign.objective.build(particles), ensemble.build()
+    objective = campaign.objective.build(campaign.scene.equivalent_grains)
+    rule = ensemble.build()
     target, race = stopping.target, ensemble.racing
     inputs = SearchInputs(
         campaign.space(),

@@ -1,13 +1,20 @@
 """A campaign from its file, with the user's function that its objective may name."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.objective import Function
-from agglom_mpi.config.user_function import UserFunction, load_function, read_function
+from agglom_mpi.config.size_file import read_beside, recorded_sizes
+from agglom_mpi.config.user_function import (
+    UserFunction,
+    load_function,
+    read_function,
+    recorded_function,
+)
 from agglom_mpi.config.yaml_source import read_text
 
 
@@ -31,7 +38,7 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
         With everything that is wrong: file, line, field, value and what is allowed.
     """
     name = os.fspath(path)
-    campaign = Campaign.from_text(read_text(name), name)
+    campaign = _campaign(name)
     if isinstance(campaign.objective, Function) and not allow_code:
         message = (
             f"is {campaign.objective.call!r}, Python code, which runs only with your permission: "
@@ -46,11 +53,29 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
     if allow_code:
         return load_campaign(path, allow_code)
     name = os.fspath(path)
-    campaign = _with_function(Campaign.from_text(read_text(name), name))
+    campaign = _with_function(_campaign(name))
     function = campaign.user_function
     return (
         campaign if function is None else replace(campaign, user_function=function.without_source)
     )
+
+
+def _campaign(name: str) -> Campaign:
+    """Return the campaign of a file, without its function."""
+    return Campaign.from_text(read_text(name), name, None, read_beside(Path(name).parent))
+
+
+def recorded_campaign(text: str, name: str, identity: Mapping[str, Any]) -> Campaign:
+    """Return a stored campaign; what its text names other files for is in its identity.
+
+    A user's function cannot be called.
+
+    Raises
+    ------
+    CampaignError
+        If the text is damaged.
+    """
+    return Campaign.from_text(text, name, recorded_function(identity), recorded_sizes(identity))
 
 
 def _with_function(

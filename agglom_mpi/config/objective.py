@@ -17,8 +17,8 @@ MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "
 class ObjectiveSection(Section):
     """Base of the objectives."""
 
-    def build(self, particles: int) -> objectives.Objective:
-        """Return the objective of samples that start with `particles` grains."""
+    def build(self, particles: float) -> objectives.Objective:
+        """Return the objective of samples that start with `particles` grains of the radius b0."""
         return objectives.objective_of(self.entries(), particles)
 
 

@@ -174,7 +174,7 @@ def _growth(campaign: "Campaign") -> Iterator[Finding]:
         case GrowthTarget():
             path, wanted = ("objective", "ratio"), objective.ratio
         case MaximumGrowth():
-            path, wanted = ("objective",), campaign.scene.particles ** (1.0 / 3.0)
+            path, wanted = ("objective",), campaign.scene.equivalent_grains ** (1.0 / 3.0)
         case Moments():
             path, wanted = ("objective", "targets", "mean"), objective.targets.mean or 1.0
         case _:

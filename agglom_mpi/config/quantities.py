@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT
-from agglom_mpi.physics.kinetic_theory import mean_free_path
 from agglom_mpi.variables import NAMES, VARIABLES, volume_fraction
 
 if TYPE_CHECKING:
@@ -40,36 +39,26 @@ class Quantity(NamedTuple):
     elementwise: bool = True
 
 
-def _number_density(scene: "SceneSection", value: Any) -> Any:
-    side = 2.0 * scales.half_width(scene, value)
-    return scene.particles / (side * side * side)
-
-
-def _mean_free_path(scene: "SceneSection", value: Any) -> Any:
-    diameter = 2.0 * scales.grain_radius(scene, value)
-    return mean_free_path(_number_density(scene, value), diameter)
-
-
 QUANTITIES: Final = (
     Quantity(
         "grain_diameter",
         "m",
-        "diameter of the grains",
+        "diameter of the grains, their mean",
         lambda scene, value: 2.0 * scales.grain_radius(scene, value),
     ),
-    Quantity("grain_radius", "m", "radius of the grains b0", scales.grain_radius),
-    Quantity("grain_mass", "kg", "mass of a grain", scales.grain_mass, False),
+    Quantity("grain_radius", "m", "radius of the grains b0, their mean", scales.grain_radius),
+    Quantity("grain_mass", "kg", "mass of a grain of the radius b0", scales.grain_mass, False),
     Quantity("half_width", "m", "half the edge of the box D", scales.half_width),
     Quantity("particles", "1", "number of grains N", lambda scene, value: scene.particles),
     Quantity(
         "volume_fraction",
         "1",
         "share of the box that the grains fill at the start",
-        lambda scene, value: volume_fraction(value["size_ratio"]),
+        lambda scene, value: volume_fraction(value["size_ratio"], scene.third_moment),
     ),
-    Quantity("number_density", "1/m^3", "grains per volume at the start", _number_density),
+    Quantity("number_density", "1/m^3", "grains per volume at the start", scales.number_density),
     Quantity(
-        "mean_free_path", "m", "mean free path of elastic grains at the start", _mean_free_path
+        "mean_free_path", "m", "mean free path of elastic grains at the start", scales.free_path
     ),
     Quantity("end_time", "s", "end time", scales.end_time, False),
     Quantity(

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, one_of
+from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
+from agglom_mpi.config.sizes import AnySizes, are_lengths
 from agglom_mpi.config.submodels import (
     AnyCooling,
     AnyDuration,
@@ -30,8 +31,16 @@ from agglom_mpi.config.submodels import (
     Values,
 )
 from agglom_mpi.config.units import Number, Speed, Time, quoted, to_si
-from agglom_mpi.config.validation import NAMED, FieldError, Section, WholeNumber, raise_field_errors
+from agglom_mpi.config.validation import (
+    LATER,
+    NAMED,
+    FieldError,
+    Section,
+    WholeNumber,
+    raise_field_errors,
+)
 from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.physics.sizes import SizeLaw, third_moment
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -200,7 +209,8 @@ def _at_least_two(value: Any) -> Any:
 class SceneSection(Section):
     """Section `scene`: box, submodels and engine; lengths in m, times in s.
 
-    Where it gives the size of the grains, `half_width` is None and follows for each string.
+    Where it gives the size of the grains, `half_width` is None and follows for each string. `sizes`
+    None: all grains are equal.
     """
 
     particles: Annotated[
@@ -211,6 +221,7 @@ class SceneSection(Section):
     half_width: HalfWidth
     grain_diameter: GrainSize = None
     grain_radius: GrainSize = None
+    sizes: Annotated[AnySizes, LATER] = None
     escape: Escape = "periodic"
     velocities: Annotated[UniformX | Spread, Field(discriminator="law"), NAMED] = Field(
         description="allowed: uniform_x, spread"
@@ -231,14 +242,31 @@ class SceneSection(Section):
     @property
     def size_key(self) -> str:
         """The key that says how large the scene is."""
-        return next(key for key in SIZES if getattr(self, key) is not None)
+        return next((key for key in SIZES if getattr(self, key) is not None), "sizes")
 
     @property
     def diameter(self) -> float | None:
-        """Diameter of the grains in m; None where it follows from `half_width`."""
+        """Mean diameter of the grains in m; None where it follows from `half_width`."""
+        if self.sizes is not None and self.sizes.mean_diameter is not None:
+            return self.sizes.mean_diameter
         if self.grain_radius is not None:
             return 2.0 * self.grain_radius
         return self.grain_diameter
+
+    @property
+    def size_law(self) -> SizeLaw:
+        """Law of radii over their mean; None: all grains are equal."""
+        return None if self.sizes is None else self.sizes.build()
+
+    @property
+    def third_moment(self) -> float:
+        """Mean volume of the grains over that of their mean radius, 1 if all are equal."""
+        return third_moment(self.size_law)
+
+    @property
+    def equivalent_grains(self) -> float:
+        """Number of grains of the mean radius that have the volume of all."""
+        return self.particles if self.sizes is None else self.particles * self.third_moment
 
     def entries(self) -> dict[str, Any]:
         """Return the fields as plain values: a diameter, or the half-width that it follows from."""
@@ -246,7 +274,8 @@ class SceneSection(Section):
         if self.diameter is not None:
             del entries["half_width"]
             entries.pop("grain_radius", None)
-            entries["grain_diameter"] = self.diameter
+            if self.size_key != "sizes":
+                entries["grain_diameter"] = self.diameter
         return entries
 
     def build(self, parameters: ArrayLike, engine: Engine | None = None) -> "Scene":
@@ -290,6 +319,7 @@ class SceneSection(Section):
             mass=grain_mass(self, value),
             temperature=0.0 if unused else value["temperature"],
             end_time=end_time(self, value),
+            sizes=self.size_law,
         )
 
     def _impact_laws(self, value: Values) -> "ImpactLaws":
@@ -314,6 +344,8 @@ class SceneSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _one_size(cls, data: Any) -> Any:
+        if isinstance(data, dict) and are_lengths(data.get("sizes")):
+            return none_of(SIZES, data, "sizes that are lengths")
         return one_of(SIZES, data)
 
     @model_validator(mode="before")

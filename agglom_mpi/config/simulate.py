@@ -101,4 +101,4 @@ def _objective_value(
             return math.nan
         return evaluate(function, finished_sample(scene, parameters, record, final))
     rows = np.array([record], result.OUTCOME)
-    return float(campaign.objective.build(scene.particles).of_samples(rows)[0])
+    return float(campaign.objective.build(campaign.scene.equivalent_grains).of_samples(rows)[0])

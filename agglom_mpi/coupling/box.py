@@ -82,7 +82,7 @@ class Box:
         Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`;
         the middle of a searched range if not given.
     radii
-        m, shape (n,); that of the grains of the scene if not given. All have the scene's density.
+        m, shape (n,); those of the grains of the scene if not given. All have the scene's density.
     velocities
         m/s, shape (n, 3) or (3,); drawn by the scene's law if not given.
     temperatures
@@ -136,7 +136,7 @@ class Box:
         )
         self._random_state = self._random.bit_generator.state
         total = int(self._initial.grains.sum())
-        self._scene = scene._replace(particles=total)
+        self._scene = scene._replace(particles=total, sizes=None)
         breaks = scene.laws.fragmentation is not None
         self._capacity = 2 * total if breaks else len(self._initial.radii)
         self._volume = (2.0 * scene.half_width) ** 3

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from agglom_mpi.coupling.state import BoxParticles
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
+from agglom_mpi.physics.sizes import draw_radii
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.scene import Scene
@@ -57,7 +58,7 @@ def initial_particles(
     )
     grain_counts = read_grains(grains, count)
     if radii is None:
-        radii = np.full(count, scene.radius)
+        radii = scene.radius * draw_radii(scene.sizes, random, count)
     else:
         radii = read_values("radii", radii, random, count)
     check_radii(radii, scene.half_width)

@@ -17,6 +17,10 @@ WEIGHTS: Final = tuple(0.5 * float(weight) for weight in _WEIGHTS)
 PANEL: Final = 0.5
 """Width in ln of the distance to equilibrium over which the 8-point rule is exact to rounding."""
 
+SHORT: Final = 6e-5
+"""Fall of ln of the distance to equilibrium up to which a series is exact to rounding: what it
+leaves out is below 6.75 times the fourth power."""
+
 COLDEST: Final = 1e-30
 """Equilibrium in K up to which it is taken as 0 K, so that ln of the distance has a range."""
 
@@ -184,6 +188,24 @@ def panel_width(law: RadiativeCooling, distance: float, remaining: float, guess:
     return width
 
 
+@inlined
+def short_width(law: RadiativeCooling, distance: float, rate: float, remaining: float) -> float:
+    """Fall of ln|θ − θ_e| in the time `remaining`, where that is short: three terms of its series.
+
+    With the rate k at w = ln of the distance, w falls by kr − kk'r²/2 + k(k'² + kk'')r³/6.
+    """
+    rest = law.equilibrium
+    temperature = rest + distance
+    radiated = STEFAN_BOLTZMANN * law.emissivity
+    # Derivatives of the rate by the distance, then by its logarithm.
+    first = radiated * (3.0 * temperature * temperature + (2.0 * temperature + rest) * rest)
+    second = radiated * (6.0 * temperature + 2.0 * rest)
+    slope = distance * first
+    curvature = slope + distance * distance * second
+    cubic = (slope * slope + rate * curvature) * remaining * remaining / 6.0
+    return rate * remaining * (1.0 - 0.5 * slope * remaining + cubic)
+
+
 @exact_temperature.register(RadiativeCooling)
 def _radiative_exact(law, temperature, surface, capacity, time):
     # ln|θ − θ_e| falls smoothly: the time is its integral over the rate, panel by panel.
@@ -191,6 +213,9 @@ def _radiative_exact(law, temperature, surface, capacity, time):
     start = temperature - law.equilibrium
     if remaining <= 0.0 or start == 0.0:
         return temperature
+    rate = relaxation_rate(law, start)
+    if rate * remaining <= SHORT and abs(start) <= temperature:
+        return temperature + start * math.expm1(-short_width(law, start, rate, remaining))
     if law.equilibrium <= COLDEST or relaxation_rate(law, min(start, 0.0)) == 0.0:
         return cooled_towards_zero(law, temperature, remaining)
     distance = start

@@ -1,5 +1,6 @@
 """Scales of a scene for one parameter string: size and mass of a grain, box, end time, collisions.
 
+Where grains have different sizes, b⁰ is their mean radius, and the mass is that of a grain of it.
 Values that float64 cannot calculate with are refused.
 """
 
@@ -7,8 +8,11 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+import numpy as np
+
 from agglom_mpi.physics.constants import GAS_CONSTANT
-from agglom_mpi.physics.kinetic_theory import enskog_rate
+from agglom_mpi.physics.kinetic_theory import enskog_rate, mean_free_path, mixture_rates
+from agglom_mpi.physics.sizes import SizeLaw, size_classes
 
 LIGHTEST: Final = 1e-100
 HEAVIEST: Final = 1e100
@@ -115,12 +119,50 @@ def collision_rate(scene: Any, value: Mapping[str, float]) -> float:
 
     ω = 4nσ²χ√(πT/m) of the equal spheres at the start, with the contact value χ of Carnahan and
     Starling, once the starting velocities have become a Maxwellian of the same energy: T/m is a
-    third of `speed_variance`. Losses make it smaller, bonding makes it end; arguments as for
+    third of `speed_variance`. Losses make it smaller, bonding makes it end. Of grains of different
+    sizes it is the mean over them, with the contact values of mixtures; arguments as for
     `half_width`.
     """
     diameter = 2.0 * grain_radius(scene, value)
-    density = value["size_ratio"] ** 3 / diameter**3
-    return enskog_rate(density, diameter, speed_variance(scene, value) / 3.0, 1.0)
+    density, variance = value["size_ratio"] ** 3 / diameter**3, speed_variance(scene, value)
+    if scene.size_law is None:
+        return enskog_rate(density, diameter, variance / 3.0, 1.0)
+    shares, rates = _size_rates(scene.size_law, density, diameter, variance)
+    return float(shares @ rates)
+
+
+def _size_rates(law: SizeLaw, density: float, diameter: float, variance: float) -> tuple[Any, Any]:
+    """Return shares of the grains' size classes, and the collisions per s of a grain of each, (n,).
+
+    `density` is of all grains in 1/m³, `diameter` their mean one in m, `variance` of all speeds.
+    """
+    ratios, shares = size_classes(law)
+    masses = ratios**3
+    temperature = float(shares @ masses) * variance / 3.0
+    rates = mixture_rates(density * shares, diameter * ratios, masses, temperature)
+    return shares, rates.sum(axis=1)
+
+
+def number_density(scene: Any, value: Mapping[str, Any]) -> Any:
+    """Return the grains per volume at the start in 1/m³; arguments as for `half_width`."""
+    side = 2.0 * half_width(scene, value)
+    return scene.particles / (side * side * side)
+
+
+def free_path(scene: Any, value: Mapping[str, Any]) -> Any:
+    """Return the mean free path of elastic grains at the start in m, as `collision_rate`.
+
+    Of grains of different sizes it is their mean speed over their mean rate; arguments as for
+    `half_width`.
+    """
+    diameter, density = 2.0 * grain_radius(scene, value), number_density(scene, value)
+    if scene.size_law is None:
+        return mean_free_path(density, diameter)
+    ratios, shares = size_classes(scene.size_law)
+    masses = ratios**3
+    speed = float(shares @ np.sqrt(8.0 / math.pi * float(shares @ masses) / masses))
+    rates = np.vectorize(lambda n, d: float(shares @ _size_rates(scene.size_law, n, d, 3.0)[1]))
+    return speed / rates(density, diameter)
 
 
 def expected_collisions(scene: Any, value: Mapping[str, float]) -> float:

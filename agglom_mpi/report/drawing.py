@@ -17,6 +17,8 @@ SIZE: Final = (6.0, 3.8)
 """Width and height of a figure with one panel, inches; at 110 dots per inch it fits a page."""
 
 DOTS_PER_INCH: Final = 110
+MANY_DECADES: Final = 200.0
+"""Upper over lower end of a logarithmic axis from which powers of ten suffice as labels."""
 SUPERSCRIPTS: Final = {"^2": "²", "^3": "³"}
 
 
@@ -98,6 +100,21 @@ def integer_ticks(axis: Any) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axis.set_major_locator(MaxNLocator(integer=True, nbins="auto"))
+
+
+def log_ticks(axis: Any) -> None:
+    """Label a logarithmic axis that is drawn already so that its labels do not overlap.
+
+    Over few decades matplotlib labels every digit, as wide as powers of ten.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    axis.set_minor_formatter(NullFormatter())
+    lower, upper = axis.get_view_interval()
+    if upper < MANY_DECADES * lower:
+        narrow = upper < 10.0 * lower
+        axis.set_major_locator(MaxNLocator(5) if narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
 
 
 def legend_below(ax: Any, columns: int = 2) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console, RenderableType
 
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.feasible_set import FeasibleSet
-from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.set_report import set_text
 from agglom_mpi.analysis.summary import describe_bias, selection_bias
@@ -247,7 +247,7 @@ def comparison_lines(data: CampaignData) -> list[str]:
     """Return what may be said of the order of the best strings, a sentence a line."""
     if not rank_strings(data).order:
         return []
-    shown = rank_strings(data).order[: page_tables.BEST]
+    shown = rank_strings(data).order[: listed_strings(data)]
     estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     return list(

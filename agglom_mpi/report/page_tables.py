@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
-from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import processor_seconds
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
@@ -15,8 +15,6 @@ from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import VARIABLES
 
-BEST: Final = 6
-"""Strings in the table of the best strings."""
 LAST: Final = 20
 """Starts of the program and texts of failures that are listed, the last ones."""
 MOST_FAILING: Final = 6
@@ -46,7 +44,7 @@ class Table(NamedTuple):
 
 def best_strings(data: CampaignData) -> Table:
     """Return the best strings, one a column: variables, results and estimates."""
-    shown = rank_strings(data).order[:BEST]
+    shown = rank_strings(data).order[: listed_strings(data)]
     rows = [*_variable_rows(data, shown), *_result_rows(data, shown)]
     return Table(["", *(f"#{place}" for place in range(1, len(shown) + 1))], rows)
 

@@ -1,7 +1,7 @@
 """Particles of recorded samples, as they are stored or resimulated."""
 
 from types import SimpleNamespace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,14 +164,17 @@ def _stored_radii(
     return rows[is_stored], [each.radii / first for each in found if each is not None]
 
 
-def _scene_and_value(data: CampaignData, string: int) -> tuple[SimpleNamespace, dict[str, float]]:
+def _scene_and_value(data: CampaignData, string: int) -> tuple[Any, dict[str, float]]:
     """Return what `physics.scales` needs for the size of a string's grains and of its box."""
+    value = {"size_ratio": float(data.values([string], "size_ratio")[0])}
+    if "scene.sizes.law" in data.identity:
+        return recorded_campaign(data).scene, value
     scene = SimpleNamespace(
         particles=data.identity["scene.particles"],
         half_width=data.identity.get("scene.half_width"),
         diameter=data.identity.get("scene.grain_diameter"),
     )
-    return scene, {"size_ratio": float(data.values([string], "size_ratio")[0])}
+    return scene, value
 
 
 def _affordable_samples(data: CampaignData, rows: np.ndarray, seconds: float) -> int:

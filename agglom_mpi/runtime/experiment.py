@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +135,10 @@ class Experiment(ABC):
     def end_reason(self, inversion: Inversion) -> str:
         """Return the reason why there is nothing left to do, as text."""
 
+    def continuing(self, generations: int) -> Self:
+        """Return the experiment that goes on from this number of generations: it has no fewer."""
+        return self
+
     def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return what to estimate again after the last decision."""
         return ReestimationPlan()
@@ -185,6 +189,12 @@ class InversionExperiment(Experiment):
             output.final_particles,
             strings * samples * frames.count if frames else 0,
         )
+
+    def continuing(self, generations: int) -> Self:
+        """Return the experiment with at least the generations that are there."""
+        if generations <= self.campaign.stopping.generations:
+            return self
+        return type(self)(self.campaign.with_generations(generations), self.given)
 
     def identity(self) -> dict[str, object]:
         """Return the campaign's own."""

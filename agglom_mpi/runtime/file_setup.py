@@ -17,6 +17,7 @@ import h5py
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.errors import UserError
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
@@ -185,26 +186,33 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
-    enlarge_campaign_file(
+    larger = enlarge_campaign_file(
         path,
         sizes.strings,
         sizes.generations,
+        fresh=sizes.fresh,
         grains=sizes.grains,
         final_particles=sizes.final_particles,
         frames=sizes.frames,
     )
-    return stored
+    return read_campaign(path) if larger else stored
 
 
-def lacking_room(path: Path, file: CampaignData, experiment: Experiment) -> str:
-    """Return a message if there is too little room for fresh samples, else an empty one."""
-    room, wanted = file.max_samples - file.fresh_from, experiment.table_sizes.fresh
-    if room >= wanted:
-        return ""
-    return (
-        f"{path}: has room for {room} of the {wanted} fresh samples of a string that final asks "
-        "for; it was made for no more"
-    )
+def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> list[str]:
+    """Return lines on what a campaign asks for that a file which is there does not follow."""
+    lines = []
+    held, asked = len(file.generation_rows()), experiment.table_sizes.generations
+    if held > asked:
+        lines.append(
+            f"{path}: holds {pluralise(held, 'generation')} already, more than the {asked} asked "
+            "for; they stay, and none is added"
+        )
+    if experiment.campaign.title != file.title:
+        lines.append(
+            f"{path}: keeps the title {file.title!r} that it was made with; it is now "
+            f"{experiment.campaign.title!r}, which a file of another name would get (--output)"
+        )
+    return lines
 
 
 def last_sources(stored: CampaignData) -> str:
@@ -218,7 +226,8 @@ def last_sources(stored: CampaignData) -> str:
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
     """Raise an OutputError that names every difference between two campaigns."""
     different = [
-        f"  {key}: {stored.get(key, 'absent')} in the file, {wanted.get(key, 'absent')} now"
+        f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
+        f"{_brief(wanted.get(key, 'absent'))} now"
         for key in sorted(stored.keys() | wanted.keys())
         if stored.get(key) != wanted.get(key)
     ]
@@ -227,6 +236,12 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
             f"{path}: belongs to another campaign; --output names another file. Different are:\n"
             + "\n".join(different)
         )
+
+
+def _brief(value: object) -> str:
+    """Return a value of an identity as text, the middle of a long one left out."""
+    text = str(value)
+    return text if len(text) <= 80 else f"{text[:50]} ... {text[-20:]}"
 
 
 def versions() -> dict[str, str]:

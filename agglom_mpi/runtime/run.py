@@ -23,7 +23,7 @@ from agglom_mpi.launcher import compiles_for_node
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import (
-    lacking_room,
+    kept_as_it_was,
     leg_fields,
     output_path,
     prepare,
@@ -88,8 +88,8 @@ def invert(options: Options, world: "Intracomm | None") -> int:
     def finish(request: RunRequest) -> None:
         if options.quiet:
             return
-        file = read_campaign(request.path)
-        display.table(summary_table(file))
+        file, final = read_campaign(request.path), request.experiment.campaign.final
+        display.table(summary_table(file, final.strings if final else None))
         for line in run_warnings(file):
             display.message(f"warning: {line}")
 
@@ -228,8 +228,10 @@ def run_rank_zero(
             broadcast_start(world, code)
             return code
         try:
-            if lacking := lacking_room(request.path, file, experiment):
-                display.message(lacking)
+            for line in kept_as_it_was(request.path, file, experiment):
+                display.message(line)
+            experiment = experiment.continuing(len(file.generation_rows()))
+            request = request._replace(experiment=experiment)
             try:
                 with blame_damage(path):
                     coordinator = Coordinator(experiment, file, writer, display)

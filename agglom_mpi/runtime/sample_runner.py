@@ -243,7 +243,7 @@ class SampleTask(Task):
         completed = rows["state"] == COMPLETED
         if completed.any():
             campaign = self._runner.experiment.setup(self._string).campaign
-            objective = campaign.objective.build(campaign.scene.particles)
+            objective = campaign.objective.build(campaign.scene.equivalent_grains)
             rows["objective"][completed] = objective.of_samples(rows)[completed]
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None

@@ -225,7 +225,7 @@ class GrowthTarget(RadiusObjective):
 class MaximumGrowth(RadiusObjective):
     """Π = |1 - b^f/b*| averaged over samples, b* = b⁰ N^{1/3} one sphere of all [B 7.1]."""
 
-    particles: int
+    particles: float
 
     def deviation(self, ratio: Ratio) -> Ratio:
         """Return Π of the samples."""
@@ -262,7 +262,7 @@ class MeanOfFunction(Objective):
 MEAN_OF_FUNCTION: Final = MeanOfFunction()
 
 
-def objective_of(entries: Mapping[str, Any], particles: int) -> Objective:
+def objective_of(entries: Mapping[str, Any], particles: float) -> Objective:
     """Return the objective of a campaign.
 
     Parameters
@@ -270,7 +270,7 @@ def objective_of(entries: Mapping[str, Any], particles: int) -> Objective:
     entries
         Its `objective` section as plain values, as the section or the identity of a file has it.
     particles
-        N, particles at the start of a sample.
+        N, particles of the radius b⁰ that have the volume of those at the start of a sample.
 
     Raises
     ------

@@ -37,6 +37,7 @@ _ALL: Final = "without frames"
 def kind_of(scene: Scene) -> str:
     """Return the names of the types that the kernels of a scene are compiled for."""
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
+    parts += [] if scene.sizes is None else [True]
     return " ".join(f"{type(part).__module__}.{type(part).__name__}" for part in parts)
 
 
@@ -103,6 +104,7 @@ READY: Final[set[tuple[str, bool]]] = set()
 
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     """Return a kernel and arguments of the types that it is called with."""
+    scene = sample.without_law(scene)
     particles, ledger, initial = new_particles(scene, 1), new_ledger(), np.zeros(1, sample.INITIAL)
     state = new_engine_state(scene.engine, scene, 1)
     if name == ENGINE:
@@ -114,7 +116,10 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     if name == FRAMES:
         observer = trajectory.new_observer(scene, 1)
         return trajectory.observe_particles, (scene, particles, state, observer, scene.end_time)
-    random, sizes = np.random.default_rng(), initial_state.EqualSizes(2.0 * scene.radius)
+    random = np.random.default_rng()
+    sizes: Any = initial_state.EqualSizes(2.0 * scene.radius)
+    if scene.sizes is not None:
+        sizes = initial_state.Sizes(np.full(1, scene.radius), scene.radius)
     laws, vectors = (scene.escape, scene.velocities), np.empty((2, 3, 1))
     return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors)
 

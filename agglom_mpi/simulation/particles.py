@@ -60,7 +60,8 @@ class Particles(NamedTuple):
     last_impact
         Time of the last impact in s, −inf before the first, shape (capacity,).
     grains
-        Original grains in each particle, shape (capacity,); only counted where particles can break.
+        Original grains in each particle, shape (capacity,); only counted where particles can break
+        or grains differ in size: elsewhere the mass says it.
     label, labels_given
         Identities, shape (capacity,), and how many were given, shape (1,); see `Frames`. Every
         scene has them, so that one machine code serves with frames and without.
@@ -202,9 +203,10 @@ def new_impact_times(restitution: Submodel, capacity: int) -> FloatsOrNone:
     return np.full(capacity, -np.inf) if remembers else None
 
 
-def new_grains(fragmentation: Submodel | None, capacity: int) -> IntegersOrNone:
-    """Return grains in each particle, shape (capacity,); None where none can break."""
-    return None if fragmentation is None else np.ones(capacity, np.int64)
+def new_grains(fragmentation: Submodel | None, sizes: Any, capacity: int) -> IntegersOrNone:
+    """Return grains in each particle, shape (capacity,); None where none can break or differ."""
+    counted = fragmentation is not None or sizes is not None
+    return np.ones(capacity, np.int64) if counted else None
 
 
 def new_temperatures(
@@ -228,7 +230,7 @@ def new_particles(scene: Any, capacity: int) -> Particles:
         ),
         cooled_to=new_cooling_times(scene.cooling, capacity),
         last_impact=new_impact_times(scene.laws.restitution, capacity),
-        grains=new_grains(scene.laws.fragmentation, capacity),
+        grains=new_grains(scene.laws.fragmentation, scene.sizes, capacity),
         label=np.arange(capacity),
         labels_given=np.full(1, grains),
     )

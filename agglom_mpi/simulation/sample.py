@@ -15,8 +15,9 @@ import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register t
 from agglom_mpi import outcome as result
 from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.physics.sizes import draw_radii
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.simulation.initial_state import EqualSizes, scatter
+from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.measurement import (
     is_finite,
     measure,
@@ -181,16 +182,34 @@ def simulate_scene(
     capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
     particles = new_particles(scene, capacity)
     if place_grains(scene, random, particles):
-        carry_to_end(scene, particles, abort, out, frames)
+        carry_to_end(without_law(scene), particles, abort, out, frames)
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0], particles
 
 
+def without_law(scene: Scene) -> Scene:
+    """Return a scene that says whether grains differ in size, but not by which law.
+
+    So one machine code serves all of them once the grains are placed.
+    """
+    return scene if scene.sizes is None else scene._replace(sizes=True)
+
+
 def place_grains(scene: Scene, random: np.random.Generator, particles: Particles) -> bool:
-    """Place the grains of a sample and draw their velocities; return whether all found a place."""
+    """Draw sizes of the grains of a sample, places and velocities; return whether all have a place.
+
+    The largest come first.
+    """
     placed, velocity = np.empty((2, 3, scene.particles))
-    sizes = EqualSizes(2.0 * scene.radius)
+    sizes: EqualSizes | Sizes = EqualSizes(2.0 * scene.radius)
+    if scene.sizes is not None:
+        radii = scene.radius * draw_radii(scene.sizes, random, scene.particles)
+        if not radii[0] < scene.half_width:
+            return False
+        particles.radius[: scene.particles] = radii
+        particles.mass[: scene.particles] = scene.mass * (radii / scene.radius) ** 3
+        sizes = Sizes(radii, float(radii[0]))
     if not scatter(
         scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity
     ):

@@ -31,8 +31,9 @@ class EventDriven(NamedTuple):
 class Scene(NamedTuple):
     """All that one sample is a function of, apart from its random numbers.
 
-    `particles` equal grains of `radius` in m and `mass` in kg in a cube of half-width
-    `half_width` in m, for `end_time` in s from `temperature` in K.
+    `particles` grains of `radius` in m and `mass` in kg in a cube of half-width `half_width` in m,
+    for `end_time` in s from `temperature` in K. By a law `sizes` that is the mean radius, and the
+    mass of a grain of it; once they are placed it is True. None: all are equal.
     """
 
     escape: Submodel
@@ -46,6 +47,7 @@ class Scene(NamedTuple):
     mass: float
     temperature: float
     end_time: float
+    sizes: Submodel | None = None
 
 
 @dispatch

@@ -14,6 +14,7 @@ from h5py import h5d, h5p, h5s, h5t
 from agglom_mpi.storage.access import open_file, refuse_compact
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.schema import (
+    BY_SAMPLE,
     FAILURE_CAPACITY,
     FORMAT,
     FORMAT_VERSION,
@@ -22,6 +23,7 @@ from agglom_mpi.storage.schema import (
     STATUS,
     VARIABLE_TABLE,
     TableSchema,
+    fresh_from,
     table_schemas,
 )
 from agglom_mpi.storage.table import Rows, Table
@@ -122,13 +124,20 @@ def enlarge_campaign_file(
     strings: int,
     generations: int,
     *,
+    fresh: int = 0,
     grains: int = 0,
     final_particles: bool = False,
     frames: int = 0,
-) -> None:
+) -> bool:
     """Replace a campaign file by one with more room and the same rows, unless it has enough.
 
-    The caller holds its `CampaignLock` and has no writer open.
+    The caller holds its `CampaignLock` and has no writer open. Arguments are as for
+    `create_campaign_file`.
+
+    Returns
+    -------
+    bool
+        Whether it was replaced.
 
     Raises
     ------
@@ -140,16 +149,18 @@ def enlarge_campaign_file(
         refuse_compact(old, path)
         attributes = dict(old.attrs)
         asked = {"strings": strings, "final_particles": int(final_particles), "frames": frames}
-        asked |= {"grains": grains}
+        asked |= {"grains": grains, "max_samples": fresh_from(attributes) + fresh}
         wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
         lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
         if not lacks and generations <= len(old["generations"]):
-            return
+            return False
         kept = table_schemas(attributes)
+        wanted["fresh_from"] = fresh_from(attributes)
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
             _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
             for schema in kept:
                 _copy(old, new, schema, path)
+        return True
 
 
 def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:
@@ -196,14 +207,26 @@ def _variable_rows(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 
 def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
-    """Copy the final rows of a table as they are, checksums included; holes stay holes."""
+    """Copy the final rows of a table as they are, checksums included; holes stay holes.
+
+    Where rows are by string and sample they keep these, whatever the room for samples.
+    """
     if not schema.final:
         Rows(new[schema.name], path).write(0, Rows(old[schema.name], path).read_all())
         return
     source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
     step = max(1, _COPY_BYTES // schema.dtype.itemsize)
+    before = after = 0
+    if schema.row == BY_SAMPLE:
+        before, after = (int(file.attrs["max_samples"]) for file in (old, new))
     for first, count in source_table.runs():
-        for at in range(first, first + count, step):
+        at = first
+        while at < first + count:
             length = min(step, first + count - at)
-            target.rows.write(at, source_table.rows.read(at, length))
-            target.done.write(at, source_table.done.read(at, length))
+            place = at
+            if before != after:
+                string, sample = divmod(at, before)
+                length, place = min(length, before - sample), string * after + sample
+            target.rows.write(place, source_table.rows.read(at, length))
+            target.done.write(place, source_table.done.read(at, length))
+            at += length

@@ -24,6 +24,9 @@ STATES: Final = ("", "completed", "failed")
 """Texts of the codes in the column `state` of `/samples`."""
 CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")
 
+BY_SAMPLE: Final = "row = string * max_samples + sample"
+"""Which row is which in tables of samples."""
+
 TOOK_TOO_LONG: Final = "took longer than max_seconds,"
 """Prefix of the text of a failure that is a timeout; its sample has no row in `/samples`."""
 
@@ -133,7 +136,7 @@ RESULTS: Final = TableSchema(
 SAMPLES: Final = TableSchema(
     "samples",
     "one simulated configuration of one string; those with sample < samples_used are used",
-    "row = string * max_samples + sample",
+    BY_SAMPLE,
     (
         Column("string", "i8", "", "number of the string"),
         Column("sample", "i8", "", "number of the sample in its string, from 0"),
@@ -254,7 +257,7 @@ def final_particles_schema(grains: int) -> TableSchema:
         "final_particles",
         "the particles left at the end of each sample, in the first places of each array; the "
         "others are nan, or 0 grains",
-        "row = string * max_samples + sample",
+        BY_SAMPLE,
         (
             Column("string", "i8", "", "number of the string"),
             Column("sample", "i8", "", "number of the sample in its string, from 0"),

@@ -1,7 +1,11 @@
 """The report on disc."""
 
+from itertools import pairwise
+
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from agglom_mpi.accuracy.document import (
@@ -14,7 +18,7 @@ from agglom_mpi.accuracy.document import (
     draw_curves,
     write_document,
 )
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.drawing import DOTS_PER_INCH, SIZE, Drawing
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
 
@@ -94,3 +98,18 @@ def test_no_half_written_file_is_left_behind(written):
         "steps.png",
         "steps.svg",
     ]
+
+
+@pytest.mark.parametrize("upper", [1.3, 2.0, 4.0, 9.0, 35.0, 180.0, 5e3, 2e6])
+@pytest.mark.parametrize("lower", [0.0031, 0.7])
+def test_labels_of_an_axis_of_times_do_not_overlap(lower, upper):
+    figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout="constrained")
+    curve = Curve("one", [lower, lower * upper], [1.0, 2.0])
+    axes = draw_curves(figure, [curve], "time per sample (s)", "error")
+    FigureCanvasAgg(figure).draw()
+    labels = [t for which in ("major", "minor") for t in axes.xaxis.get_ticklabels(which=which)]
+    inside = [t.get_window_extent() for t in labels if t.get_text()]
+    left, right = axes.get_window_extent().intervalx
+    boxes = sorted((b.x0, b.x1) for b in inside if left <= (b.x0 + b.x1) / 2 <= right)
+    assert len(boxes) >= 2
+    assert all(end < begin for (_, end), (begin, _) in pairwise(boxes))

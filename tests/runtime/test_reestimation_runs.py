@@ -148,12 +148,40 @@ def test_fewer_strings_than_asked_for_are_all_there_are(tmp_path):
     assert_fresh_are_those_of_the_best(tmp_path / "all.h5", tmp_path / "all.yaml", 4, 2)
 
 
-def test_of_more_samples_than_there_is_room_for_there_are_as_many_as_fit(path):
+def test_more_samples_are_added_to_those_there_are(ended, path):
     write_campaign(path.parent / "final.yaml", **TWO, final="{strings: 4, samples: 20}")
+    before = {row.tobytes() for row in fresh_rows(path)}
     done = finish(path.parent, "final.yaml")
-    assert done.stderr.count("has room for 8 of the 20 fresh samples") == 1
-    assert "estimating 1 string again, on 8 fresh samples" in done.stderr
-    assert_fresh_are_those_of_the_best(path, path.parent / "final.yaml", 4, SAMPLES)
+    fresh = 4 * 20 - STRINGS * SAMPLES
+    assert f"estimating 4 strings again, on {fresh} fresh samples" in done.stderr
+    assert_fresh_are_those_of_the_best(path, path.parent / "final.yaml", 4, 20)
+    assert before <= {row.tobytes() for row in fresh_rows(path)}
+    assert open_campaign(path).legs()["samples"][-1] == fresh
+    assert_same(path, decisions(ended / "final.h5"))
+    assert_sound(path)
+
+
+def test_fewer_generations_than_there_are_change_nothing_and_are_said(path):
+    before = path.read_bytes()
+    done = finish(path.parent, "final.yaml", "--generations", "1")
+    assert "holds 2 generations already, more than the 1 asked for; they stay" in done.stderr
+    assert "finished already: nothing to do" in done.stderr
+    assert "finished: all 2 generations are done" in done.stdout
+    assert path.read_bytes() == before
+
+
+def test_another_title_is_said_not_to_be_the_files(path):
+    text = (path.parent / "final.yaml").read_text()
+    (path.parent / "final.yaml").write_text(text.replace("title: Quickstart", "title: Slowstart"))
+    done = finish(path.parent, "final.yaml")
+    assert "keeps the title 'Quickstart - double the mean grain size' that it" in done.stderr
+    assert "it is now 'Slowstart - double the mean grain size', which" in done.stderr
+
+
+def test_as_many_strings_are_listed_as_are_estimated_again(path):
+    shown = CliRunner().invoke(main, ["report", str(path)]).stdout
+    assert "#3" in shown
+    assert "#4" not in shown
 
 
 def test_more_generations_go_on_as_if_nothing_had_been_estimated(ended, path):
@@ -171,20 +199,15 @@ def test_more_generations_go_on_as_if_nothing_had_been_estimated(ended, path):
     assert_sound(path)
 
 
-def test_a_file_of_an_earlier_version_goes_on_without_estimates(ended, tmp_path):
+def test_a_file_of_an_earlier_version_gets_room_for_estimates(ended, tmp_path):
     path = shutil.copy(ended / "bare.h5", tmp_path / "final.h5")
     shutil.copy(ended / "final.yaml", tmp_path)
     with h5py.File(path, "r+") as file:
         del file.attrs["fresh_from"]
     assert_sound(path)
-    done = finish(tmp_path, "final.yaml")
-    assert done.stderr.count("has room for 0 of the 8 fresh samples") == 1
-    assert "finished already" in done.stderr
-    assert "objectives are the search's own" in done.stdout
-    finish(tmp_path, "final.yaml", "-q", "--generations", "3")
-    assert len(open_campaign(path).generation_rows()) == 3
-    assert len(fresh_rows(path)) == 0
-    assert not open_campaign(path).samples["fresh"].any()
+    finish(tmp_path, "final.yaml", "-q")
+    assert_fresh_are_those_of_the_best(path, tmp_path / "final.yaml", STRINGS, SAMPLES)
+    assert fresh_bytes(path) == fresh_bytes(ended / "final.h5")
     assert_sound(path)
 
 

@@ -74,7 +74,7 @@ NAMES = {
     "temperature": lambda scene: temperatures_of(scene.laws.heating, scene.cooling, 1, 300.0),
     "time of last cooling": lambda scene: new_cooling_times(scene.cooling, 1),
     "time of last impact": lambda scene: new_impact_times(scene.laws.restitution, 1),
-    "number of grains": lambda scene: new_grains(scene.laws.fragmentation, 1),
+    "number of grains": lambda scene: new_grains(scene.laws.fragmentation, scene.sizes, 1),
 }
 temperatures_of = getattr(new_temperatures, "py_func", new_temperatures)
 JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("**/*.yaml"))

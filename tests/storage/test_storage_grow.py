@@ -76,6 +76,27 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
     assert len(campaign.all_sample_rows()) == 7 * STRINGS + 1
 
 
+@pytest.mark.parametrize("block", [1 << 25, 400])
+def test_room_for_fresh_samples_moves_rows_to_their_new_places(filled, monkeypatch, block):
+    monkeypatch.setattr(create, "_COPY_BYTES", block)
+    before = open_campaign(filled).all_sample_rows()
+    assert enlarge_campaign_file(filled, STRINGS, 1, fresh=3)
+    campaign = open_campaign(filled)
+    assert campaign.all_sample_rows().tobytes() == before.tobytes()
+    assert (campaign.fresh_from, campaign.max_samples) == (MAX_SAMPLES, MAX_SAMPLES + 3)
+    assert campaign.damaged == 0
+    with h5py.File(filled) as file:
+        places = np.flatnonzero(file["samples_done"][:])
+    assert places.tolist() == sorted(before["string"] * (MAX_SAMPLES + 3) + before["sample"]), (
+        "row = string * max_samples + sample"
+    )
+    with CampaignWriter(filled) as writer:
+        writer.put_samples(sample_rows(STRINGS - 1, MAX_SAMPLES + 2, 1))
+    campaign.refresh()
+    assert len(campaign.all_sample_rows()) == len(before) + 1
+    assert not enlarge_campaign_file(filled, STRINGS, 1, fresh=2)
+
+
 def test_enough_room_is_left_alone(filled):
     before = filled.stat()
     enlarge_campaign_file(filled, STRINGS, 1)

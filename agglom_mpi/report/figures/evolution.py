@@ -55,7 +55,10 @@ AXIS_LABELS: Final = {
 
 
 def evolution(frames: Frames) -> Evolution:
-    """Return averages over the particles of frames, the first of which shows the equal grains."""
+    """Return averages over the particles of frames, the first of which shows the grains.
+
+    Their own mean radius is b⁰, which that of the law of sizes is within its scatter.
+    """
     present = frames.grains > 0
     mass = np.where(present, frames.masses, 0.0)
     total = mass.sum(axis=1)
@@ -63,11 +66,14 @@ def evolution(frames: Frames) -> Evolution:
     flow = np.einsum("fn,fnk->fk", mass, velocity) / total[:, None]
     square = np.sum((velocity - flow[:, None]) ** 2, axis=2)
     square[frames.particles == 1] = 0.0  # but for rounding
+    first = frames.radii[0]
+    equal = np.nanmin(first) == np.nanmax(first)
+    mean_radius = first[0] if equal else np.nanmean(first)
     heat = mass * np.where(present, frames.temperatures, 0.0)
     return Evolution(
         times=frames.times,
         particles=frames.particles,
-        mean_radius_ratio=np.nanmean(frames.radii, axis=1) / frames.radii[0, 0],
+        mean_radius_ratio=np.nanmean(frames.radii, axis=1) / mean_radius,
         granular_temperature=np.sum(mass * square, axis=1) / (3.0 * total),
         mean_temperature=heat.sum(axis=1) / total,
     )

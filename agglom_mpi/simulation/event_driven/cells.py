@@ -13,7 +13,7 @@ import numpy as np
 from agglom_mpi.kernels import inlined, not_inlined
 from agglom_mpi.simulation.boundary import cell_of
 
-MAX_OVERSIZE: Final = 48
+MAX_OVERSIZE: Final = 128
 """Oversize particles beside which cells are considered; more are rarely the cheapest choice."""
 
 BLOCK: Final = 4
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
         Distance in m along an axis that an oversize particle moves between two predictions,
         shape (1,).
     limit
-        Pairs per prediction above which other cells are considered, and number of particles below
+        Cost of a prediction above which other cells are considered, and number of particles below
         which they are, shape (2,).
     largest_radii
         Radii of the largest particles in m, descending, shape (MAX_OVERSIZE + 1,).
@@ -216,7 +216,7 @@ def remove(cells, flights, i):
     copy_flight(cells, index, flights.trajectory[last])
 
 
-MAX_ALL_PAIRS: Final = 32
+MAX_ALL_PAIRS: Final = 128
 """Particles up to which all pairs are as cheap as cells; measured, anything from 12 to 48 is."""
 
 MIN_CELLS: Final = 4
@@ -225,8 +225,11 @@ MIN_CELLS: Final = 4
 MERGE_GROWTH: Final = 2.0 ** (1.0 / 3.0)
 """Radius after two equals have merged, over that of one."""
 
+SIDE_BY_SIDE: Final = 0.3
+"""Time of a pair with a particle side by side with others, over that of one with one in a cell."""
+
 CELL_ADVANTAGE: Final = 0.5
-"""Pairs per prediction with cells, over all pairs, below which cells are used; a guess."""
+"""Cost of a prediction with cells, over that of all pairs, below which cells are used; a guess."""
 
 FITTING_SHARE: Final = 1.0 - 1e-12
 """Share of the cells that fit into the box, lest rounding make a particle oversize that fits."""
@@ -259,11 +262,11 @@ def best_edge(count, diameter, half_width):
 
 
 @inlined
-def pairs_per_prediction(count, per_axis, oversize):
-    """Pairs that one particle of `count` has to be compared with, on average."""
+def prediction_cost(count, per_axis, oversize):
+    """Time of a prediction for one of `count` particles, in pairs with one in a cell."""
     if per_axis == 0:
-        return float(count)
-    return 27.0 * (count - oversize) / per_axis**3 + oversize
+        return SIDE_BY_SIDE * count
+    return 27.0 * (count - oversize) / per_axis**3 + SIDE_BY_SIDE * oversize
 
 
 @inlined
@@ -285,18 +288,19 @@ def find_largest_radii(particles, largest_radii, count):
 
 @not_inlined
 def best_cells(scene, particles, cells, count):
-    """Cells per axis with the fewest pairs per prediction for the particles now, and the pairs."""
+    """Cells per axis with the cheapest predictions for the particles now, and their cost."""
+    all_pairs = prediction_cost(count, 0, count)
     if count <= MAX_ALL_PAIRS:
-        return 0, float(count)
+        return 0, all_pairs
     mean = find_largest_radii(particles, cells.largest_radii, count)
     edge = best_edge(count, 2.0 * mean, scene.half_width)
     most = min(max_cells(count), cells.offset.shape[1] // 3)
-    chosen, cheapest = 0, float(count)
+    chosen, cheapest = 0, all_pairs
     for oversize in range(MAX_OVERSIZE + 1):
         side = max(edge, 2.0 * cells.largest_radii[oversize])
         per_axis = min(most, int(FITTING_SHARE * 2.0 * scene.half_width / side))
-        cost = pairs_per_prediction(count, per_axis, oversize)
-        if per_axis >= MIN_CELLS and cost < min(cheapest, CELL_ADVANTAGE * count):
+        cost = prediction_cost(count, per_axis, oversize)
+        if per_axis >= MIN_CELLS and cost < min(cheapest, CELL_ADVANTAGE * all_pairs):
             chosen, cheapest = per_axis, cost
     return chosen, cheapest
 

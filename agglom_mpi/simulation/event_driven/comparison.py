@@ -47,8 +47,8 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     """Compare a particle at (x, y, z) in m with the first `count` beside one another.
 
     Into `Cells.comparison` goes for each of them the time from `now` in s before which they do not
-    collide, inf if they do not; and the inverse of the time in 1/s from which another image of it
-    may touch, 0 if the sum of the radii is at most `safe` in m.
+    collide, inf if they do not; and, unless `safe` is None, the inverse of the time in 1/s after
+    which another image of it may touch, 0 if the sum of the radii is at most `safe` in m.
 
     A collision is not before the time e/(2c) for e = |dr|² − reach² and the approach c = −dr·dv.
     """
@@ -68,11 +68,12 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
         likely = (1.0 + SLACK) * closing * closing - square * excess
         time = (1.0 - SLACK) * excess / (-2.0 * closing)
         soonest[k] = time if (closing < 0.0) & (likely > 0.0) else np.inf
-        end = max(side - reach, scene.half_width * IMAGE_MARGIN)
-        speed, way = abs(du), way_to_image(end, dx, du)
-        speed, way = sooner(speed, way, abs(dv), way_to_image(end, dy, dv))
-        speed, way = sooner(speed, way, abs(dw), way_to_image(end, dz, dw))
-        rate[k] = speed / way if reach > safe else 0.0
+        if safe is not None:
+            end = max(side - reach, scene.half_width * IMAGE_MARGIN)
+            speed, way = abs(du), way_to_image(end, dx, du)
+            speed, way = sooner(speed, way, abs(dv), way_to_image(end, dy, dv))
+            speed, way = sooner(speed, way, abs(dw), way_to_image(end, dz, dw))
+            rate[k] = speed / way if reach > safe else 0.0
 
 
 @inlined
@@ -114,8 +115,20 @@ def keep_likely(cells, count, limit):
         cells.candidates[left] = cells.candidates[k - others]
         cells.likely_times[left] = soonest[k]
         left += 1 if soonest[k] <= limit else 0
-    for k in range(others):
-        cells.candidates[left] = cells.oversize[k]
-        cells.likely_times[left] = soonest[k]
-        left += 1 if soonest[k] <= limit else 0
+    for first in range(0, others, LANES):
+        if is_any_likely(soonest, first, limit):
+            for k in range(first, min(first + LANES, others)):
+                cells.candidates[left] = cells.oversize[k]
+                cells.likely_times[left] = soonest[k]
+                left += 1 if soonest[k] <= limit else 0
     return left
+
+
+@inlined
+def is_any_likely(soonest, first, limit):
+    """Whether one of the `LANES` times from `first` on is at most `limit`."""
+    a = (soonest[first] <= limit) | (soonest[first + 1] <= limit)
+    b = (soonest[first + 2] <= limit) | (soonest[first + 3] <= limit)
+    c = (soonest[first + 4] <= limit) | (soonest[first + 5] <= limit)
+    d = (soonest[first + 6] <= limit) | (soonest[first + 7] <= limit)
+    return a | b | c | d

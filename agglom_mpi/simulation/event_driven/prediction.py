@@ -193,8 +193,12 @@ def predict_collision(scene, cells, flights, event_queue, i, now, face, excluded
     z = trajectory["z"] + trajectory["w"] * flight
     count = neighbours_of(scene, cells, trajectory, next_event, x, y, z, face)
     count = gather_flights(cells, flights, count)
-    compare(scene, cells, count, trajectory, x, y, z, now, safe_reach(scene, cells))
-    image_rate = highest_rate(cells, count)
+    image_rate, safe = 0.0, safe_reach(scene, cells)
+    if trajectory["radius"] + cells.largest[0] > safe:
+        compare(scene, cells, count, trajectory, x, y, z, now, safe)
+        image_rate = highest_rate(cells, count)
+    else:
+        compare(scene, cells, count, trajectory, x, y, z, now, None)
     count = keep_likely(cells, count, next_event["collision_time"] - now)
     collision_time, partner = first_collision(
         scene, cells, flights, count, x, y, z, i, now, excluded

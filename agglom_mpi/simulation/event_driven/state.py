@@ -15,7 +15,7 @@ from agglom_mpi.simulation.event_driven.cells import (
     insert,
     new_cells,
     padded,
-    pairs_per_prediction,
+    prediction_cost,
     reset_cells,
 )
 from agglom_mpi.simulation.event_driven.event_queue import EventQueue, new_event_queue, set_time
@@ -89,7 +89,7 @@ def compact_after_merge(scene, particles, events, due, now):
     Returns how many are due: all after a rebuild, else `due`.
     """
     cells, alive = events.cells, events.counts[ALIVE]
-    cost = pairs_per_prediction(alive, cells.shape[PER_AXIS], cells.shape[OVERSIZE])
+    cost = prediction_cost(alive, cells.shape[PER_AXIS], cells.shape[OVERSIZE])
     full = particles.size[0] - alive >= scene.particles
     fewer = cells.shape[PER_AXIS] > 0 and alive < cells.limit[1]
     if cost > cells.limit[0] or full or fewer:

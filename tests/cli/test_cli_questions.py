@@ -1,0 +1,56 @@
+"""The questions in jobs/questions are answered by their commands, as their text says."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from campaign_runs import environment, need_mpirun
+from processes import HANG, program
+
+QUESTIONS = Path(__file__).parents[2] / "jobs" / "questions"
+
+
+def answered(name, folder, *labels):
+    """Numbers in the rows of the table that a run prints, of each label."""
+    shutil.copy(QUESTIONS / f"{name}.yaml", folder)
+    words = ["mpirun", "-n", "2", "agglom-invert", f"{name}.yaml"]
+    with program(words, cwd=folder, env=environment(COLUMNS="160")) as process:
+        printed, errors = process.communicate(timeout=4 * HANG)
+    assert process.returncode == 0, errors
+    rows = [line for label in labels for line in printed.splitlines() if line.startswith(label)]
+    assert len(rows) == len(labels)
+    return [
+        [float(number) for number in row.removeprefix(label).split()]
+        for label, row in zip(labels, rows, strict=True)
+    ]
+
+
+@pytest.mark.slow
+def test_a_powder_grows_by_half_along_a_line_of_speed_and_hardness(tmp_path):
+    need_mpirun()
+    labels = ("volume_fraction", "95 % from", "re-estimate ")
+    fractions, least, estimates = answered("powder", tmp_path, *labels)
+    assert fractions == [0.05] * 4
+    assert least[0] == 0.0
+    assert estimates[0] < 0.02
+
+
+@pytest.mark.slow
+def test_a_process_stays_within_its_power(tmp_path):
+    need_mpirun()
+    power, means = answered("process", tmp_path, "power W/m^3", "mean, wanted 2 ")
+    assert max(power) <= 2000.0
+    # Of the three things wanted the mean is met best: within a tenth of it.
+    assert means == pytest.approx([2.0] * 4, abs=0.2)
+
+
+def test_what_the_text_shows_of_the_files_is_in_them():
+    text = (QUESTIONS / "README.md").read_text()
+    for name, block in zip(
+        ("powder", "process"), re.findall(r"```yaml\n(.*?)```", text, re.S), strict=True
+    ):
+        lines = (QUESTIONS / f"{name}.yaml").read_text().splitlines()
+        known = {line.split("   ")[0].rstrip() if "#" in line else line for line in lines}
+        for line in block.splitlines():
+            assert any(own.startswith(line) for own in known), line

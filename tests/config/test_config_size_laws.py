@@ -1,0 +1,206 @@
+"""The entry `sizes` of a scene: laws, files, what they combine with, and their identity."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from campaign_text import campaign, edited
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign, recorded_campaign
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.variables import volume_fraction
+
+LOGNORMAL = "  sizes: {law: lognormal, median: 50 um, spread: 1.3}"
+MEAN = 50e-6 * math.exp(0.5 * math.log(1.3) ** 2)
+FRACTION = ("  size_ratio", "  volume_fraction: [0.02, 0.2]")
+
+
+def with_sizes(entry, width="", *edits):
+    """The campaign with an entry, and another line in place of the half-width."""
+    return campaign(("  half_width", f"{width}\n{entry}" if width else entry), *edits)
+
+
+def message(entry, width="", *edits):
+    with pytest.raises(CampaignError) as caught:
+        with_sizes(entry, width, *edits)
+    return str(caught.value)
+
+
+def test_a_law_of_lengths_says_how_large_the_grains_are():
+    loaded = with_sizes(LOGNORMAL, "", FRACTION)
+    scene = loaded.scene.build(loaded.parameters({"volume_fraction": 0.05}))
+    assert scene.radius == pytest.approx(0.5 * MEAN, rel=1e-14)
+    third = math.exp(3.0 * math.log(1.3) ** 2)
+    grains = 100 * 4.0 / 3.0 * np.pi * scene.radius**3 * third
+    assert grains / (2.0 * scene.half_width) ** 3 == pytest.approx(0.05, rel=1e-13)
+    uniform = with_sizes("  sizes: {law: uniform, smallest: 40 um, largest: 0.06 mm}")
+    assert uniform.scene.diameter == pytest.approx(50e-6, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    ["  sizes: {law: lognormal, spread: 1.3}", "  sizes: {law: uniform, ratio: 3}"],
+)
+def test_a_relative_law_leaves_the_mean_to_the_box_or_a_diameter(entry):
+    by_box = with_sizes(entry, "  half_width: 0.01")
+    by_size = with_sizes(entry, "  grain_diameter: 50 um")
+    string = by_box.parameters()
+    assert by_box.scene.build(string).radius == campaign().scene.build(string).radius
+    assert by_size.scene.build(string).radius == 25e-6
+    assert by_box.fraction(0.5) == volume_fraction(0.5) * by_box.scene.third_moment
+
+
+def test_how_a_campaign_without_sizes_is_identified_does_not_change():
+    assert not [key for key in campaign().identity() if "sizes" in key]
+    assert with_sizes(LOGNORMAL).identity()["scene.sizes.median"] == 50e-6
+    assert not {"scene.half_width", "scene.grain_diameter"} & set(with_sizes(LOGNORMAL).identity())
+
+
+@pytest.mark.parametrize(
+    ("entry", "width", "said"),
+    [
+        (LOGNORMAL, "  half_width: 0.01", "half_width: is given beside sizes that are lengths; "),
+        (LOGNORMAL, "  grain_radius: 1 mm", "grain_radius: is given beside sizes that are le"),
+        ("  sizes: {law: lognormal, spread: 1.3}", "", "scene.half_width: is missing"),
+        ("  sizes: {law: lognormal}", "  half_width: 0.01", "sizes.spread: is missing; like 1.3"),
+        ("  sizes: {law: lognormal, spread: 0.7}", "", "spread: is 0.7; must be greater than 1"),
+        ("  sizes: {law: lognormal, spread: 3.5}", "", "spread: is 3.5; must be at most 3"),
+        ("  sizes: {law: normal}", "", "scene.sizes.law: is 'normal'; allowed: lognormal, uniform"),
+        ("  sizes: {law: uniform}", "", "smallest: is missing; give smallest and largest, or"),
+        ("  sizes: {law: uniform, smallest: 1 mm}", "", "largest: is missing; a diameter like"),
+        (
+            "  sizes: {law: uniform, smallest: 2 mm, largest: 1 mm}",
+            "",
+            "largest: is 0.001 m; must be greater than smallest, 0.002 m",
+        ),
+        (
+            "  sizes: {law: uniform, smallest: 1 mm, largest: 2 mm, ratio: 2}",
+            "",
+            "ratio: is given beside lengths; give smallest and largest, or their ratio",
+        ),
+        (
+            LOGNORMAL.replace("50 um", "50 kg"),
+            "",
+            "sizes.median: wrong unit: 'kg' is mass, expected length",
+        ),
+        ("  sizes: {file: s.csv}", "  half_width: 0.01", "is 's.csv', which is read beside a ca"),
+    ],
+)
+def test_a_mistake_is_said_in_a_line(entry, width, said):
+    found = message(entry, width)
+    assert said in found
+    assert "campaign.yaml:" in found
+
+
+def test_a_wide_law_may_fill_no_more_of_the_box_than_has_room():
+    wide = "  sizes: {law: lognormal, spread: 2}"
+    found = message(wide, "  half_width: 0.01")
+    assert "variables.size_ratio: reaches 0.8, a volume fraction of 1.13 with these" in found
+    fits = with_sizes(wide, "  half_width: 0.01", ("  size_ratio", "  volume_fraction: 0.38"))
+    assert fits.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
+
+
+def test_strings_to_start_with_give_the_size_ratio_where_grains_have_sizes():
+    start = ("search", "search: {population: 12, parents: 4, start: [{volume_fraction: 0.1}]}")
+    found = message(LOGNORMAL, "", FRACTION, start)
+    assert "search.start.0.volume_fraction: is not read of strings where grains have si" in found
+
+
+@pytest.fixture
+def folder(tmp_path):
+    text = edited(("  half_width", "  sizes: {file: sizes.csv}"))
+    (tmp_path / "c.yaml").write_text(text)
+    return tmp_path
+
+
+def loaded(folder, content):
+    (folder / "sizes.csv").write_text(content)
+    return load_campaign(folder / "c.yaml")
+
+
+def test_a_file_of_sizes_is_read_with_its_unit_beside_the_campaign(folder):
+    for content in ("diameter (um)\n40\n60\n80\n", "# sieved\n\ndiameter (mm),\n0.04\n0.06\n0.08"):
+        found = loaded(folder, content)
+        assert found.scene.sizes.diameters == pytest.approx((40e-6, 60e-6, 80e-6), rel=1e-15)
+        assert found.scene.diameter == pytest.approx(60e-6, rel=1e-15)
+
+
+@pytest.mark.parametrize("content", ["2\n3\n4\n", "diameter\n2\n3\n4\n"])
+def test_a_file_without_unit_is_of_relative_sizes(folder, content):
+    text = (folder / "c.yaml").read_text().replace("  sizes", "  half_width: 1 cm\n  sizes")
+    (folder / "c.yaml").write_text(text)
+    found = loaded(folder, content)
+    assert found.scene.diameter is None
+    assert found.scene.size_law.ratios == pytest.approx([2 / 3, 1, 4 / 3], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("diameter (um)\n", "which has 0 diameters; allowed: 1 to 10,000"),
+        ("diameter (um)\n40\n-1\n", "whose diameter 2 is '-1'; must be one number greater than 0"),
+        ("diameter (um)\n40, 50\n", "whose diameter 1 is '40, 50'; must be one number"),
+        ("diameter (um)\nnan\n", "whose diameter 1 is 'nan'; must be one number"),
+        ("mass (kg)\n40\n", "whose first line is 'mass (kg)'; must be a heading like 'diameter"),
+        ("diameter (kg)\n40\n", "whose heading is 'diameter (kg)': wrong unit: 'kg' is mass"),
+        ("diameter (um)\n1\n101\n", "the largest must be at most 100 times the smallest"),
+    ],
+)
+def test_a_mistake_in_a_file_of_sizes_is_said(folder, content, said):
+    with pytest.raises(CampaignError) as caught:
+        loaded(folder, content)
+    assert said in str(caught.value)
+    assert "c.yaml:5: scene.sizes.file: is " in str(caught.value)
+
+
+def test_a_lacking_file_of_sizes_is_said(folder):
+    with pytest.raises(
+        CampaignError, match=r"is 'sizes\.csv', but .* cannot be read: No such file"
+    ):
+        load_campaign(folder / "c.yaml")
+
+
+def test_what_is_read_of_a_file_cannot_be_given(folder):
+    text = (folder / "c.yaml").read_text().replace("sizes.csv", "sizes.csv, diameters: [1]")
+    (folder / "c.yaml").write_text(text)
+    with pytest.raises(CampaignError, match="unknown key 'diameters'"):
+        loaded(folder, "1\n")
+
+
+def test_the_content_of_a_file_of_sizes_is_in_the_identity_and_comes_back(folder):
+    first = loaded(folder, "diameter (um)\n40\n80\n")
+    assert first.identity()["scene.sizes.diameters"] == "4e-05 8e-05"
+    stored = json.loads(json.dumps(first.identity()))
+    (folder / "sizes.csv").write_text("diameter (um)\n40\n81\n")
+    assert load_campaign(folder / "c.yaml").sha256() != first.sha256()
+    back = recorded_campaign(first.text, "c.h5", stored)
+    assert back.identity() == stored
+    assert back.scene.size_law.ratios.tolist() == first.scene.size_law.ratios.tolist()
+    (folder / "other.csv").write_text("diameter (mm)\n0.04\n0.08\n")
+    text = first.text.replace("sizes.csv", "other.csv")
+    (folder / "c.yaml").write_text(text)
+    assert load_campaign(folder / "c.yaml").sha256() == first.sha256()
+
+
+def test_growth_is_possible_up_to_one_grain_of_all():
+    wide = "  sizes: {law: lognormal, spread: 2}"
+    low = ("  size_ratio", "  volume_fraction: 0.1")
+    target = ("objective", "objective: {law: growth_target, ratio: 6}")
+    assert with_sizes(wide, "  half_width: 0.01", low, target).objective.ratio == 6
+    with pytest.raises(CampaignError, match=r"100 grains in one give 4\.642"):
+        Campaign.from_text(edited(target))
+    most = ("objective", "objective: maximum_growth")
+    objective = with_sizes(wide, "  half_width: 0.01", low, most)
+    grains = objective.scene.equivalent_grains
+    built = objective.objective.build(grains)
+    assert built.deviation(np.cbrt(grains)) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_check_says_what_the_sizes_are():
+    text = with_sizes(LOGNORMAL, "", FRACTION).describe()
+    assert "sizes: lognormal, median 50 µm, geometric standard deviation 1.3" in text
+    assert "grains: mean diameter 51.8 µm; the box follows from it" in text
+    assert "by Enskog's theory of mixtures, were all elastic" in text
+    assert "number of grains" not in text.partition("not known of a particle")[2]

@@ -1,0 +1,62 @@
+"""Campaigns whose grains have sizes from a file: run, resumed, verified, replayed, reported."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from campaign_runs import SMALL, assert_sound, finish, invert, write_campaign
+from click.testing import CliRunner
+
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.cli import main
+from agglom_mpi.config.loading import load_campaign
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return a folder with a campaign of listed sizes, and its file without the list."""
+    folder = tmp_path_factory.mktemp("sizes")
+    path = write_campaign(folder / "sizes.yaml", **SMALL, final="{strings: 2, samples: 4}")
+    line = "half_width: 1 cm"
+    text = path.read_text()
+    assert text.count(line) == 1
+    path.write_text(text.replace(line, f"{line}\n  sizes: {{file: list.csv}}"))
+    (folder / "list.csv").write_text("\n".join(map(str, np.linspace(1.0, 2.0, 50))))
+    finish(folder, "sizes.yaml", "-q")
+    campaign = load_campaign(path)
+    (folder / "list.csv").write_text("1\n2\n")
+    return folder, campaign
+
+
+def test_a_file_does_not_need_the_list_any_more(run, tmp_path):
+    folder, campaign = run
+    path = folder / "sizes.h5"
+    assert_sound(path)
+    file = open_campaign(path)
+    row = file.samples.iloc[-1]
+    words = ["simulate", str(path), "--string", str(row["string"]), "--sample", str(row["sample"])]
+    assert "identical to the recorded sample" in CliRunner().invoke(main, words).stdout
+    done = CliRunner().invoke(main, ["report", str(path), "--out", str(tmp_path / "report")])
+    assert done.exit_code == 0, done.output
+    assert "sizes: drawn from the 50 rows of list.csv" in (
+        (tmp_path / "report/report.html").read_text()
+    )
+    with h5py.File(path) as stored:
+        assert json.loads(stored.attrs["identity"]) == campaign.identity()
+
+
+def test_other_sizes_are_another_campaign(run):
+    folder, _ = run
+    done = invert(folder, "sizes.yaml")
+    assert done.returncode == 2
+    assert "belongs to another campaign" in done.stderr
+    assert "scene.sizes.diameters: 1.0 1.0204081632653061" in done.stderr
+    assert " ... " in done.stderr
+    assert "2.0 in the file, 1.0 2.0 now" in done.stderr
+
+
+def test_all_grains_are_in_the_particles_that_are_left(run):
+    _, campaign = run
+    final = campaign.simulate({}).final
+    assert final.grains.sum() == campaign.scene.particles

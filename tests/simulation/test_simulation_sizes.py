@@ -1,0 +1,187 @@
+"""Samples of grains of different sizes: placement, engines, boxes, frames; mixtures."""
+
+import math
+from pathlib import Path
+
+import kinetic_theory as theory
+import numpy as np
+import pytest
+from event_runs import bouncing, recorded
+from plain_python import cases
+from scenes import HALF, ball_mass, state
+
+from agglom_mpi import Box
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.outcome import REASONS
+from agglom_mpi.physics.kinetic_theory import mixture_rates
+from agglom_mpi.physics.sizes import ListedSizes, LognormalSizes, draw_radii
+from agglom_mpi.simulation.initial_state import Sizes, scatter
+from agglom_mpi.simulation.sample import simulate_scene
+
+QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
+ENGINES = {"event": "event", "fixed": "fixed:100", "adaptive": "adaptive"}
+
+
+def quickstart(sizes=None, particles=60):
+    """The quickstart campaign with other grains."""
+    line = f"half_width: 1 cm\n  sizes: {sizes}" if sizes else "half_width: 1 cm"
+    text = QUICKSTART.replace("particles: 100", f"particles: {particles}")
+    text = text.replace("half_width: 1 cm", line)
+    return Campaign.from_text(text.replace("size_ratio: [0.4, 0.8]", "size_ratio: [0.4, 0.7]"))
+
+
+LOGNORMAL = quickstart("{law: lognormal, spread: 1.4}")
+
+
+@pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
+def test_grains_of_one_size_are_equal_grains_to_the_bit(engine):
+    campaign = quickstart()
+    chosen = campaign.engine(ENGINES[engine])
+    scene = campaign.scene.build(campaign.parameters(), chosen)
+    one = scene._replace(sizes=ListedSizes(np.ones(3)))
+    records = [simulate_scene(s, np.random.default_rng(5))[0] for s in (scene, one)]
+    assert records[0].tobytes() == records[1].tobytes()
+    assert records[0]["merges"] > 10
+
+
+@pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
+def test_no_grain_and_no_mass_is_lost(engine):
+    outcome = LOGNORMAL.simulate({}, 2, ENGINES[engine], frames=[0.0])
+    first, final = outcome.frames, outcome.final
+    assert outcome.merges > 10
+    assert final.grains.sum() == 60
+    assert final.masses.sum() == pytest.approx(first.masses[0].sum(), rel=1e-12)
+    assert abs(outcome.ledger["energy_error"]) < 1e-9
+    radius = LOGNORMAL.scene.build(LOGNORMAL.parameters()).radius
+    assert outcome.radii == pytest.approx(final.radii / radius, rel=1e-15)
+    volumes = first.radii[0] ** 3
+    assert first.masses[0] == pytest.approx(volumes * (first.masses[0, 0] / volumes[0]), rel=1e-12)
+
+
+def test_grains_are_placed_apart_the_largest_first():
+    frames = LOGNORMAL.simulate({}, 0, frames=[0.0]).frames
+    radii, places = frames.radii[0], frames.positions[0]
+    assert np.all(np.diff(radii) <= 0.0)
+    assert radii[0] > 1.5 * radii[-1]
+    away = places[:, None] - places
+    away -= 0.02 * np.rint(away / 0.02)
+    gaps = np.linalg.norm(away, axis=2) - np.add.outer(radii, radii)
+    assert gaps[np.triu_indices(60, 1)].min() > 0.0
+    assert frames.grains[0].tolist() == [1] * 60
+
+
+def test_each_sample_draws_its_own_sizes_and_again_the_same():
+    first, again, other = (
+        LOGNORMAL.simulate({}, sample, frames=[0.0]).frames.radii[0] for sample in (0, 0, 1)
+    )
+    assert first.tobytes() == again.tobytes()
+    assert np.all(first != other)
+
+
+def test_the_mean_radius_at_the_start_is_that_of_the_law():
+    campaign = quickstart("{law: lognormal, spread: 1.4}", particles=4000)
+    scene = campaign.scene.build(campaign.parameters())
+    radii = scene.radius * draw_radii(scene.sizes, np.random.default_rng(1), 4000)
+    error = radii.std() / math.sqrt(4000)
+    assert radii.mean() == pytest.approx(scene.radius, abs=4.0 * error)
+
+
+@pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
+def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
+    outcome = LOGNORMAL.simulate({}, 3, ENGINES[engine])
+    box = Box(LOGNORMAL, sample=3, engine=ENGINES[engine])
+    box.advance(float(outcome.record["end_time"]))
+    assert box.particles.radii.tobytes() == outcome.final.radii.tobytes()
+    assert box.particles.grains.tolist() == outcome.final.grains.tolist()
+
+
+def test_aggregates_of_different_grains_break_into_no_more_pieces_than_they_have_grains():
+    text = (Path(__file__).parents[2] / "jobs/extremes/always_breaking.yaml").read_text()
+    line = next(line for line in text.splitlines() if line.strip().startswith("half_width"))
+    text = text.replace(line, f"{line}\n  sizes: {{law: uniform, ratio: 3}}")
+    campaign = Campaign.from_text(text)
+    outcome = campaign.simulate({})
+    assert outcome.breakups > 0
+    assert outcome.final.grains.sum() == campaign.scene.particles
+    assert outcome.final.grains.min() >= 1
+
+
+@pytest.mark.parametrize("spread", [1.2, 1.6])
+def test_grains_find_their_places_up_to_the_fraction_that_is_allowed(spread):
+    campaign = quickstart(f"{{law: lognormal, spread: {spread}}}", particles=300)
+    string = campaign.parameters({"volume_fraction": 0.38})
+    scene = campaign.scene.build(string)
+    radii = scene.radius * draw_radii(scene.sizes, np.random.default_rng(1), 300)
+    places = np.empty((3, 300))
+    laws, sizes = (scene.escape, scene.velocities), Sizes(radii, float(radii[0]))
+    assert scatter(*laws, np.random.default_rng(1), sizes, scene.half_width, places, None)
+
+
+def test_a_grain_larger_than_the_box_finds_no_place():
+    scene = quickstart().scene.build(quickstart().parameters())
+    wide = scene._replace(sizes=LognormalSizes(2.5))
+    record, _ = simulate_scene(wide, np.random.default_rng(1))
+    assert REASONS[record["reason"]] == "placement: no free place was found for every sphere"
+
+
+MIXTURES = {  # volume fraction: large over small diameter, share of large ones
+    0.05: (3.0, 0.1),
+    0.2: (2.0, 0.3),
+}
+NUMBER, RUNS, COLLISIONS = 1000, 8, 200_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fraction", MIXTURES)
+def test_a_mixture_in_equilibrium_collides_at_the_rates_of_kinetic_theory(fraction):
+    """Elastic spheres of two sizes from a list, as a file gives them; contact values of BMCSL.
+
+    The rate of all is within 1 %, and so is that of each kind of pair, or it is within four
+    standard errors of the runs: of large spheres with each other there are few.
+    """
+    ratio, share = MIXTURES[fraction]
+    large = round(10 * share)
+    ratios = np.array([1.0] * (10 - large) + [ratio] * large)
+    law = ListedSizes(ratios / ratios.mean())
+    found = np.array([measured_over_expected(law, fraction, seed) for seed in range(RUNS)])
+    mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / math.sqrt(RUNS)
+    assert abs(mean[3] - 1.0) < 0.01
+    assert error[3] < 0.0025
+    assert np.all(np.abs(mean - 1.0) < np.maximum(0.01, 4.0 * error))
+
+
+def measured_over_expected(law, fraction, seed):
+    """Collision rates of small with small, of both, of large with large, and of all."""
+    scene, particles = mixture(law, fraction, seed)
+    radii = particles.radius[:NUMBER].copy()
+    is_large = radii > radii.mean()
+    # Fifty collisions per sphere, since random sequential places are not those of a gas.
+    recorded(scene, particles, 50 * NUMBER // 2)
+    run = recorded(scene, particles, COLLISIONS)
+    counts = np.bincount(is_large[run.pairs].sum(axis=1), minlength=3)
+    assert counts.sum() == COLLISIONS
+    diameters = 2.0 * np.array([radii.min(), radii.max()])
+    numbers = np.array([np.sum(~is_large), np.sum(is_large)])
+    masses = np.array([ball_mass(0.5 * diameter) for diameter in diameters])
+    single = mixture_rates(numbers / (2.0 * HALF) ** 3, diameters, masses, 1.0)
+    rates = numbers[:, None] * single
+    # A sphere has one partner fewer of its own kind than there are.
+    own = 1.0 - 1.0 / numbers
+    expected = np.array([0.5 * rates[0, 0] * own[0], rates[0, 1], 0.5 * rates[1, 1] * own[1]])
+    measured = counts / run.time
+    return [*(measured / expected), measured.sum() / expected.sum()]
+
+
+def mixture(law, fraction, seed):
+    """A scene of spheres by a law, at random places, Maxwellian at the temperature 1 J."""
+    random = np.random.default_rng(seed)
+    ratios = draw_radii(law, random, NUMBER)
+    filled = 6.0 * fraction / (np.pi * np.mean(ratios**3))
+    radius = filled ** (1.0 / 3.0) * HALF / NUMBER ** (1.0 / 3.0)
+    scene = bouncing(1.0, budget=10**7, particles=NUMBER, size_ratio=0.5, end_time=1e9)
+    radii, places = radius * ratios, np.empty((3, NUMBER))
+    sizes = Sizes(radii, float(radii[0]))
+    assert scatter(scene.escape, scene.velocities, random, sizes, HALF, places, None)
+    velocities = theory.maxwellian(ball_mass(radius) * ratios**3, 1.0, random)
+    scene = scene._replace(radius=radius, mass=ball_mass(radius))
+    return scene, state(scene, places.T, velocities, radii)
