@@ -233,6 +233,8 @@ def run(name, samples, seeds, jobs=1):
             print(
                 f"  P {probability[some].mean():.3f}  share {inside[some].mean():.3f}  {some.sum()}"
             )
+    if posteriors is not None:
+        posteriors.show()
 
 
 class Posteriors:
