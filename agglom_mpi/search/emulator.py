@@ -62,7 +62,7 @@ class NoisyMeans(NamedTuple):
     samples
         Number of samples of each, shape (n,).
     squares
-        Sum of the squared deviations of the samples from their mean, shape (n,).
+        Sum of the squared deviations of the samples from their mean, shape (n,); nan if unknown.
     """
 
     points: Floats
@@ -262,7 +262,7 @@ def _observed_logarithms(process: Process, data: NoisyMeans) -> tuple[Floats, Fl
     least = LEAST_NOISE * float(np.average(own, weights=data.samples))
     logarithms = np.log(np.maximum(own * share, least)) - float(digamma(0.5) + np.log(2.0))
     spread = np.full(len(own), NOISE_OF_ONE)
-    several = data.samples > 1
+    several = (data.samples > 1) & np.isfinite(data.squares)
     freedom = data.samples[several] - 1.0
     variance = np.maximum(data.squares[several] / freedom, least)
     within = np.log(variance) - digamma(0.5 * freedom) + np.log(0.5 * freedom)
