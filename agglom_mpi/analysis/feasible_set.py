@@ -238,6 +238,13 @@ class FeasibleSet:
         known: Prior = self._kept["prior", count]
         return known
 
+    def prior_near(self, count: int, value: float, reach: float) -> "Prior":
+        """Return those of `count` points whose emulated mean is within reach of a value."""
+        strings = self.even_strings(count)
+        mean = self.emulator.mean_only(self._coordinates(strings))[:, 0]
+        strings = strings[np.abs(mean - value) <= reach]
+        return Prior(strings, *self.moments_of(strings), self.failing_of(strings))
+
     def moments_of(self, strings: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the one number that is compared, each (n,)."""
         points = self._coordinates(strings)

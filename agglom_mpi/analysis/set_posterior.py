@@ -24,6 +24,8 @@ SUFFICIENT: Final = 1000.0
 """Effective size from which no more points are taken."""
 TOO_SMALL: Final = 200.0
 """Effective size below which a chain is run, and there is a warning without one."""
+OUT_OF_REACH: Final = 6.0
+"""Standard deviations from the measured mean beyond which a string has no weight."""
 FARTHEST: Final = 4.0
 """Standard deviations between the measured mean and that of the nearest string at most."""
 CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -146,16 +148,18 @@ def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
             f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
             "measured number that is compared alone"
         )
-    _check_possible(of.prior(POINTS), measured, error)
-    count = POINTS
+    prior, count = of.prior(POINTS), POINTS
+    _check_possible(prior, measured, error)
+    # Where the mean is further away than this, weights are nothing to those elsewhere.
+    reach = OUT_OF_REACH * math.hypot(error, float(prior.deviation.max()))
     while True:
-        prior = of.prior(count)
         strings, logarithms = prior.strings, _log_weights(prior, measured, error)
         weights = np.exp(logarithms - logarithms.max())
         size = effective_size(weights)
         if size >= SUFFICIENT or count >= MOST_POINTS:
             break
         count *= 2 if size > 0.5 * SUFFICIENT else 4
+        prior = of.prior_near(count, measured, reach)
     if size < TOO_SMALL:
         chain = _chain(of, strings, weights, measured, error)
         if chain is not None:
