@@ -152,7 +152,7 @@ def begin(scene, state, events):
         else min(max_cells(count), int(FITTING_SHARE * 2.0 * half / edge))
     )
     reset_cells(events.cells, per_axis)
-    choose_range(events.cells, scene.radius, half)
+    choose_range(scene, events.cells, scene.radius)
     for i in range(count):
         trajectory = events.flights.trajectory[i]
         trajectory["x"], trajectory["y"], trajectory["z"] = state.position[:, i]

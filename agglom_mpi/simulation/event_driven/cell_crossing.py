@@ -33,8 +33,7 @@ def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, fa
 def schedule_crossing(scene, cells, flights, i):
     """Find when particle i leaves its cell or, if oversize, its range or a box with real faces.
 
-    Without cells there is no range: in a periodic box the prediction says when to predict
-    again.
+    Without a range the prediction says when to predict again.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     half = scene.half_width
@@ -56,8 +55,8 @@ def schedule_crossing(scene, cells, flights, i):
         earlier_crossing(trajectory, next_event, x, u, -half, half, 0)
         earlier_crossing(trajectory, next_event, y, v, -half, half, 2)
         earlier_crossing(trajectory, next_event, z, w, -half, half, 4)
-    if cells.shape[PER_AXIS] > 0:
-        reach = cells.range[0]
+    reach = cells.range[0]
+    if reach < np.inf:
         earlier_crossing(trajectory, next_event, x, u, x - reach, x + reach, RANGE)
         earlier_crossing(trajectory, next_event, y, v, y - reach, y + reach, RANGE)
         earlier_crossing(trajectory, next_event, z, w, z - reach, z + reach, RANGE)

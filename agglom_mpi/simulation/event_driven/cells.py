@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined, not_inlined
-from agglom_mpi.simulation.boundary import cell_of
+from agglom_mpi.simulation.boundary import cell_of, is_periodic
 
 MAX_OVERSIZE: Final = 128
 """Oversize particles beside which cells are considered; more are rarely the cheapest choice."""
@@ -50,8 +50,8 @@ class Cells(NamedTuple):
     largest
         Largest radius of an oversize particle in m, shape (1,).
     range
-        Distance in m along an axis that an oversize particle moves between two predictions,
-        shape (1,).
+        Distance in m along an axis that an oversize particle moves between two predictions, inf
+        without a limit, shape (1,).
     limit
         Cost of a prediction above which other cells are considered, and number of particles below
         which they are, shape (2,).
@@ -306,13 +306,19 @@ def best_cells(scene, particles, cells, count):
 
 
 @inlined
-def choose_range(cells, largest, half_width):
-    """Choose how far oversize particles move before they are compared with the cells around again.
+def choose_range(scene, cells, largest):
+    """Choose how far oversize particles move before they are compared with all in reach again.
 
     At most by a cell; and, with the `largest` radius in m, so little that the nearest image stays
-    the only one in reach, where an eighth of D is enough for that.
+    the only one in reach, where an eighth of D is enough for that. Without cells only images need
+    a range; where it would not do, there is none.
     """
+    half = scene.half_width
     if cells.shape[PER_AXIS] > 0:
-        spare = 0.5 * (half_width - 2.0 * MERGE_GROWTH * largest)
-        edge = 2.0 * half_width / cells.shape[PER_AXIS]
-        cells.range[0] = min(edge, max(0.125 * half_width, min(0.25 * half_width, spare)))
+        spare = 0.5 * (half - 2.0 * MERGE_GROWTH * largest)
+        edge = 2.0 * half / cells.shape[PER_AXIS]
+        cells.range[0] = min(edge, max(0.125 * half, min(0.25 * half, spare)))
+    elif is_periodic(scene.escape) and 2.0 * MERGE_GROWTH * largest <= 0.5 * half:
+        cells.range[0] = 0.25 * half
+    else:
+        cells.range[0] = np.inf

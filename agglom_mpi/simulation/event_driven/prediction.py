@@ -107,17 +107,15 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
 def safe_reach(scene, cells):
     """Sum of two radii in m up to which only nearest images can touch until the next prediction.
 
-    Without cells none is safe: nothing predicts again before an image makes it. Without oversize
-    particles all are, as with faces that contacts do not cross.
-
     One moves by its range, the other by its range or a cell at most; the next image is at least D
-    away along an axis.
+    away along an axis. Without a range none is safe. Without oversize particles all are, as with
+    faces that contacts do not cross.
     """
     if not is_periodic(scene.escape) or cells.shape[OVERSIZE] == 0:
         return np.inf
     per_axis = cells.shape[PER_AXIS]
     if per_axis == 0:
-        return -np.inf
+        return scene.half_width - 2.0 * cells.range[0]
     return scene.half_width - 2.0 * scene.half_width / per_axis - cells.range[0]
 
 

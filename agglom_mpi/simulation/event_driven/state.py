@@ -124,7 +124,7 @@ def rebuild(scene, particles, events, now):
     cells.limit[0] = REBUILD_GAIN * (cost + PREDICTION_OVERHEAD)
     cells.limit[1] = max(MAX_ALL_PAIRS + 1, count / REBUILD_FRACTION)
     reset_cells(cells, per_axis)
-    choose_range(cells, largest_radius(particles), scene.half_width)
+    choose_range(scene, cells, largest_radius(particles))
     if count > SORT_ABOVE:
         sort_by_cell(scene, particles, events)
         reset_cells(cells, per_axis)
