@@ -1,7 +1,7 @@
 """The set of strings that are compatible with a campaign's question, and how sure that is."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, Union
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +37,15 @@ INNER, OUTER = 0.95, 0.05
 """Probabilities of the inner and the outer set, at least."""
 UNCERTAIN: Final = 0.002
 """Probability from which, and below one minus which, a string may or may not be a member."""
+
+
+class Prior(NamedTuple):
+    """Even points of the box: strings, (n, 10); mean, deviation, probability of failure, (n,)."""
+
+    strings: Floats
+    mean: Floats
+    deviation: Floats
+    failing: Floats
 
 
 class NoFeasibleSetError(UserError, ValueError):
@@ -82,7 +91,7 @@ class FeasibleSet:
                 f"{data.path}: completed samples of {self.strings} different strings; at least "
                 f"{FEWEST} are needed for a feasible set"
             )
-        self._kept: dict[str, Any] = {}
+        self._kept: dict[Any, Any] = {}
         self.coordinates = coordinates_of(self.campaign)
         numbers = self.criterion.numbers(stored.rows, self.campaign.scene.particles)
         points = self.coordinates.of_strings(stored.strings)
@@ -219,6 +228,22 @@ class FeasibleSet:
         They fill the box, or a part of it in units of the box, (d,).
         """
         return within(self, count, lower, upper)
+
+    def prior(self, count: int) -> "Prior":
+        """Return the allowed ones of `count` even points of the box, with what is known there."""
+        if ("prior", count) not in self._kept:
+            strings = self.even_strings(count)
+            values = (*self.moments_of(strings), self.failing_of(strings))
+            self._kept["prior", count] = Prior(strings, *values)
+        known: Prior = self._kept["prior", count]
+        return known
+
+    def prior_near(self, count: int, value: float, reach: float) -> "Prior":
+        """Return those of `count` points whose emulated mean is within reach of a value."""
+        strings = self.even_strings(count)
+        mean = self.emulator.mean_only(self._coordinates(strings))[:, 0]
+        strings = strings[np.abs(mean - value) <= reach]
+        return Prior(strings, *self.moments_of(strings), self.failing_of(strings))
 
     def moments_of(self, strings: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the one number that is compared, each (n,)."""

@@ -25,6 +25,8 @@ LINES, PLACES = 150, 12
 """Members that are moved along each variable, and places that they are moved to."""
 NEAR: Final = 0.95
 """Cosine from which a direction is near a group, in units of the box."""
+LEAST_PART: Final = 0.1
+"""Part of a variable in a group's direction, in units of the box, from which it counts."""
 EDGE: Final = 0.03
 """Share of a range at its end that is looked at for members."""
 TOUCHES: Final = 0.2
@@ -193,6 +195,8 @@ def nearest_group(vector: Floats, along: Floats, groups: list[Group]) -> tuple[G
     best, cosine = None, 0.0
     for group, direction in zip(groups, along, strict=True):
         size = float(np.linalg.norm(direction))
+        if np.sum(np.abs(direction) > LEAST_PART * size) < 2:
+            continue  # over the box it is as good as one variable alone
         found = float(vector @ direction) / size if size > 0.0 else 0.0
         if abs(found) > abs(cosine):
             best, cosine = group, found

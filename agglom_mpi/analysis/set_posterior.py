@@ -12,7 +12,7 @@ from agglom_mpi.errors import UserError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.analysis.feasible_set import FeasibleSet, Prior
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +24,8 @@ SUFFICIENT: Final = 1000.0
 """Effective size from which no more points are taken."""
 TOO_SMALL: Final = 200.0
 """Effective size below which a chain is run, and there is a warning without one."""
+OUT_OF_REACH: Final = 6.0
+"""Standard deviations from the measured mean beyond which a string has no weight."""
 FARTHEST: Final = 4.0
 """Standard deviations between the measured mean and that of the nearest string at most."""
 CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -146,16 +148,18 @@ def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
             f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
             "measured number that is compared alone"
         )
-    _check_possible(of, of.even_strings(POINTS), measured, error)
-    count = POINTS
+    prior, count = of.prior(POINTS), POINTS
+    _check_possible(prior, measured, error)
+    # Where the mean is further away than this, weights are nothing to those elsewhere.
+    reach = OUT_OF_REACH * math.hypot(error, float(prior.deviation.max()))
     while True:
-        strings = of.even_strings(count)
-        logarithms = _log_weights(of, strings, measured, error)
+        strings, logarithms = prior.strings, _log_weights(prior, measured, error)
         weights = np.exp(logarithms - logarithms.max())
         size = effective_size(weights)
         if size >= SUFFICIENT or count >= MOST_POINTS:
             break
         count *= 2 if size > 0.5 * SUFFICIENT else 4
+        prior = of.prior_near(count, measured, reach)
     if size < TOO_SMALL:
         chain = _chain(of, strings, weights, measured, error)
         if chain is not None:
@@ -171,10 +175,10 @@ def effective_size(weights: Floats) -> float:
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _check_possible(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> None:
+def _check_possible(prior: "Prior", measured: float, error: float) -> None:
     """Raise a PosteriorError if the measured mean is that of no string."""
-    mean, deviation = of.moments_of(strings)
-    away = np.abs(measured - mean) / np.hypot(error, deviation)
+    mean = prior.mean
+    away = np.abs(measured - mean) / np.hypot(error, prior.deviation)
     if away.min(initial=np.inf) > FARTHEST:
         raise PosteriorError(
             f"measured is {measured:g} ± {error:g}, which no string of the box can give: by the "
@@ -182,10 +186,10 @@ def _check_possible(of: "FeasibleSet", strings: Floats, measured: float, error: 
         )
 
 
-def _log_weights(of: "FeasibleSet", strings: Floats, measured: float, error: float) -> Floats:
-    mean, deviation = of.moments_of(strings)
-    variance = error**2 + deviation**2
-    alive = 1.0 - of.failing_of(strings)
+def _log_weights(at: "Prior", measured: float, error: float) -> Floats:
+    """Return the logarithms of the densities of a measured mean, (n,), but for a constant."""
+    mean, variance = at.mean, error**2 + at.deviation**2
+    alive = 1.0 - at.failing
     with np.errstate(divide="ignore"):
         return np.asarray(
             np.log(alive) - 0.5 * (measured - mean) ** 2 / variance - 0.5 * np.log(variance)
@@ -200,6 +204,8 @@ def _chain(
         import emcee
     except ImportError:
         return None
+    from agglom_mpi.analysis.feasible_set import Prior
+
     space, d = of.campaign.variables.space(), len(of.coordinates.names)
     walkers, steps = max(32, 4 * d), 600
 
@@ -207,7 +213,8 @@ def _chain(
         inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
         found = np.full(len(points), -np.inf)
         chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
-        values = _log_weights(of, chosen, measured, error)
+        known = Prior(chosen, *of.moments_of(chosen), of.failing_of(chosen))
+        values = _log_weights(known, measured, error)
         found[inside] = np.where(of.campaign.allowed_strings(chosen), values, -np.inf)
         return found
 

@@ -175,7 +175,8 @@ def _stored(campaign: "Campaign") -> list[str]:
 def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.max_strings
-    fewest = strings if stopping.target is None else search.first_generation
+    sooner = stopping.target is not None or stopping.expected_error is not None
+    fewest = search.first_generation if sooner else strings
     lines = [*search.summary(), f"ensemble: {ensemble.summary}"]
     if ensemble.common_configurations:
         lines.append("configurations: sample k of all strings starts from the same random numbers")
@@ -187,8 +188,10 @@ def _search(campaign: "Campaign") -> list[str]:
     if stopping.target is not None:
         top, objective = stopping.target.top, stopping.target.objective
         lines.append(f"target: mean objective of the best {top} at most {objective:g}")
+    if stopping.expected_error is not None:
+        lines.append(f"target: expected error of the set at most {stopping.expected_error:g}")
     lines += [
-        f"generations: {_between(1 if stopping.target else None, stopping.generations)}",
+        f"generations: {_between(1 if sooner else None, stopping.generations)}",
         f"strings: {_between(fewest, strings)}",
         f"samples: {_between(fewest * ensemble.min_samples, strings * ensemble.max_samples)}, "
         f"{_between(ensemble.min_samples, ensemble.max_samples)} per string",

@@ -152,6 +152,25 @@ class CampaignDocument(SceneDocument):
             raise_field_errors(check_given_strings(search.start, ranges, by_fraction))
         return search
 
+    @field_validator("search")
+    @classmethod
+    def _set_has_a_target(cls, search: Search, info: ValidationInfo) -> Search:
+        objective = info.data.get("objective")
+        wanted = getattr(search, "aim", "best") == "set"
+        if wanted and objective is not None and not isinstance(objective, GrowthTarget):
+            message = f"is 'set', which needs objective growth_target; it is {objective.law}"
+            raise FieldError((("aim",), message))
+        return search
+
+    @field_validator("stopping")
+    @classmethod
+    def _error_is_of_a_set(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
+        wanted = "search" in info.data and stopping.expected_error is not None
+        if wanted and getattr(info.data["search"], "aim", "best") != "set":
+            message = "is that of a set; needs search {method: surrogate, aim: set}"
+            raise FieldError((("expected_error",), message))
+        return stopping
+
     @field_validator("ensemble")
     @classmethod
     def _races_are_for_parents(cls, ensemble: Ensemble, info: ValidationInfo) -> Ensemble:

@@ -155,6 +155,7 @@ class Stopping(Section):
 
     generations: Annotated[WholeNumber, Field(ge=1, le=10**6, description="the most generations")]
     target: Annotated[Target | None, NONE] = None
+    expected_error: Annotated[Annotated[Number, Field(gt=0, lt=1)] | None, NONE] = None
     max_failures: Annotated[WholeNumber, Field(ge=1)] = 100
     max_seconds: Annotated[Annotated[Time, Field(gt=0)] | None, NONE] = None
 

@@ -53,11 +53,14 @@ def objective(campaign: "Campaign") -> dict[str, object]:
 
 
 def _required_plan(plan: "Plan") -> dict[str, object]:
-    target = plan.stopping.target
+    target, error = plan.stopping.target, plan.stopping.expected_error
+    ends: dict[str, object] = {"target": target.entries() if target else None}
+    if error is not None:
+        ends["expected_error"] = error
     return {
         "search": plan.search.entries(),
         "ensemble": plan.ensemble.entries(),
-        "stopping": {"target": target.entries() if target else None},
+        "stopping": ends,
     }
 
 

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.config.search import SearchInputs
 from agglom_mpi.search.decisions import Target
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import Proposals
+from agglom_mpi.search.proposals import Proposals, SearchMethod
 
 Restore = Callable[[Proposals, int], Proposals]
 """Function of proposals and the number of their first string that returns stored ones."""
@@ -46,7 +47,9 @@ def inversion_of(
         given,
         magnitude=campaign.objective.law == "growth_target",
         background=background,
+        coordinates=coordinates_of(campaign).of_strings,
     )
+    search, error = campaign.search.build(inputs), stopping.expected_error
 
     def signed(result: EnsembleResult) -> float:
         """Return the signed mean whose magnitude is a string's objective."""
@@ -55,7 +58,7 @@ def inversion_of(
         return result.objective
 
     return Inversion(
-        campaign.search.build(inputs),
+        search,
         lambda: Ensemble(rule, objective, particles, ensemble.min_samples, ensemble.max_samples),
         stopping.generations,
         target=None if target is None else Target(target.top, target.objective),
@@ -63,4 +66,12 @@ def inversion_of(
         signed=signed,
         racing=None if race is None else race.build(campaign.search.kept),
         more_samples=campaign.more_samples or 1,
+        enough=None if error is None else lambda: _set_error(search) <= error,
     )
+
+
+def _set_error(search: SearchMethod) -> float:
+    from agglom_mpi.search.surrogate import SurrogateSearch
+
+    assert isinstance(search, SurrogateSearch)  # the campaign file says so
+    return search.set_error()

@@ -1,6 +1,6 @@
 """The `search` section: how strings are proposed."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -77,6 +77,8 @@ class SearchInputs(NamedTuple):
         Whether the objective is the magnitude of a signed mean; a model then fits the signed mean.
     background
         Whether long computations may run in a thread.
+    coordinates
+        Returns the coordinates in which strings, (n, 10), are emulated.
     """
 
     space: SearchSpace
@@ -84,6 +86,7 @@ class SearchInputs(NamedTuple):
     given: NDArray[np.float64] = NO_STRINGS
     magnitude: bool = False
     background: bool = False
+    coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
 
 
 class SearchSection(Section):
@@ -190,7 +193,7 @@ class Genetic(_PopulationSearch):
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
         """Return the search method before its first generation."""
-        space, seed, given, _, _ = inputs
+        space, seed, given, *_ = inputs
         rescale = None if self.rescale is None else (self.rescale.every, self.rescale.factor)
         again = self.more_samples is not None
         return GeneticSearch(
@@ -227,6 +230,10 @@ class Genetic(_PopulationSearch):
         return self
 
 
+SET_TOLERANCE = 0.05
+"""Tolerance of the set that a search looks for unless it says otherwise, as of its report."""
+
+
 class Surrogate(SearchSection):
     """A Gaussian process through all samples so far, batches by Thompson sampling."""
 
@@ -235,6 +242,8 @@ class Surrogate(SearchSection):
     method: Literal["surrogate"]
     initial: Annotated[WholeNumber, Field(ge=8, le=10**4)] = 48
     batch: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 24
+    aim: Annotated[Literal["best", "set"], LATER] = "best"
+    tolerance: Annotated[Annotated[Number, Field(gt=0, lt=1)] | None, LATER] = None
 
     @property
     def population(self) -> int:
@@ -256,14 +265,34 @@ class Surrogate(SearchSection):
         """Return the search method before its first generation."""
         from agglom_mpi.search.surrogate import SurrogateSearch
 
-        space, seed, given, magnitude, background = inputs
-        return SurrogateSearch(space, seed, self.initial, self.batch, given, magnitude, background)
+        space, seed, given, magnitude, background, coordinates = inputs
+        aim = None
+        if self.aim == "set":
+            from agglom_mpi.search.set_aim import SetAim
+
+            aim = SetAim(self.tolerance or SET_TOLERANCE, coordinates)
+        return SurrogateSearch(
+            space, seed, self.initial, self.batch, given, magnitude, background, aim
+        )
+
+    @model_validator(mode="after")
+    def _tolerance_is_of_a_set(self) -> Self:
+        if self.tolerance is not None and self.aim != "set":
+            raise FieldError((("tolerance",), "is that of a set; give aim: set, or leave it out"))
+        return self
 
     def _summary(self) -> list[str]:
         return [
             f"Gaussian process through all samples, {self.initial} Sobol points first, then "
-            f"batches of {self.batch} by Thompson sampling"
+            f"batches of {self.batch} {self._batches}"
         ]
+
+    @property
+    def _batches(self) -> str:
+        if self.aim == "best":
+            return "by Thompson sampling"
+        tolerance = self.tolerance or SET_TOLERANCE
+        return f"where it is unsure which strings are within {tolerance:g} of the target"
 
 
 class Cmaes(_PopulationSearch):
@@ -278,7 +307,7 @@ class Cmaes(_PopulationSearch):
         """Return the search method before its first generation."""
         from agglom_mpi.search.cmaes_search import CmaesSearch
 
-        space, seed, given, _, _ = inputs
+        space, seed, given, *_ = inputs
         return CmaesSearch(space, seed, self.population, self.sigma, given)
 
     def _summary(self) -> list[str]:
@@ -293,7 +322,7 @@ class Baseline(_PopulationSearch):
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
         """Return the search method before its first generation."""
-        space, seed, given, _, _ = inputs
+        space, seed, given, *_ = inputs
         search = RandomSearch if self.method == "random" else SobolSearch
         return search(space, seed, self.population, given)
 

@@ -11,7 +11,7 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.config.scene import Engine
-from agglom_mpi.search.decisions import TARGET_REACHED
+from agglom_mpi.search.decisions import SET_KNOWN, TARGET_REACHED
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.schema import INVERSION
 
@@ -219,7 +219,7 @@ class InversionExperiment(Experiment):
     def stage(self, inversion: Inversion) -> Stage:
         """Count the generations."""
         stopping = self.campaign.stopping
-        sooner = stopping.target is not None
+        sooner = stopping.target is not None or stopping.expected_error is not None
         return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
 
     def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
@@ -251,6 +251,8 @@ class InversionExperiment(Experiment):
         if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:
             top, objective = stopping.target.top, stopping.target.objective
             return f"the mean objective of the best {top} is at most {objective:g}"
+        if inversion.stop_reason == SET_KNOWN:
+            return f"the expected error of the set is at most {stopping.expected_error:g}"
         return f"all {stopping.generations} generations are done"
 
     def _best(self, inversion: Inversion) -> list[int]:

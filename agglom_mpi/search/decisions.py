@@ -9,6 +9,7 @@ from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.proposals import Proposals
 
 TARGET_REACHED: Final = "target"
+SET_KNOWN: Final = "set"
 GENERATIONS_DONE: Final = "generations"
 """Why an inversion has ended."""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.decisions import (
     GENERATIONS_DONE,
+    SET_KNOWN,
     TARGET_REACHED,
     Decision,
     GenerationSummary,
@@ -54,6 +55,9 @@ class Inversion:
         When to drop strings that will not be kept; None never does.
     more_samples
         Number of additional samples of a string that is proposed again.
+    enough
+        Returns after each generation whether the set that is looked for is known well enough; None:
+        none is looked for.
 
     Attributes
     ----------
@@ -62,7 +66,7 @@ class Inversion:
     results
         Results of the evaluated strings, by number.
     stop_reason
-        `TARGET_REACHED` or `GENERATIONS_DONE` once all is decided; None before.
+        `TARGET_REACHED`, `SET_KNOWN` or `GENERATIONS_DONE` once all is decided; None before.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class Inversion:
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
         racing: Race | None = None,
         more_samples: int = 1,
+        enough: Callable[[], bool] | None = None,
     ) -> None:
         self.generation = 0
         self.results: dict[int, EnsembleResult] = {}
@@ -87,6 +92,7 @@ class Inversion:
         self._signed = signed
         self._racing = racing
         self._more_samples = more_samples
+        self._enough = enough
         self._top = search.parents if target is None else target.top
         self._strings: list[NDArray[np.float64]] = []  # of all generations that have begun
         self._strings_ahead: dict[int, NDArray[np.float64]] = {}
@@ -311,6 +317,8 @@ class Inversion:
     def _stop_reason(self, mean_of_top: float) -> str | None:
         if self._target is not None and mean_of_top <= self._target.objective:
             return TARGET_REACHED
+        if self._enough is not None and self._enough():
+            return SET_KNOWN
         return GENERATIONS_DONE if self.generation + 1 >= self._generations else None
 
     def _evaluations(self) -> Evaluations:

@@ -37,6 +37,7 @@ from agglom_mpi.search.space import SearchSpace
 
 if TYPE_CHECKING:
     from agglom_mpi.search.gaussian_process import Covariance, GaussianProcess
+    from agglom_mpi.search.set_aim import SetAim
 
 FITTED: Final = 400
 """Largest number of strings that the covariance is fitted to; all are used once it is known."""
@@ -66,6 +67,8 @@ class SurrogateSearch(EvaluatedStrings):
         Strings that the first generation begins with, shape (n, 10), n at most half of `initial`.
     magnitude
         Whether the objective is the magnitude of what is modelled, the signed mean.
+    aim
+        The set that is looked for, in place of the best string; None: the best.
     background
         Whether to compute proposals in a thread; `known_proposals` then does not wait for it.
     """
@@ -81,6 +84,7 @@ class SurrogateSearch(EvaluatedStrings):
         given: NDArray[np.float64] = NO_STRINGS,
         magnitude: bool = False,
         background: bool = False,
+        aim: "SetAim | None" = None,
     ) -> None:
         self._first = (initial + 1) // 2
         super().__init__(min(batch, self._first))  # the same in all generations
@@ -91,6 +95,9 @@ class SurrogateSearch(EvaluatedStrings):
         self.given = given
         self._sobol = SobolStrings(space, seed)
         self._magnitude = magnitude
+        self._aim = aim
+        self._judged = 0  # strings by which the error of the set was told last
+        self._error = np.inf
         self._thread = ThreadPoolExecutor(1) if background else None
         self._pending: dict[int, Future[Proposals]] = {}
         self._covariances: dict[int, Covariance] = {}
@@ -129,6 +136,17 @@ class SurrogateSearch(EvaluatedStrings):
         """Learn from the results of a generation."""
         super().tell(evaluations)
         self._ranking = None
+
+    def set_error(self) -> float:
+        """Return the expected error of the set that is looked for; see `SetAim.expected_error`.
+
+        It is told again when there are `GROWTH` times as many strings.
+        """
+        if self._aim is not None and len(self) >= GROWTH * self._judged:
+            self._judged = len(self)
+            means = np.where(np.isfinite(self.objectives), self.deviations, np.nan)
+            self._error = self._aim.expected_error(self.parameters, means, self.samples, self.space)
+        return self._error
 
     @single_threaded
     def _rank(self) -> list[Ranked]:
@@ -185,7 +203,12 @@ class SurrogateSearch(EvaluatedStrings):
     def _proposed_by(
         self, model: "GaussianProcess", known: int, count: int, random: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return the point with the best expected objective, then optima of draws, (count, d)."""
+        """Return the point with the best expected objective, then optima of draws, (count, d).
+
+        Where the set is looked for, they are points where membership is unsure.
+        """
+        if self._aim is not None:
+            return self._aim.batch(model, count, random, self.space)
         points = self.space.to_unit(self.parameters[:known])
         mean = model.mean_at_points
         order = np.argsort(abs(mean) if self._magnitude else mean, kind="stable")

@@ -57,3 +57,14 @@ def test_drawn_strings_follow_the_weights(posterior):
 def test_impossible_measurements_are_said(doubling, measured, error, said):
     with pytest.raises(PosteriorError, match=said):
         doubling.posterior(measured, error)
+
+
+def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monkeypatch):
+    pytest.importorskip("emcee")
+    monkeypatch.setattr("agglom_mpi.analysis.set_posterior.TOO_SMALL", 1e9)
+    chain = doubling.posterior(2.0, 0.05)
+    assert chain.method == "chain"
+    for name in doubling.coordinates.names:
+        share = np.mean(chain.draws[name] < posterior.quantiles(name)[2])
+        # Half of the chain is below the median, by as many independent strings as it is worth.
+        assert abs(share - 0.5) < 4.0 * 0.5 / np.sqrt(min(chain.effective_size, 1000))

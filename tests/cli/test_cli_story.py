@@ -56,7 +56,7 @@ def test_the_commands_of_the_story_print_what_it_says(tmp_path):
     for name in ("growth_by_half.yaml", "figure.py"):
         shutil.copy(STORY / name, tmp_path)
     commands = told()
-    assert len(commands) == 6
+    assert len(commands) == 7
     for command, lines in commands:
         if command.startswith(LEFT_OUT):
             continue

@@ -1,0 +1,157 @@
+"""The covariance of a Gaussian process through many noisy points, by fits of some of them."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, lapack
+from scipy.optimize import minimize
+
+from agglom_mpi.search.gaussian_process import (
+    JITTER,
+    LENGTHS,
+    NOISE,
+    VARIANCE,
+    Covariance,
+    matern,
+    matern_slope,
+    standardised,
+)
+
+Floats = NDArray[np.float64]
+
+FITS: Final = 3
+"""Fits of a covariance, of random subsets; the most likely by all points is kept."""
+SUBSET: Final = 320
+"""Points of each of them."""
+REFINED: Final = 700
+"""Points at most that the most likely one is refined with."""
+JUDGED: Final = 1200
+"""Points at most by which the most likely one is found."""
+TYPICAL_LENGTH, LENGTH_SPREAD = -0.1, 2.0
+"""Mean and variance of the logarithm of a length over the square root of d, before the data."""
+
+
+def fit_covariance_of_many(
+    points: Floats, values: Floats, weights: Floats, random: np.random.Generator
+) -> Covariance:
+    """Return the covariance of maximum posterior density, found by several fits of subsets.
+
+    Parameters
+    ----------
+    points
+        Shape (n, d).
+    values
+        Means observed there, shape (n,).
+    weights
+        Number of samples of each, or what else the variance of its noise is inverse to, (n,).
+    random
+        Draws the subsets.
+    """
+    _, _, standard = standardised(values)
+    dimensions = points.shape[1]
+    start = np.log([1.0, *np.full(dimensions, np.sqrt(dimensions)), 0.3])
+    if len(points) <= SUBSET:
+        return _covariance(_descent(start, points, standard, weights, 100))
+    subsets = (random.permutation(len(points))[:SUBSET] for _ in range(FITS))
+    found = [_descent(start, points[i], standard[i], weights[i], 60) for i in subsets]
+    some = random.permutation(len(points))[:JUDGED]
+    data = _squares(points[some]), standard[some], weights[some]
+    best = min(found, key=lambda at: negative_log_likelihood(at, *data, slope=False)[0])
+    return refined(_covariance(best), points, values, weights, random)
+
+
+def refined(
+    covariance: Covariance,
+    points: Floats,
+    values: Floats,
+    weights: Floats,
+    random: np.random.Generator,
+) -> Covariance:
+    """Return a more likely covariance near one; arguments as for `fit_covariance_of_many`."""
+    _, _, standard = standardised(values)
+    some = random.permutation(len(points))[:REFINED]
+    start = np.log([covariance.variance, *covariance.lengths, covariance.noise])
+    return _covariance(_descent(start, points[some], standard[some], weights[some], 15))
+
+
+def _covariance(logarithms: Floats) -> Covariance:
+    best = np.exp(logarithms)
+    return Covariance(float(best[0]), best[1:-1], float(best[-1]))
+
+
+def _descent(
+    start: Floats, points: Floats, values: Floats, weights: Floats, iterations: int
+) -> Floats:
+    bounds = np.log([VARIANCE, *[LENGTHS] * points.shape[1], NOISE])
+    found = minimize(
+        negative_log_likelihood,
+        np.clip(start, *bounds.T),
+        (_squares(points), values, weights),
+        jac=True,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": iterations},
+    )
+    return np.asarray(found.x)
+
+
+def _squares(points: Floats) -> Floats:
+    return np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
+
+
+def negative_log_likelihood(
+    logarithms: Floats, squares: Floats, values: Floats, weights: Floats, slope: bool = True
+) -> tuple[float, Floats]:
+    """Negative logarithm of likelihood times prior, and its gradient [RW 5.8, 5.9].
+
+    Parameters
+    ----------
+    logarithms
+        Of variance, lengths and noise, shape (d + 2,).
+    squares
+        Squared differences of the points, shape (d, n, n).
+    values, weights
+        Standardised means, and what their noise is divided by, shape (n,).
+    slope
+        Whether to compute the gradient, too, which takes most of the time.
+    """
+    variance, lengths, noise = (
+        np.exp(logarithms[0]),
+        np.exp(logarithms[1:-1]),
+        np.exp(logarithms[-1]),
+    )
+    flat = squares.reshape(len(lengths), -1)
+    r = np.sqrt(lengths**-2.0 @ flat).reshape(squares.shape[1:])
+    smooth = variance * matern(r)
+    matrix = smooth.copy()
+    matrix[np.diag_indices_from(matrix)] += noise / weights + JITTER
+    root = cholesky(matrix, lower=True, check_finite=False)
+    alpha = cho_solve((root, True), values, check_finite=False)
+    prior, prior_slope = _length_prior(logarithms[1:-1])
+    value = 0.5 * values @ alpha + np.log(np.diag(root)).sum() + prior
+    if not slope:
+        return float(value), np.empty(0)
+    # The lower half of the inverse alone: it is summed with symmetric matrices.
+    change, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+    change[np.diag_indices_from(change)] *= 0.5
+    change -= 0.5 * np.outer(alpha, alpha)
+    slopes = change * (variance * matern_slope(r))
+    gradient = np.concatenate(
+        (
+            [np.vdot(change, smooth)],
+            flat @ slopes.ravel() / lengths**2 + prior_slope,
+            [change.diagonal() @ (noise / weights)],
+        )
+    )
+    return float(value), gradient
+
+
+def _length_prior(logarithms: Floats) -> tuple[float, Floats]:
+    """Negative logarithm of the density of lengths, by their logarithms, and its gradient.
+
+    As that of the search (Hvarfner et al. 2024), but of shorter lengths: with it an influence that
+    the data hardly show is not taken for none, so that intervals cover.
+    """
+    away = logarithms - TYPICAL_LENGTH - 0.5 * np.log(len(logarithms))
+    return float((away**2).sum()) / (2.0 * LENGTH_SPREAD), away / LENGTH_SPREAD

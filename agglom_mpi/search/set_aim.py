@@ -1,0 +1,90 @@
+"""Searching for the set of strings that meet a target, in place of the best of them."""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from agglom_mpi.search.emulator import Emulator, NoisyMeans
+from agglom_mpi.search.gaussian_process import GaussianProcess, single_threaded
+from agglom_mpi.search.space import SearchSpace
+
+Floats = NDArray[np.float64]
+
+CANDIDATES: Final = 4096
+"""Points among which a batch is drawn."""
+POINTS: Final = 1 << 12
+"""Even points of the box by which the expected error is told."""
+FEWEST: Final = 50
+"""Strings from which it is told."""
+
+
+class SetAim(NamedTuple):
+    """The set that a search looks for: signed means whose magnitude is at most a tolerance.
+
+    Attributes
+    ----------
+    tolerance
+    coordinates
+        Returns the coordinates in which strings, (n, 10), are emulated, (n, p).
+    """
+
+    tolerance: float
+    coordinates: Callable[[Floats], Floats]
+
+    def probability(self, mean: Floats, deviation: Floats) -> Floats:
+        """Return the probability of normally distributed signed means to be in the set."""
+        deviation = np.maximum(deviation, 1e-300)
+        upper, lower = (self.tolerance - mean) / deviation, (-self.tolerance - mean) / deviation
+        return np.asarray(ndtr(upper) - ndtr(lower))
+
+    def batch(
+        self, model: GaussianProcess, count: int, random: np.random.Generator, space: SearchSpace
+    ) -> Floats:
+        """Draw points of the unit cube, (count, d), where membership is unsure.
+
+        A point is as probable as the smaller of the probabilities to be in the set and out of it.
+        """
+        points = space.sample_points(random, CANDIDATES)
+        inside = self.probability(model.mean(points), model.deviation(points))
+        unsure = np.minimum(inside, 1.0 - inside) + 1e-9
+        chosen = random.choice(len(points), count, replace=False, p=unsure / unsure.sum())
+        return np.asarray(points[chosen])
+
+    @single_threaded
+    def expected_error(
+        self, strings: Floats, means: Floats, samples: NDArray[np.int64], space: SearchSpace
+    ) -> float:
+        """Return the expected volume that is wrongly in or out of the set, over the set's.
+
+        Parameters
+        ----------
+        strings
+            Shape (n, 10).
+        means
+            Their signed means, shape (n,); nan where samples failed.
+        samples
+            Numbers of completed samples, shape (n,).
+        space
+            The box.
+        """
+        from scipy.stats import qmc
+
+        known = np.isfinite(means) & (samples > 0)
+        if known.sum() < FEWEST:
+            return np.inf
+        points, place = np.unique(self.coordinates(strings[known]), axis=0, return_inverse=True)
+        weights = np.bincount(place.ravel(), samples[known])
+        sums = np.bincount(place.ravel(), samples[known] * means[known])
+        unknown = np.full(len(points), np.nan)
+        data = NoisyMeans(points, sums / weights, weights.astype(np.int64), unknown)
+        emulator = Emulator(data, np.random.default_rng(len(points)))
+        box = space.from_unit(qmc.Sobol(space.dimensions, seed=1).random(POINTS))
+        if space.allowed is not None:
+            box = box[space.allowed(box)]
+        at = self.coordinates(box)
+        inside = self.probability(emulator.mean(at), emulator.deviation(at))
+        volume = float(inside.sum())
+        return float(np.minimum(inside, 1.0 - inside).sum()) / volume if volume > 0.0 else np.inf

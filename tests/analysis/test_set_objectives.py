@@ -1,0 +1,80 @@
+"""Sets of other objectives than a growth target."""
+
+import numpy as np
+import pytest
+from set_runs import three_variable_file
+
+from agglom_mpi import open_campaign
+from agglom_mpi.analysis.failing import FailingShare
+
+SLOW, FAST = {"relative_speed": 0.5}, {"relative_speed": 28.0}
+REST = {"hardness": 2e7, "friction": 0.3}
+
+
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maximum")
+    path = three_variable_file(folder, objective="{law: maximum_growth}", generations=10)
+    return open_campaign(path).feasible_set(0.1)
+
+
+@pytest.fixture(scope="module")
+def moments(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("moments")
+    law = "{law: moments, targets: {mean: 2, spread: 0.6}}"
+    path = three_variable_file(folder, objective=law, generations=10)
+    return open_campaign(path).feasible_set(0.2)
+
+
+def test_strings_near_the_maximum_are_members(growth):
+    assert growth.probability(FAST | REST)[0] > growth.probability(SLOW | REST)[0]
+    assert growth.probability(SLOW | REST)[0] == 0.0
+    largest, error = growth.maximum
+    assert 2.0 < largest < 100 ** (1 / 3)
+    assert 0.0 < error < 1.0
+    assert growth.mean(FAST | REST)[0] < largest + 3.0 * error
+    assert growth.bounds == pytest.approx((0.9 * largest, np.inf))
+
+
+def test_a_maximum_is_uncertain_and_so_is_its_set(growth):
+    assert 0.0 < growth.inner <= growth.volume <= growth.outer <= 1.0
+    assert growth.volume_error > 0.0
+
+
+def test_moments_are_told_one_by_one_with_their_deviations(moments):
+    both = moments.mean({"relative_speed": np.array([2.0, 4.3]), "hardness": 67e6, "friction": 0.3})
+    assert both.shape == (2, 2)
+    assert moments.criterion.quantities == ("mean", "spread")
+    assert (np.diff(both[:, 0]) > 0.0).all()
+    deviation = moments.deviation({"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3})
+    assert (deviation > 0.0).all()
+
+
+def test_moments_are_those_of_many_samples(moments):
+    at = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
+    reached = moments.campaign.estimate(at, samples=200).moments
+    mean, deviation = moments.mean(at)[0], moments.deviation(at)[0]
+    for each, found, unsure in zip(reached, mean, deviation, strict=True):
+        # The mean of 160 samples all over the box, and that the spread of few particles is skewed.
+        assert abs(found - each.value) < 4.0 * np.hypot(unsure, each.error) + 0.02
+
+
+def test_members_have_all_moments_at_once(moments):
+    assert 0.0 < moments.volume < 0.5
+    assert moments.directions["share"].sum() == pytest.approx(1.0)
+
+
+def test_failures_are_where_strings_failed():
+    rng = np.random.default_rng(1)
+    points = rng.random((300, 2))
+    failing = FailingShare(points, points[:, 0] > 0.8, rng)
+    assert failing.count == np.sum(points[:, 0] > 0.8)
+    found = failing.at(np.array([[0.95, 0.5], [0.2, 0.5]]))
+    assert found[0] > 0.8
+    assert found[1] < 0.1
+
+
+def test_without_failures_nothing_fails():
+    points = np.random.default_rng(2).random((60, 2))
+    failing = FailingShare(points, np.zeros(60, bool), np.random.default_rng(3))
+    assert failing.at(points).tolist() == [0.0] * 60
