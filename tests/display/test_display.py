@@ -34,7 +34,7 @@ BIN = Path(sys.executable).parent
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shown")
-    path = write_campaign(folder / "brief.yaml", **BRIEF, final="{strings: 2, samples: 20}")
+    path = write_campaign(folder / "brief.yaml", **BRIEF, final="{strings: 6, samples: 20}")
     path.write_text(re.sub(r"(?m)^title: .*", "title: A brief one ± 2", path.read_text()))
     inject(folder / "shows", SHOWS_ALL)
     return folder
@@ -146,7 +146,7 @@ def test_without_a_terminal_there_are_log_lines(folder, ranks, monkeypatch):
     assert [line.split(":")[0] for line in errors.splitlines()] == [
         "A brief one ± 2",
         *(f"generation {number}/4" for number in (1, 2, 3, 4)),
-        "estimating 2 strings again, on 40 fresh samples",
+        "estimating 6 strings again, on 120 fresh samples",
     ]
     assert "\x1b" not in errors
 
