@@ -13,7 +13,7 @@ from agglom_mpi.kernels import inlined, inlined_fma
 from agglom_mpi.simulation.boundary import nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, copy_flight
 
-LANES: Final = 8
+VECTOR_LENGTH: Final = 8
 """Particles that are compared at once; their number is rounded up to a multiple."""
 
 SLACK: Final = 1e-9
@@ -55,7 +55,7 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     block, soonest, rate = cells.flights, cells.comparison[SOONEST], cells.comparison[IMAGE_RATE]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
-    for k in range((count + LANES - 1) // LANES * LANES):
+    for k in range((count + VECTOR_LENGTH - 1) // VECTOR_LENGTH * VECTOR_LENGTH):
         flight = now - block[6, k]
         dx = nearest_image(scene.escape, block[0, k] + block[3, k] * flight - x, side, per_side)
         dy = nearest_image(scene.escape, block[1, k] + block[4, k] * flight - y, side, per_side)
@@ -115,9 +115,9 @@ def keep_likely(cells, count, limit):
         cells.candidates[left] = cells.candidates[k - others]
         cells.likely_times[left] = soonest[k]
         left += 1 if soonest[k] <= limit else 0
-    for first in range(0, others, LANES):
+    for first in range(0, others, VECTOR_LENGTH):
         if is_any_likely(soonest, first, limit):
-            for k in range(first, min(first + LANES, others)):
+            for k in range(first, min(first + VECTOR_LENGTH, others)):
                 cells.candidates[left] = cells.oversize[k]
                 cells.likely_times[left] = soonest[k]
                 left += 1 if soonest[k] <= limit else 0
@@ -126,7 +126,7 @@ def keep_likely(cells, count, limit):
 
 @inlined
 def is_any_likely(soonest, first, limit):
-    """Whether one of the `LANES` times from `first` on is at most `limit`."""
+    """Whether one of the `VECTOR_LENGTH` times from `first` on is at most `limit`."""
     a = (soonest[first] <= limit) | (soonest[first + 1] <= limit)
     b = (soonest[first + 2] <= limit) | (soonest[first + 3] <= limit)
     c = (soonest[first + 4] <= limit) | (soonest[first + 5] <= limit)
