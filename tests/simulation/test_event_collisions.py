@@ -148,10 +148,10 @@ def mixture(scene, seed, large):
 @IMPACTS
 @pytest.mark.parametrize("large", [pytest.param([0.4], marks=SLOW), [0.45, 0.3, 0.3]])
 def test_oversize_spheres_among_grains_collide_as_without_cells(large, e, friction, escape):
-    scene = bouncing(e, escape, friction, particles=150, size_ratio=0.25, end_time=1e9)
+    scene = bouncing(e, escape, friction, particles=130, size_ratio=0.25, end_time=1e9)
     particles = mixture(scene, 3, np.array(large) * HALF)
-    expected = reference(scene, particles, e, friction, 100)
-    run = recorded(scene, particles, 100)
+    expected = reference(scene, particles, e, friction, 150)
+    run = recorded(scene, particles, 150)
     assert run.per_axis[0] >= 4
     assert run.oversize[0] == len(large)
     oversize = np.flatnonzero(np.isin(run.pairs, np.argsort(particles.radius)[-len(large) :]))
