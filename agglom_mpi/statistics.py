@@ -1,4 +1,4 @@
-"""Running and pooled means and moments, their standard errors, and Student's t.
+"""Running and pooled means and moments, their standard errors, normal and Student's t.
 
 The moments of all particles are functions of the samples' means of a few numbers: particles left,
 and the sums of the powers of their radii. So their standard errors follow from the covariance of
@@ -226,6 +226,24 @@ def t_quantile(degrees_of_freedom: int, coverage: float) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * coverage))
+
+
+def probability_between(
+    lower: float, upper: float, mean: NDArray[np.float64], deviation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the probability of normally distributed values to lie between two bounds, (n,).
+
+    Parameters
+    ----------
+    lower, upper
+        Either may be infinite.
+    mean, deviation
+        Of the values, shape (n,).
+    """
+    from scipy.special import ndtr
+
+    deviation = np.maximum(deviation, 1e-300)
+    return np.asarray(ndtr((upper - mean) / deviation) - ndtr((lower - mean) / deviation))
 
 
 def t_tails(t: float, degrees_of_freedom: float) -> float:

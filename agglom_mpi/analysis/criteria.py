@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from agglom_mpi.search.moment_targets import CENTRAL
+from agglom_mpi.statistics import probability_between
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class Criterion(ABC):
     quantities : tuple of str
         Names of what is compared, as `mean` and `deviation` return it.
     text : str
-        What a member is, in words.
+        What a member is, for a person.
     """
 
     quantities: tuple[str, ...] = ("mean_radius_ratio",)
@@ -88,9 +88,7 @@ class Band(Criterion):
 
     def probability(self, mean: Floats, deviation: Floats) -> Floats:
         """Return the probability of normally distributed values to lie between the bounds."""
-        deviation = np.maximum(deviation, 1e-300)
-        below = ndtr((self.lower - mean) / deviation) if math.isfinite(self.lower) else 0.0
-        return np.asarray(ndtr((self.upper - mean) / deviation) - below)
+        return probability_between(self.lower, self.upper, mean, deviation)
 
 
 class NearMaximum(Band):

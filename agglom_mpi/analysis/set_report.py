@@ -202,7 +202,7 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
 
 
 def _quantity(of: FeasibleSet) -> str:
-    """Return what is compared in words."""
+    """Return the name of what is compared."""
     names = {"mean_radius_ratio": "mean b/b0", "objective": "value of the function"}
     name = of.criterion.quantities[0]
     return names.get(name, name)

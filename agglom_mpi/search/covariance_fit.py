@@ -5,16 +5,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, lapack
-from scipy.optimize import minimize
 
 from agglom_mpi.search.gaussian_process import (
     JITTER,
-    LENGTHS,
-    NOISE,
-    VARIANCE,
     Covariance,
+    covariance_of,
+    first_guess,
     matern,
     matern_slope,
+    most_likely,
+    squared_differences,
     standardised,
 )
 
@@ -49,16 +49,19 @@ def fit_covariance_of_many(
         Draws the subsets.
     """
     _, _, standard = standardised(values)
-    dimensions = points.shape[1]
-    start = np.log([1.0, *np.full(dimensions, np.sqrt(dimensions)), 0.3])
+    start = first_guess(points.shape[1])
     if len(points) <= SUBSET:
-        return _covariance(_descent(start, points, standard, weights, 100))
-    subsets = (random.permutation(len(points))[:SUBSET] for _ in range(FITS))
-    found = [_descent(start, points[i], standard[i], weights[i], 60) for i in subsets]
+        data = squared_differences(points), standard, weights
+        return covariance_of(most_likely(negative_log_likelihood, start, data, 100))
+    found = []
+    for _ in range(FITS):
+        some = random.permutation(len(points))[:SUBSET]
+        data = squared_differences(points[some]), standard[some], weights[some]
+        found.append(most_likely(negative_log_likelihood, start, data, 60))
     some = random.permutation(len(points))[:JUDGED]
-    data = _squares(points[some]), standard[some], weights[some]
+    data = squared_differences(points[some]), standard[some], weights[some]
     best = min(found, key=lambda at: negative_log_likelihood(at, *data, slope=False)[0])
-    return refined(_covariance(best), points, values, weights, random)
+    return refined(covariance_of(best), points, values, weights, random)
 
 
 def refined(
@@ -72,32 +75,8 @@ def refined(
     _, _, standard = standardised(values)
     some = random.permutation(len(points))[:REFINED]
     start = np.log([covariance.variance, *covariance.lengths, covariance.noise])
-    return _covariance(_descent(start, points[some], standard[some], weights[some], 15))
-
-
-def _covariance(logarithms: Floats) -> Covariance:
-    best = np.exp(logarithms)
-    return Covariance(float(best[0]), best[1:-1], float(best[-1]))
-
-
-def _descent(
-    start: Floats, points: Floats, values: Floats, weights: Floats, iterations: int
-) -> Floats:
-    bounds = np.log([VARIANCE, *[LENGTHS] * points.shape[1], NOISE])
-    found = minimize(
-        negative_log_likelihood,
-        np.clip(start, *bounds.T),
-        (_squares(points), values, weights),
-        jac=True,
-        bounds=bounds,
-        method="L-BFGS-B",
-        options={"maxiter": iterations},
-    )
-    return np.asarray(found.x)
-
-
-def _squares(points: Floats) -> Floats:
-    return np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
+    data = squared_differences(points[some]), standard[some], weights[some]
+    return covariance_of(most_likely(negative_log_likelihood, start, data, 15))
 
 
 def negative_log_likelihood(

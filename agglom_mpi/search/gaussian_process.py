@@ -259,21 +259,58 @@ def fit_covariance(points: Matrix, values: Matrix, samples: NDArray[np.int64]) -
     samples
         Number of samples of each, shape (n,).
     """
-    dimensions = points.shape[1]
     _, _, standard = standardised(values)
-    squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
-    start = np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), 0.3])
-    bounds = np.log([VARIANCE, *[LENGTHS] * dimensions, NOISE])
+    data = squared_differences(points), standard, samples.astype(np.float64)
+    start = first_guess(points.shape[1])
+    return covariance_of(most_likely(_negative_log_likelihood, start, data, 100))
+
+
+def first_guess(dimensions: int) -> Matrix:
+    """Return the logarithms of variance, lengths and noise that a fit starts from, (d + 2,)."""
+    return np.asarray(np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), 0.3]))
+
+
+def squared_differences(points: Matrix) -> Matrix:
+    """Return the squared differences of points, (n, d), in each coordinate, shape (d, n, n)."""
+    return np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
+
+
+def most_likely(
+    negative: Callable[..., tuple[float, Matrix]],
+    start: Matrix,
+    data: tuple[Matrix, ...],
+    iterations: int,
+) -> Matrix:
+    """Return the logarithms, (d + 2,), within their bounds at which a function is least.
+
+    Parameters
+    ----------
+    negative
+        Function of the logarithms of variance, lengths and noise, and of `data`, that returns
+        the negative logarithm of a density, and its gradient.
+    start
+        Shape (d + 2,); put within the bounds.
+    data
+        The other arguments.
+    iterations
+        At most.
+    """
+    bounds = np.log([VARIANCE, *[LENGTHS] * (len(start) - 2), NOISE])
     found = minimize(
-        _negative_log_likelihood,
-        start,
-        (squares, standard, samples.astype(np.float64)),
+        negative,
+        np.clip(start, *bounds.T),
+        data,
         jac=True,
         bounds=bounds,
         method="L-BFGS-B",
-        options={"maxiter": 100},
+        options={"maxiter": iterations},
     )
-    best = np.exp(found.x)
+    return np.asarray(found.x)
+
+
+def covariance_of(logarithms: Matrix) -> Covariance:
+    """Return the covariance of the logarithms of variance, lengths and noise, shape (d + 2,)."""
+    best = np.exp(logarithms)
     return Covariance(float(best[0]), best[1:-1], float(best[-1]))
 
 

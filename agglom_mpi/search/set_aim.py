@@ -5,11 +5,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from agglom_mpi.search.emulator import Emulator, NoisyMeans
 from agglom_mpi.search.gaussian_process import GaussianProcess, single_threaded
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import probability_between
 
 Floats = NDArray[np.float64]
 
@@ -36,9 +36,7 @@ class SetAim(NamedTuple):
 
     def probability(self, mean: Floats, deviation: Floats) -> Floats:
         """Return the probability of normally distributed signed means to be in the set."""
-        deviation = np.maximum(deviation, 1e-300)
-        upper, lower = (self.tolerance - mean) / deviation, (-self.tolerance - mean) / deviation
-        return np.asarray(ndtr(upper) - ndtr(lower))
+        return probability_between(-self.tolerance, self.tolerance, mean, deviation)
 
     def batch(
         self, model: GaussianProcess, count: int, random: np.random.Generator, space: SearchSpace

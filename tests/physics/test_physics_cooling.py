@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from decimal import Decimal, localcontext
 
 import numba
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from agglom_mpi.physics.cooling import (
+    SHORT,
     QuarticCooling,
     RadiativeCooling,
     equilibrium_temperature,
@@ -93,6 +95,39 @@ def test_convection_alone_is_exponential(start):
     for time in np.logspace(-6, 4, 21):
         distance = (start - 300.0) * math.exp(-20.0 * SURFACE / CAPACITY * time)
         assert exact(law, start, time) == pytest.approx(300.0 + distance, rel=1e-14)
+
+
+def rk4(law, start, time, steps=8):
+    """Temperature in 30 digits by Runge-Kutta steps of relative error below 1e-22 each."""
+    with localcontext() as digits:
+        digits.prec = 30
+        emissivity, surroundings, convection, ambient = map(Decimal, law[:4])
+        scale = Decimal(SURFACE) / Decimal(CAPACITY)
+
+        def slope(theta):
+            radiated = Decimal(B) * emissivity * (theta**4 - surroundings**4)
+            return -scale * (radiated + convection * (theta - ambient))
+
+        theta, step = Decimal(start), Decimal(time) / steps
+        for _ in range(steps):
+            a = slope(theta)
+            b = slope(theta + step / 2 * a)
+            c = slope(theta + step / 2 * b)
+            d = slope(theta + step * c)
+            theta += step / 6 * (a + 2 * b + 2 * c + d)
+    return float(theta)
+
+
+@pytest.mark.parametrize("share", [1e-6, 1e-3, 0.3, 0.999, 1.001, 3.0])
+@pytest.mark.parametrize("start", [160.0, 290.0, 310.0, 4000.0])
+@pytest.mark.parametrize("convection", [0.0, 20.0])
+def test_short_times_are_followed_to_rounding_where_the_series_ends_and_beyond(
+    start, share, convection
+):
+    law = radiative(convection=convection)
+    rate = B * 0.5 * (start + 300.0) * (start**2 + 300.0**2) + convection
+    time = share * SHORT / rate * CAPACITY / SURFACE
+    assert exact(law, start, time) == pytest.approx(rk4(law, start, time), rel=4e-16)
 
 
 @pytest.mark.parametrize("start", [1e-3, 300.0, 1e5])
