@@ -19,6 +19,8 @@ from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes
 
+from agglom_mpi.kernel_indices import UnsignedIndices
+
 TRIED: Final = ((0, 64), (0, 68))
 """First and last version of Numba that were seen to give the same bits both ways."""
 
@@ -131,8 +133,9 @@ class LinkingCompiler(CompilerBase):
     """Numba's compiler, in nopython mode, into libraries of this module."""
 
     def define_pipelines(self) -> list[Any]:
-        """Return Numba's own pipeline with one more pass."""
+        """Return Numba's own pipeline with two more passes."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(UnsignedIndices, AnnotateTypes)
         passes.add_pass_after(ChooseLibrary, AnnotateTypes)
         passes.finalize()
         return [passes]

@@ -24,6 +24,7 @@ from agglom_mpi.kernel_linking import COMPILER
 
 _PACKAGE: Final = Path(__file__).parent
 _KERNEL_SOURCES: Final = (
+    "kernel_indices.py",
     "kernel_linking.py",
     "kernels.py",
     "outcome.py",
