@@ -44,8 +44,9 @@ def _is_access(access: Any) -> bool:
 
 def unsigned(index: Any) -> Any:
     """Return the type of an index without a sign; as it is where it is a literal or a slice."""
+    known: Any = index  # Numba's annotations know neither parts nor signs
     if isinstance(index, types.BaseTuple):
-        return types.Tuple([unsigned(part) for part in index])
-    if isinstance(index, types.Integer) and not isinstance(index, types.Literal) and index.signed:
-        return types.uintp
-    return index
+        return types.Tuple([unsigned(part) for part in known])
+    if isinstance(index, types.Literal) or not isinstance(index, types.Integer):
+        return index
+    return types.uintp if known.signed else index

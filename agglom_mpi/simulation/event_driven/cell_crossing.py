@@ -14,19 +14,21 @@ from agglom_mpi.simulation.event_driven.flights import (
 
 @inlined
 def time_to_leave(coordinate, velocity, low, high):
-    """Time in s until a coordinate in m leaves [low, high]; inf at rest."""
-    if velocity > 0.0:
-        return max(0.0, high - coordinate) / velocity
-    return min(0.0, low - coordinate) / velocity if velocity < 0.0 else np.inf
+    """Time in s until a coordinate in m leaves [low, high]; inf or nan at rest."""
+    way = high - coordinate if velocity > 0.0 else coordinate - low
+    return max(0.0, way) / abs(velocity)
 
 
 @inlined
-def earlier_crossing(trajectory, next_event, coordinate, velocity, low, high, face):
-    """Make leaving [low, high] along an axis the next crossing, if it comes first."""
+def earlier_crossing(known, trajectory, coordinate, velocity, low, high, face):
+    """Return the earlier of a known crossing, time in s and face, and leaving [low, high].
+
+    `face` is that at `low`, or `RANGE`. Without a branch: directions cannot be foreseen.
+    """
     time = trajectory["time"] + time_to_leave(coordinate, velocity, low, high)
-    if time < next_event["crossing_time"]:
-        next_event["crossing_time"] = time
-        next_event["crossing"] = face + (1 if velocity > 0.0 else 0) if face < RANGE else RANGE
+    reached = face + np.int64(velocity > 0.0) if face < RANGE else RANGE
+    sooner = time < known[0]
+    return time if sooner else known[0], reached if sooner else known[1]
 
 
 @inlined
@@ -37,9 +39,9 @@ def schedule_crossing(scene, cells, flights, i):
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     half = scene.half_width
-    next_event["crossing_time"] = np.inf
     x, y, z = trajectory["x"], trajectory["y"], trajectory["z"]
     u, v, w = trajectory["u"], trajectory["v"], trajectory["w"]
+    known = np.inf, RANGE
     if next_event["oversize"] < 0:
         edge = 2.0 * half / cells.shape[PER_AXIS]
         x0, y0, z0 = (
@@ -47,19 +49,20 @@ def schedule_crossing(scene, cells, flights, i):
             next_event["b"] * edge - half,
             next_event["c"] * edge - half,
         )
-        earlier_crossing(trajectory, next_event, x, u, x0, x0 + edge, 0)
-        earlier_crossing(trajectory, next_event, y, v, y0, y0 + edge, 2)
-        earlier_crossing(trajectory, next_event, z, w, z0, z0 + edge, 4)
-        return
-    if not is_periodic(scene.escape):
-        earlier_crossing(trajectory, next_event, x, u, -half, half, 0)
-        earlier_crossing(trajectory, next_event, y, v, -half, half, 2)
-        earlier_crossing(trajectory, next_event, z, w, -half, half, 4)
-    reach = cells.range[0]
-    if reach < np.inf:
-        earlier_crossing(trajectory, next_event, x, u, x - reach, x + reach, RANGE)
-        earlier_crossing(trajectory, next_event, y, v, y - reach, y + reach, RANGE)
-        earlier_crossing(trajectory, next_event, z, w, z - reach, z + reach, RANGE)
+        known = earlier_crossing(known, trajectory, x, u, x0, x0 + edge, 0)
+        known = earlier_crossing(known, trajectory, y, v, y0, y0 + edge, 2)
+        known = earlier_crossing(known, trajectory, z, w, z0, z0 + edge, 4)
+    else:
+        if not is_periodic(scene.escape):
+            known = earlier_crossing(known, trajectory, x, u, -half, half, 0)
+            known = earlier_crossing(known, trajectory, y, v, -half, half, 2)
+            known = earlier_crossing(known, trajectory, z, w, -half, half, 4)
+        reach = cells.range[0]
+        if reach < np.inf:
+            known = earlier_crossing(known, trajectory, x, u, x - reach, x + reach, RANGE)
+            known = earlier_crossing(known, trajectory, y, v, y - reach, y + reach, RANGE)
+            known = earlier_crossing(known, trajectory, z, w, z - reach, z + reach, RANGE)
+    next_event["crossing_time"], next_event["crossing"] = known
 
 
 @inlined

@@ -13,6 +13,7 @@ from agglom_mpi.simulation.event_driven.cells import (
     best_cells,
     choose_range,
     insert,
+    max_all_pairs,
     new_cells,
     padded,
     prediction_cost,
@@ -122,7 +123,8 @@ def rebuild(scene, particles, events, now):
     cells = events.cells
     per_axis, cost = best_cells(scene, particles, cells, count)
     cells.limit[0] = REBUILD_GAIN * (cost + PREDICTION_OVERHEAD)
-    cells.limit[1] = max(MAX_ALL_PAIRS + 1, count / REBUILD_FRACTION)
+    few = max_all_pairs(scene.laws.restitution)
+    cells.limit[1] = max(few + 1, count / REBUILD_FRACTION)
     reset_cells(cells, per_axis)
     choose_range(scene, cells, largest_radius(particles))
     if count > SORT_ABOVE:

@@ -1,0 +1,92 @@
+"""Indices of kernels are unsigned, which is right as long as all are within their arrays."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from numba import types
+from processes import output_of, program
+
+from agglom_mpi.kernel_indices import unsigned
+from agglom_mpi.kernel_linking import COMPILER, LinkingCompiler
+
+JOBS = Path(__file__).parents[1] / "jobs"
+compiled = pytest.mark.skipif(
+    os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or COMPILER is not LinkingCompiler,
+    reason="nothing is compiled, or by a version of Numba whose own pipeline is used",
+)
+
+ITEMS = """
+import numpy as np
+from agglom_mpi.kernels import kernel
+
+@kernel
+def item(x, y, k):
+    y[1, k] += x[k]
+    return y[1, k]
+"""
+ASKED = """
+import sys
+import numpy as np
+sys.path.insert(0, ".")
+from items import item
+print(item(np.arange(3.0), np.ones((2, 3)), 2))
+try:
+    print(item(np.arange(3.0), np.ones((2, 3)), -1))
+except IndexError:
+    print("refused")
+"""
+SAMPLES = """
+import sys
+from agglom_mpi import load_campaign
+campaign = load_campaign(sys.argv[1])
+string = campaign.parameters({}, fill="centre")
+outcome = campaign.simulate(string, 0, sys.argv[2] or None, frames=2)
+print(outcome.record[["mean_radius_ratio", "collisions", "breakups", "steps", "energy_error"]])
+"""
+SCENES = {
+    "pieces in a box with images": ("extremes/always_breaking", "periodic", ""),
+    "merges in cells": ("agglomeration_2004", "periodic", ""),
+    "faces": ("agglomeration_2004", "reentry", ""),
+    "time steps": ("accretion_2003", "reentry", "fixed:20"),
+}
+
+
+def said_by(code, folder, *arguments, checked=True):
+    """Return what code prints in a fresh process, whose kernels may check their indices."""
+    words = [sys.executable, "-c", code, *arguments]
+    kernels = folder / ("checked" if checked else "kernels")
+    variables = {"NUMBA_CACHE_DIR": str(kernels), "NUMBA_BOUNDSCHECK": str(int(checked))}
+    with program(words, env=os.environ | variables, cwd=folder) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
+    return said
+
+
+def test_numbers_lose_their_sign_but_literals_and_slices_stay():
+    literal = types.literal(1)
+    assert unsigned(types.int64) is unsigned(types.int32) is types.uintp
+    assert unsigned(types.uint32) is types.uint32
+    assert unsigned(types.slice2_type) is types.slice2_type
+    assert unsigned(literal) is literal
+    assert unsigned(types.Tuple([types.int64, literal])) == types.Tuple([types.uintp, literal])
+
+
+@compiled
+def test_an_index_before_the_start_is_beyond_the_end(tmp_path):
+    (tmp_path / "items.py").write_text(ITEMS)
+    assert said_by(ASKED, tmp_path).split() == ["3.0", "refused"]
+
+
+@compiled
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+def test_no_kernel_reaches_out_of_its_arrays(scene, tmp_path):
+    job, escape, engine = SCENES[scene]
+    text = (JOBS / f"{job}.yaml").read_text()
+    path = tmp_path / "campaign.yaml"
+    path.write_text(re.sub(r"(?m)^( *escape: )\w+", rf"\g<1>{escape}", text))
+    checked = said_by(SAMPLES, tmp_path, path, engine)
+    assert checked == said_by(SAMPLES, tmp_path, path, engine, checked=False)
