@@ -1,12 +1,13 @@
-"""Where compiled kernels are kept."""
+"""Where compiled kernels are kept, and what they may fuse."""
 
 import os
 import tempfile
 from pathlib import Path
 
+import numba
 import pytest
 
-from agglom_mpi.kernels import cache_folder, sources_digest
+from agglom_mpi.kernels import cache_folder, fused, runs_compiled, sources_digest
 
 KEY = sources_digest()[:16]
 find_folder = cache_folder.__wrapped__
@@ -50,3 +51,13 @@ def test_a_folder_that_can_be_written_is_used_as_it_is(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     assert find_folder() == tmp_path / "kernels" / KEY
     assert find_folder().is_dir()
+
+
+@pytest.mark.skipif(not runs_compiled(), reason="plain Python rounds twice")
+def test_a_fused_sum_is_rounded_once():
+    @numba.njit
+    def sums(a, b, c):
+        return fused(a, b, c), a * b + c
+
+    a = 1.0 + 2.0**-30
+    assert sums(a, a, -(1.0 + 2.0**-29)) == (2.0**-60, 0.0)

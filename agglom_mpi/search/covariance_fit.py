@@ -28,7 +28,7 @@ REFINED: Final = 700
 """Points at most that the most likely one is refined with."""
 JUDGED: Final = 1200
 """Points at most by which the most likely one is found."""
-TYPICAL_LENGTH, LENGTH_SPREAD = -0.1, 2.0
+TYPICAL_LENGTH, LENGTH_SPREAD = 1.0, 3.0
 """Mean and variance of the logarithm of a length over the square root of d, before the data."""
 
 

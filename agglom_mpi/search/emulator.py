@@ -24,6 +24,11 @@ ROUNDS: Final = 2
 """Turns of fitting the noise and the mean."""
 LEAST_NOISE: Final = 1e-3
 """Smallest variance of a sample, relative to the mean one: where nothing grows there is none."""
+LEAST_WEIGHED: Final = 0.5
+"""Variance by which a sample is weighed, at least, relative to the median one.
+
+Strings in which nothing grows would otherwise make the process as smooth elsewhere as they are.
+"""
 FEATURES: Final = 2048
 """Random frequencies of the functions drawn from the prior."""
 BLOCK: Final = 2048
@@ -88,8 +93,9 @@ class Emulator:
         for _ in range(rounds):
             self._noise = NoiseProcess(process, data, random, known)
             known = self._noise.covariance
-            variance = self._noise.variance(data.points, process.mean_at_points)
-            weights = data.samples * np.mean(variance) / variance
+            variance = self._noise.variance_without
+            typical = float(np.median(variance))
+            weights = data.samples * typical / np.maximum(variance, LEAST_WEIGHED * typical)
             covariance = refined(covariance, data.points, data.means, weights, random)
             process = Process(covariance, data.points, data.means, weights)
         self._process = process
@@ -205,7 +211,7 @@ class NoiseProcess:
         near: Covariance | None = None,
     ) -> None:
         logarithms, spread = _observed_logarithms(process, data)
-        means = process.mean_at_points
+        means = process.leave_one_out()
         self._lowest, self._highest = float(means.min()), float(means.max())
         points = self._with_mean(data.points, means)
         weights = NOISE_OF_ONE / spread
@@ -215,6 +221,11 @@ class NoiseProcess:
             self.covariance = refined(near, points, logarithms, weights, random)
         self._process = GaussianProcess(self.covariance, points, logarithms, weights)
         self._floor = float(logarithms.min())
+
+    @property
+    def variance_without(self) -> Floats:
+        """Variance of a sample at each point of the data, as the other points tell it, (n,)."""
+        return np.exp(np.maximum(self._process.leave_one_out(), self._floor))
 
     def variance(self, points: Floats, means: Floats) -> Floats:
         """Return it at points, (m, d), where the emulated means are these, (m,): shape (m,)."""

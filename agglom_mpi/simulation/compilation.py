@@ -1,7 +1,8 @@
 """Compilation of the kernels of a kind of scene, ahead of its samples and by two processes at once.
 
-A kind is the types of a scene's submodels. The engine takes most of the time of a compilation, so a
-process of its own compiles everything else meanwhile.
+A kind is the types of a scene's submodels. The engine takes most of the time of a compilation, so
+one process compiles it, and another meanwhile everything else: first the kernels that the engine
+calls, which are in the cache by the time that the first process comes to them.
 """
 
 import hashlib
@@ -21,15 +22,22 @@ import numpy as np
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.kernels import cache_folder, code_key, compile_ahead, runs_compiled
 from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.physics import impact
+from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import initial_state, sample, trajectory
+from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.particles import new_ledger, new_particles
-from agglom_mpi.simulation.scene import Scene, new_engine_state
+from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state
 
 PLACEMENT: Final = "placement"
 MEASUREMENT: Final = "measurement"
 ENGINE: Final = "engine"
 FRAMES: Final = "frames"
 """Kernels of a scene; the last one is for frames at set times."""
+
+CONTACT: Final = "contact"
+CELLS: Final = "cells"
+"""Kernels that the engine calls; `CELLS` only the event engine."""
 
 _ALL: Final = "without frames"
 
@@ -77,11 +85,11 @@ def compile_kernels(
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
-        for name in names:
+        for name in [*_called(scene), *names]:
             if name == ENGINE:
                 finish()
             compile_ahead(*_example(name, scene._replace(particles=1)))
-            if is_new[name]:
+            if is_new.get(name):
                 show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
     for what in [_ALL, FRAMES] if frames else [_ALL]:
         with suppress(OSError):  # a cache that is full may be read-only
@@ -102,6 +110,11 @@ READY: Final[set[tuple[str, bool]]] = set()
 """Kinds of scenes, and whether with frames, that this process has found compiled."""
 
 
+def _called(scene: Scene) -> list[str]:
+    """Return the names of the kernels that the engine of a scene calls, in the order of need."""
+    return [CONTACT, CELLS] if isinstance(scene.engine, EventDriven) else [CONTACT]
+
+
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     """Return a kernel and arguments of the types that it is called with."""
     scene = sample.without_law(scene)
@@ -110,6 +123,11 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     if name == ENGINE:
         run = scene, particles, ledger, state, initial
         return sample.run_engine, (*run, scene.end_time, np.zeros(1, np.uint8))
+    if name == CONTACT:
+        pair = ContactPair(*np.ones(len(ContactPair._fields)).tolist())
+        return impact.solve_impact, (scene.laws, pair)
+    if name == CELLS:
+        return rebuild, (scene, particles, state, 0.0)
     if name == MEASUREMENT:
         out = np.zeros(1, OUTCOME)
         return sample.measure_sample, (scene, particles, ledger, initial, scene.end_time, out)

@@ -120,13 +120,17 @@ def run_engine(scene, particles, ledger, engine_state, initial, until, abort):
     until : float, s
     abort : uint8 array, shape (1,); anything but 0 ends the run early
     """
-    if not initial[0]["begun"]:
+    begun = initial[0]["begun"]
+    while True:
+        # Compiled first, while another process compiles what a run begins with.
+        if begun:
+            time = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
+            if until >= scene.end_time or time < until:
+                finish(scene.engine, scene, particles, ledger, engine_state, time)
+            return time
         measure_initial(scene, particles, to_mass_frame(scene, particles), initial[0])
         begin(scene.engine, scene, particles, engine_state)
-    time = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
-    if until >= scene.end_time or time < until:
-        finish(scene.engine, scene, particles, ledger, engine_state, time)
-    return time
+        begun = initial[0]["begun"]
 
 
 @kernel

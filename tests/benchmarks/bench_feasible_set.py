@@ -1,11 +1,11 @@
 """How right feasible sets are, over seeds: their truth is simulated in the same run.
 
-`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS]`, with the question
-`three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three variables,
-growth by half), `moments` (three variables, mean and spread together) or `maximum` (three
-variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
-string. With `three`, posteriors
-are compared with brute force, and ranks of true values in them are counted.
+`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER]]`, with the
+question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
+variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
+(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
+string. With `three`, posteriors are compared with brute force, and ranks of true values in them are
+counted. A folder keeps campaigns and the truth for the next time.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
@@ -87,8 +87,10 @@ def searched(name, seed, samples, folder):
     from click.testing import CliRunner
 
     path = Path(folder) / f"{name}_{seed}_{samples}.yaml"
-    path.write_text(campaign_text(name, seed, samples))
     target = path.with_suffix(".h5")
+    if target.exists():
+        return open_campaign(target)
+    path.write_text(campaign_text(name, seed, samples))
     done = CliRunner().invoke(invert_command, [str(path), "--output", str(target), "--quiet"])
     assert done.exit_code == 0, done.output
     return open_campaign(target)
@@ -127,6 +129,19 @@ def point_samples(arguments):
 def bounds_of(name, criterion):
     """Bounds of mean b/b0 about which the truth is told well."""
     return criterion.bounds(3.2) if name == "maximum" else criterion.bounds()
+
+
+def known_truth(name, jobs, folder):
+    """Return the truth that a folder keeps, or a new one, which it keeps then."""
+    path = Path(folder) / f"truth_{name}.npz"
+    if path.exists():
+        with np.load(path) as kept:
+            return Truth(
+                kept["strings"], kept["values"], float(kept["error"]), int(kept["samples"])
+            )
+    truth = truth_of(name, jobs)
+    np.savez(path, **truth._asdict())
+    return truth
 
 
 def truth_of(name, jobs):
@@ -180,15 +195,14 @@ def members(truth, found):
     return found.criterion.holds(truth.values)
 
 
-def score(name, seed, samples, truth):
+def score(name, seed, samples, truth, folder):
     """Return the score of a campaign, and its probabilities and true members at the points."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = searched(name, seed, samples, folder)
-        began = time.perf_counter()
-        found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
-        _ = found.volume_error, found.variables
-        directions = found.directions
-        seconds = time.perf_counter() - began
+    file = searched(name, seed, samples, folder)
+    began = time.perf_counter()
+    found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
+    _ = found.volume_error, found.variables
+    directions = found.directions
+    seconds = time.perf_counter() - began
     inside, probability = members(truth, found), found.probability_of(truth.strings)
     wrong = np.sum((probability >= 0.5) != inside) / inside.sum()
     points = found.coordinates.of_strings(truth.strings[inside])
@@ -211,9 +225,13 @@ def score(name, seed, samples, truth):
     )
 
 
-def run(name, samples, seeds, jobs=1):
+def run(name, samples, seeds, jobs=1, folder=None):
+    if folder is None:
+        with tempfile.TemporaryDirectory() as scratch:
+            run(name, samples, seeds, jobs, scratch)
+        return
     began = time.perf_counter()
-    truth = truth_of(name, jobs)
+    truth = known_truth(name, jobs, folder)
     print(
         f"\n{name}, {samples} samples: truth by {truth.samples:,}, error {truth.error:.4f}, "
         f"{time.perf_counter() - began:.0f} s",
@@ -223,7 +241,7 @@ def run(name, samples, seeds, jobs=1):
     scores, pairs = [], []
     posteriors = Posteriors(truth) if name == "three" else None
     for seed in range(1, seeds + 1):
-        found, row, pair = score(name, seed, samples, truth)
+        found, row, pair = score(name, seed, samples, truth, folder)
         scores.append(row)
         pairs.append(pair)
         print(f"{seed:4}  " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
@@ -307,4 +325,4 @@ def test_print_how_right_the_set_of_a_question_is(name):
 if __name__ == "__main__":
     what, samples, seeds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     jobs = int(sys.argv[4]) if len(sys.argv) > 4 else 1
-    run(what, samples, seeds, jobs)
+    run(what, samples, seeds, jobs, sys.argv[5] if len(sys.argv) > 5 else None)

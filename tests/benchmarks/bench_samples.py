@@ -66,9 +66,14 @@ class Installation:
 
     def __init__(self, python):
         self.name = python
-        words = [python, "-c", PROGRAM]
+        self.folder = tempfile.TemporaryDirectory()
         self.process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+            [python, "-c", PROGRAM],
+            cwd=self.folder.name,  # imports nothing from here
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
         )
 
     def ask(self, path, values, samples, want="speed"):
@@ -79,6 +84,7 @@ class Installation:
     def end(self):
         self.process.stdin.close()
         assert self.process.wait() == 0
+        self.folder.cleanup()
 
 
 def in_turn(pythons, ask, repeats=REPEATS):

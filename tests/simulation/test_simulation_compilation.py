@@ -4,10 +4,11 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import HANG
+from processes import HANG, output_of, program
 from scenes import event_periodic
 
 from agglom_mpi.simulation import compilation
@@ -23,6 +24,22 @@ pytestmark = pytest.mark.skipif(
 )
 SCENE = event_periodic(0.9, particles=12, size_ratio=0.3, end_time=1e-4)
 KERNELS = (scatter, run_engine, measure_sample, observe_particles)
+
+
+JOB = Path(__file__).parents[2] / "jobs" / "agglomeration_2004.yaml"
+COLD = """
+import os, sys
+if sys.argv[2] == "one process":
+    os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
+from agglom_mpi import load_campaign
+from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.simulation.event_driven.state import rebuild
+campaign = load_campaign(sys.argv[1])
+string = campaign.parameters({}, fill="centre")
+for sample in range(3):
+    print(campaign.simulate(string, sample).record.tobytes().hex())
+print(len(solve_impact.signatures), len(rebuild.signatures))
+"""
 
 
 def signatures():
@@ -106,3 +123,17 @@ def test_the_other_process_compiles_the_engine(unmarked, tmp_path):
     with compilation.engine_compiled_elsewhere(SCENE) as finish:
         if len(os.sched_getaffinity(0)) > 1:
             assert finish() == 0
+
+
+@pytest.mark.slow
+def test_samples_are_the_same_bits_by_whatever_processes_kernels_are_compiled(tmp_path):
+    said = []
+    for way in ("one process", "two processes"):
+        words = [sys.executable, "-c", COLD, str(JOB), way]
+        with program(words, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / way)}) as process:
+            printed, complaint = output_of(process)
+        assert process.returncode == 0, complaint
+        said.append(printed.splitlines())
+    assert said[0] == said[1]
+    # What is compiled ahead is what the engine calls, and not another specialisation of it.
+    assert said[0][-1] == "1 1"

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_fma
+from agglom_mpi.kernels import fused, inlined
 from agglom_mpi.simulation.boundary import nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, copy_flight
 
@@ -42,7 +42,13 @@ def gather_flights(cells, flights, count):
     return others + count
 
 
-@inlined_fma
+@inlined
+def scalar_product(x, y, z, u, v, w):
+    """Scalar product of two vectors."""
+    return fused(x, u, fused(y, v, z * w))
+
+
+@inlined
 def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     """Compare a particle at (x, y, z) in m with the first `count` beside one another.
 
@@ -57,15 +63,18 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
     for k in range((count + VECTOR_LENGTH - 1) // VECTOR_LENGTH * VECTOR_LENGTH):
         flight = now - block[6, k]
-        dx = nearest_image(scene.escape, block[0, k] + block[3, k] * flight - x, side, per_side)
-        dy = nearest_image(scene.escape, block[1, k] + block[4, k] * flight - y, side, per_side)
-        dz = nearest_image(scene.escape, block[2, k] + block[5, k] * flight - z, side, per_side)
+        dx = fused(block[3, k], flight, block[0, k]) - x
+        dy = fused(block[4, k], flight, block[1, k]) - y
+        dz = fused(block[5, k], flight, block[2, k]) - z
+        dx = nearest_image(scene.escape, dx, side, per_side)
+        dy = nearest_image(scene.escape, dy, side, per_side)
+        dz = nearest_image(scene.escape, dz, side, per_side)
         du, dv, dw = block[3, k] - u, block[4, k] - v, block[5, k] - w
-        closing = dx * du + dy * dv + dz * dw
+        closing = scalar_product(dx, dy, dz, du, dv, dw)
         reach = radius + block[7, k]
-        excess = dx * dx + dy * dy + dz * dz - reach * reach
-        square = du * du + dv * dv + dw * dw
-        likely = (1.0 + SLACK) * closing * closing - square * excess
+        excess = fused(-reach, reach, scalar_product(dx, dy, dz, dx, dy, dz))
+        square = scalar_product(du, dv, dw, du, dv, dw)
+        likely = fused(-square, excess, (1.0 + SLACK) * closing * closing)
         time = (1.0 - SLACK) * excess / (-2.0 * closing)
         soonest[k] = time if (closing < 0.0) & (likely > 0.0) else np.inf
         if safe is not None:

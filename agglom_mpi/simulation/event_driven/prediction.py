@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_fma
+from agglom_mpi.kernels import fused, inlined
 from agglom_mpi.simulation.boundary import is_periodic, nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.comparison import (
@@ -13,6 +13,7 @@ from agglom_mpi.simulation.event_driven.comparison import (
     gather_flights,
     highest_rate,
     keep_likely,
+    scalar_product,
 )
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
@@ -123,10 +124,13 @@ VELOCITY_RESOLUTION: Final = 2.0**-51
 """Approach over speed up to which an impact may leave both velocities as they are, by rounding."""
 
 
-@inlined_fma
+@inlined
 def squared_cross(dx, dy, dz, du, dv, dw):
     """Square of the cross product of two vectors."""
-    return (dy * dw - dz * dv) ** 2 + (dz * du - dx * dw) ** 2 + (dx * dv - dy * du) ** 2
+    a = fused(dy, dw, -dz * dv)
+    b = fused(dz, du, -dx * dw)
+    c = fused(dx, dv, -dy * du)
+    return scalar_product(a, b, c, a, b, c)
 
 
 @inlined
@@ -140,7 +144,7 @@ def is_resolved(trajectory, other, dx, dy, dz, closing):
     return -closing > VELOCITY_RESOLUTION * speeds * (abs(dx) + abs(dy) + abs(dz))
 
 
-@inlined_fma
+@inlined
 def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
     """Earliest collision of particle i, now at (x, y, z) in m, with candidates: time in s, partner.
 
@@ -159,17 +163,20 @@ def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
         j = cells.candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
-        dx = nearest_image(scene.escape, other["x"] + other["u"] * flight - x, side, per_side)
-        dy = nearest_image(scene.escape, other["y"] + other["v"] * flight - y, side, per_side)
-        dz = nearest_image(scene.escape, other["z"] + other["w"] * flight - z, side, per_side)
+        dx = fused(other["u"], flight, other["x"]) - x
+        dy = fused(other["v"], flight, other["y"]) - y
+        dz = fused(other["w"], flight, other["z"]) - z
+        dx = nearest_image(scene.escape, dx, side, per_side)
+        dy = nearest_image(scene.escape, dy, side, per_side)
+        dz = nearest_image(scene.escape, dz, side, per_side)
         du = other["u"] - trajectory["u"]
         dv = other["v"] - trajectory["v"]
         dw = other["w"] - trajectory["w"]
-        closing = dx * du + dy * dv + dz * dw
+        closing = scalar_product(dx, dy, dz, du, dv, dw)
         reach = trajectory["radius"] + other["radius"]
-        excess = dx * dx + dy * dy + dz * dz - reach * reach
-        square = du * du + dv * dv + dw * dw
-        discriminant = square * reach * reach - squared_cross(dx, dy, dz, du, dv, dw)
+        excess = fused(-reach, reach, scalar_product(dx, dy, dz, dx, dy, dz))
+        square = scalar_product(du, dv, dw, du, dv, dw)
+        discriminant = fused(square * reach, reach, -squared_cross(dx, dy, dz, du, dv, dw))
         # The earlier root of |dr + dv t| = reach, in the form in which nothing cancels.
         time = now + max(0.0, excess) / (math.sqrt(max(0.0, discriminant)) - closing)
         first = time < collision_time or (time == collision_time and j < partner)

@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, not_inlined
+from agglom_mpi.kernels import inlined, kernel, not_inlined
 from agglom_mpi.simulation.event_driven.cells import (
     MAX_ALL_PAIRS,
     OVERSIZE,
@@ -110,11 +110,11 @@ def synchronise(scene, particles, events, now):
             synchronise_particle(scene, particles, events.flights, i, now)
 
 
-@not_inlined
+@kernel
 def rebuild(scene, particles, events, now):
     """Close the gaps, choose cells and discard all predictions; return how many are due: all.
 
-    They are in no cell yet.
+    They are in no cell yet. A kernel of its own, which is compiled beside the engine.
     """
     before = particles.size[0]
     compact(particles)
