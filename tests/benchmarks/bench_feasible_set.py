@@ -3,9 +3,9 @@
 `python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER]]`, with the
 question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
 variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
-(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
-string. With `three`, posteriors are compared with brute force, and ranks of true values in them are
-counted. A folder keeps campaigns and the truth for the next time.
+(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one
+sample a string. With `three`, posteriors are compared with brute force, and ranks of true values in
+them are counted. A folder keeps campaigns and the truth for the next time.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
