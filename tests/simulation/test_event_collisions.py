@@ -13,7 +13,7 @@ import pytest
 from event_reference import run_reference
 from event_runs import bouncing, recorded, same_place, size_ratio
 from plain_python import cases
-from scenes import HALF, ball_mass, kinetic_energy, momentum, placed, state
+from scenes import HALF, ball_mass, kinetic_energy, merging_event_periodic, momentum, placed, state
 
 from agglom_mpi.simulation.collision import BONDED, BOUNCED
 
@@ -229,3 +229,15 @@ def test_beyond_chaos_the_means_agree():
         # Chaos makes the two differ, so that the comparison is one of means.
         assert np.count_nonzero(difference) >= 15
         assert abs(difference.mean()) <= 4.0 * difference.std(ddof=1) / np.sqrt(20.0)
+
+
+def test_few_particles_have_cells_only_if_they_are_going_to_stay_as_many():
+    options = {"particles": 100, "size_ratio": size_ratio(0.05), "end_time": 1e-6}
+    for scene, cells in (
+        (bouncing(0.9, **options), True),
+        (bouncing(0.9, **options | {"particles": 60}), False),
+        (merging_event_periodic(1e7, **options), False),
+        (merging_event_periodic(1e7, **options | {"particles": 200}), True),
+    ):
+        run = recorded(scene, placed(scene, 1))
+        assert (run.per_axis[0] > 0) == cells
