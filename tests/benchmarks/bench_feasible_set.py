@@ -213,7 +213,7 @@ def score(name, seed, samples, truth, folder):
         Score(
             wrong,
             found.expected_error,
-            found.volume / inside.mean(),
+            probability.mean() / inside.mean(),  # at the same points, which share their luck
             covered.mean(),
             (probability >= 0.05)[inside].mean(),
             inside[probability >= 0.95].mean() if (probability >= 0.95).any() else np.nan,

@@ -170,7 +170,8 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
         label="best string",
     )
     ax.set_yscale("log" if path.logarithmic else "linear")
-    ax.set_ylim(path.lower / factor, path.upper / factor)
+    if path.lower < path.upper:  # an altered file may say otherwise
+        ax.set_ylim(path.lower / factor, path.upper / factor)
     ax.set_ylabel(axis_label(path.name, unit), fontsize=8.5)
     ax.tick_params(labelsize=8)
     integer_ticks(ax.xaxis)
