@@ -128,7 +128,7 @@ MIXTURES = {  # volume fraction: large over small diameter, share of large ones
     0.05: (3.0, 0.1),
     0.2: (2.0, 0.3),
 }
-NUMBER, RUNS, COLLISIONS = 1000, 8, 200_000
+NUMBER, RUNS, MANY_RUNS, COLLISIONS = 1000, 8, 400, 200_000
 GAS = """
 seed: 1
 scene:
@@ -181,18 +181,18 @@ def box_over_theory(path, sample):
 @pytest.mark.slow
 @pytest.mark.parametrize("fraction", MIXTURES)
 def test_pairs_of_each_kind_collide_at_the_rates_of_kinetic_theory(fraction):
-    """The rate of each kind of pair is right within 1 % of theory and four standard errors of runs.
+    """The rate of each kind of pair is within 1 %, or within four standard errors of the runs.
 
-    Of large spheres with each other there are few, and the theory is low for them: by 0.92 ± 0.08 %
-    in 96 runs at φ = 0.2.
+    Of large spheres with each other there are few, and the theory is low for them: by 0.95 ± 0.04 %
+    at φ = 0.2, so that it takes many runs to tell that from 1 %.
     """
     ratio, share = MIXTURES[fraction]
     large = round(10 * share)
     ratios = np.array([1.0] * (10 - large) + [ratio] * large)
     law = ListedSizes(ratios / ratios.mean())
-    found = np.array([measured_over_expected(law, fraction, seed) for seed in range(RUNS)])
-    mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / math.sqrt(RUNS)
-    assert np.all(np.abs(mean - 1.0) < 0.01 + 4.0 * error)
+    found = np.array([measured_over_expected(law, fraction, seed) for seed in range(MANY_RUNS)])
+    mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / math.sqrt(MANY_RUNS)
+    assert np.all(np.abs(mean - 1.0) < np.maximum(0.01, 4.0 * error))
 
 
 def measured_over_expected(law, fraction, seed):
