@@ -225,12 +225,15 @@ class NoiseProcess:
     @property
     def variance_without(self) -> Floats:
         """Variance of a sample at each point of the data, as the other points tell it, (n,)."""
-        return np.exp(np.maximum(self._process.leave_one_out(), self._floor))
+        return self._variance(self._process.leave_one_out())
 
     def variance(self, points: Floats, means: Floats) -> Floats:
         """Return it at points, (m, d), where the emulated means are these, (m,): shape (m,)."""
         at = self._with_mean(points, means)
-        return np.exp(np.maximum(_blockwise(self._process.mean, at), self._floor))
+        return self._variance(_blockwise(self._process.mean, at))
+
+    def _variance(self, logarithms: Floats) -> Floats:
+        return np.exp(np.maximum(logarithms, self._floor))
 
     def _with_mean(self, points: Floats, means: Floats) -> Floats:
         scaled = (means - self._lowest) / (self._highest - self._lowest or 1.0)

@@ -22,7 +22,7 @@ import numpy as np
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.kernels import cache_folder, code_key, compile_ahead, runs_compiled
 from agglom_mpi.outcome import OUTCOME
-from agglom_mpi.physics import impact
+from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import initial_state, sample, trajectory
 from agglom_mpi.simulation.event_driven.state import rebuild
@@ -124,8 +124,7 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
         run = scene, particles, ledger, state, initial
         return sample.run_engine, (*run, scene.end_time, np.zeros(1, np.uint8))
     if name == CONTACT:
-        pair = ContactPair(*np.ones(len(ContactPair._fields)).tolist())
-        return impact.solve_impact, (scene.laws, pair)
+        return solve_impact, (scene.laws, ContactPair(*[1.0] * len(ContactPair._fields)))
     if name == CELLS:
         return rebuild, (scene, particles, state, 0.0)
     if name == MEASUREMENT:

@@ -49,6 +49,16 @@ def scalar_product(x, y, z, u, v, w):
 
 
 @inlined
+def way_after(scene, coordinate, velocity, flight, origin, side, per_side):
+    """Way in m along an axis from `origin` to the nearest image of a particle after a flight in s.
+
+    `side` is D in m, and `per_side` its inverse.
+    """
+    way = fused(velocity, flight, coordinate) - origin
+    return nearest_image(scene.escape, way, side, per_side)
+
+
+@inlined
 def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     """Compare a particle at (x, y, z) in m with the first `count` beside one another.
 
@@ -63,12 +73,9 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
     for k in range((count + VECTOR_LENGTH - 1) // VECTOR_LENGTH * VECTOR_LENGTH):
         flight = now - block[6, k]
-        dx = fused(block[3, k], flight, block[0, k]) - x
-        dy = fused(block[4, k], flight, block[1, k]) - y
-        dz = fused(block[5, k], flight, block[2, k]) - z
-        dx = nearest_image(scene.escape, dx, side, per_side)
-        dy = nearest_image(scene.escape, dy, side, per_side)
-        dz = nearest_image(scene.escape, dz, side, per_side)
+        dx = way_after(scene, block[0, k], block[3, k], flight, x, side, per_side)
+        dy = way_after(scene, block[1, k], block[4, k], flight, y, side, per_side)
+        dz = way_after(scene, block[2, k], block[5, k], flight, z, side, per_side)
         du, dv, dw = block[3, k] - u, block[4, k] - v, block[5, k] - w
         closing = scalar_product(dx, dy, dz, du, dv, dw)
         reach = radius + block[7, k]

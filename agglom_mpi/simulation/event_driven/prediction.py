@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.kernels import fused, inlined
-from agglom_mpi.simulation.boundary import is_periodic, nearest_image
+from agglom_mpi.simulation.boundary import is_periodic
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.comparison import (
     compare,
@@ -14,6 +14,7 @@ from agglom_mpi.simulation.event_driven.comparison import (
     highest_rate,
     keep_likely,
     scalar_product,
+    way_after,
 )
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
@@ -163,12 +164,9 @@ def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
         j = cells.candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
-        dx = fused(other["u"], flight, other["x"]) - x
-        dy = fused(other["v"], flight, other["y"]) - y
-        dz = fused(other["w"], flight, other["z"]) - z
-        dx = nearest_image(scene.escape, dx, side, per_side)
-        dy = nearest_image(scene.escape, dy, side, per_side)
-        dz = nearest_image(scene.escape, dz, side, per_side)
+        dx = way_after(scene, other["x"], other["u"], flight, x, side, per_side)
+        dy = way_after(scene, other["y"], other["v"], flight, y, side, per_side)
+        dz = way_after(scene, other["z"], other["w"], flight, z, side, per_side)
         du = other["u"] - trajectory["u"]
         dv = other["v"] - trajectory["v"]
         dw = other["w"] - trajectory["w"]
