@@ -262,6 +262,8 @@ def _check_tables(file: h5py.File, path: Path) -> None:
         raise ValueError("/variables has other names or units")
     if np.isinf(box["lower"]).any() or np.isinf(box["upper"]).any():
         raise ValueError("/variables has an infinite bound")
+    if not np.array_equal(box["searched"], box["lower"] < box["upper"]):
+        raise ValueError("/variables has a searched variable without a range, or the reverse")
 
 
 def _check_format(file: h5py.File, path: Path) -> None:
