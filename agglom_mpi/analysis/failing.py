@@ -18,14 +18,20 @@ class FailingShare:
     failed
         Which of them failed, shape (n,).
     random
+    groups
+        How many of the coordinates, the last ones, are groups of variables.
     """
 
     def __init__(
-        self, points: Floats, failed: NDArray[np.bool_], random: np.random.Generator
+        self,
+        points: Floats,
+        failed: NDArray[np.bool_],
+        random: np.random.Generator,
+        groups: int = 0,
     ) -> None:
         self.count = int(failed.sum())
         self._process = (
-            Emulator(merged(points, failed.astype(np.float64)), random, rounds=0)
+            Emulator(merged(points, failed.astype(np.float64)), random, groups, rounds=0)
             if self.count
             else None
         )

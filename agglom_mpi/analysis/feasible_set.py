@@ -95,9 +95,10 @@ class FeasibleSet:
         self.coordinates = coordinates_of(self.campaign)
         numbers = self.criterion.numbers(stored.rows, self.campaign.scene.particles)
         points = self.coordinates.of_strings(stored.strings)
-        self.emulator = SetEmulator(self.criterion, points, numbers, self._stream(0))
+        groups = len(self.coordinates.groups)
+        self.emulator = SetEmulator(self.criterion, points, numbers, self._stream(0), groups)
         self._failing = FailingShare(
-            self.coordinates.of_strings(stored.tried), stored.failed, self._stream(1)
+            self.coordinates.of_strings(stored.tried), stored.failed, self._stream(1), groups
         )
         if isinstance(self.criterion, NearMaximum):
             self._find_maximum(stored.strings)

@@ -33,6 +33,8 @@ class SetEmulator:
     numbers
         The numbers of each sample, shape (n, k).
     random
+    groups
+        How many of the coordinates, the last ones, are groups of variables.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class SetEmulator:
         points: Floats,
         numbers: Floats,
         random: np.random.Generator,
+        groups: int = 0,
     ) -> None:
         self.criterion = criterion
         k = numbers.shape[1]
@@ -48,12 +51,14 @@ class SetEmulator:
         if k > 1:
             scales = numbers.std(axis=0)
             scales[scales == 0.0] = 1.0
-            first = [Emulator(merged(points, n), random, rounds=0) for n in (numbers / scales).T]
+            first = [
+                Emulator(merged(points, n), random, groups, rounds=0) for n in (numbers / scales).T
+            ]
             residuals = np.array([e.data.means - e.held_out()[0] for e in first])
             noise = residuals @ residuals.T / residuals.shape[1] + 1e-9 * np.eye(k)
             self._mixing = scales[:, None] * np.linalg.cholesky(noise)
         mixed = np.linalg.solve(self._mixing, numbers.T)
-        self._emulators = [Emulator(merged(points, n), random) for n in mixed]
+        self._emulators = [Emulator(merged(points, n), random, groups) for n in mixed]
         self._normal = _normal_points(k) if k > 1 else np.empty((0, 1))
 
     @property

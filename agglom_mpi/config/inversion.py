@@ -41,13 +41,15 @@ def inversion_of(
     objective = campaign.objective.build(campaign.scene.equivalent_grains)
     rule = ensemble.build()
     target, race = stopping.target, ensemble.racing
+    coordinates = coordinates_of(campaign)
     inputs = SearchInputs(
         campaign.space(),
         campaign.seed,
         given,
         magnitude=campaign.objective.law == "growth_target",
         background=background,
-        coordinates=coordinates_of(campaign).of_strings,
+        coordinates=coordinates.of_strings,
+        groups=len(coordinates.groups),
     )
     search, error = campaign.search.build(inputs), stopping.expected_error
 

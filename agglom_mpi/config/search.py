@@ -79,6 +79,8 @@ class SearchInputs(NamedTuple):
         Whether long computations may run in a thread.
     coordinates
         Returns the coordinates in which strings, (n, 10), are emulated.
+    groups
+        How many of them, the last ones, are groups of variables.
     """
 
     space: SearchSpace
@@ -87,6 +89,7 @@ class SearchInputs(NamedTuple):
     magnitude: bool = False
     background: bool = False
     coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+    groups: int = 0
 
 
 class SearchSection(Section):
@@ -265,12 +268,12 @@ class Surrogate(SearchSection):
         """Return the search method before its first generation."""
         from agglom_mpi.search.surrogate import SurrogateSearch
 
-        space, seed, given, magnitude, background, coordinates = inputs
+        space, seed, given, magnitude, background, coordinates, groups = inputs
         aim = None
         if self.aim == "set":
             from agglom_mpi.search.set_aim import SetAim
 
-            aim = SetAim(self.tolerance or SET_TOLERANCE, coordinates)
+            aim = SetAim(self.tolerance or SET_TOLERANCE, coordinates, groups)
         return SurrogateSearch(
             space, seed, self.initial, self.batch, given, magnitude, background, aim
         )

@@ -75,6 +75,8 @@ class Emulator:
         The samples, at two points or more.
     random
         For the subsets that covariances are fitted to.
+    groups
+        How many of the coordinates, the last ones, are groups of variables.
     rounds
         Turns of fitting the noise by the residuals, and the mean by the noise; 0: one noise for
         all points.
@@ -84,19 +86,25 @@ class Emulator:
     data
     """
 
-    def __init__(self, data: NoisyMeans, random: np.random.Generator, rounds: int = ROUNDS) -> None:
+    def __init__(
+        self,
+        data: NoisyMeans,
+        random: np.random.Generator,
+        groups: int = 0,
+        rounds: int = ROUNDS,
+    ) -> None:
         self.data = data
         weights = data.samples.astype(np.float64)
-        covariance = fit_covariance_of_many(data.points, data.means, weights, random)
+        covariance = fit_covariance_of_many(data.points, data.means, weights, random, groups)
         process = Process(covariance, data.points, data.means, weights)
         known: Covariance | None = None
         for _ in range(rounds):
-            self._noise = NoiseProcess(process, data, random, known)
+            self._noise = NoiseProcess(process, data, random, groups, known)
             known = self._noise.covariance
             variance = self._noise.variance_without
             typical = float(np.median(variance))
             weights = data.samples * typical / np.maximum(variance, LEAST_WEIGHED * typical)
-            covariance = refined(covariance, data.points, data.means, weights, random)
+            covariance = refined(covariance, data.points, data.means, weights, random, groups)
             process = Process(covariance, data.points, data.means, weights)
         self._process = process
 
@@ -195,6 +203,9 @@ class NoiseProcess:
     data
         The samples.
     random
+    groups
+        How many of the coordinates of the data, the last ones, are groups of variables. The
+        emulated mean is one more.
     near
         A covariance of it that was found with other noise; None: search for one everywhere.
 
@@ -208,6 +219,7 @@ class NoiseProcess:
         process: Process,
         data: NoisyMeans,
         random: np.random.Generator,
+        groups: int = 0,
         near: Covariance | None = None,
     ) -> None:
         logarithms, spread = _observed_logarithms(process, data)
@@ -216,9 +228,11 @@ class NoiseProcess:
         points = self._with_mean(data.points, means)
         weights = NOISE_OF_ONE / spread
         if near is None:
-            self.covariance = fit_covariance_of_many(points, logarithms, weights, random)
+            self.covariance = fit_covariance_of_many(
+                points, logarithms, weights, random, groups + 1
+            )
         else:
-            self.covariance = refined(near, points, logarithms, weights, random)
+            self.covariance = refined(near, points, logarithms, weights, random, groups + 1)
         self._process = GaussianProcess(self.covariance, points, logarithms, weights)
         self._floor = float(logarithms.min())
 

@@ -29,10 +29,13 @@ class SetAim(NamedTuple):
     tolerance
     coordinates
         Returns the coordinates in which strings, (n, 10), are emulated, (n, p).
+    groups
+        How many of them, the last ones, are groups of variables.
     """
 
     tolerance: float
     coordinates: Callable[[Floats], Floats]
+    groups: int = 0
 
     def probability(self, mean: Floats, deviation: Floats) -> Floats:
         """Return the probability of normally distributed signed means to be in the set."""
@@ -78,7 +81,7 @@ class SetAim(NamedTuple):
         sums = np.bincount(place.ravel(), samples[known] * means[known])
         unknown = np.full(len(points), np.nan)
         data = NoisyMeans(points, sums / weights, weights.astype(np.int64), unknown)
-        emulator = Emulator(data, np.random.default_rng(len(points)))
+        emulator = Emulator(data, np.random.default_rng(len(points)), self.groups)
         box = space.from_unit(qmc.Sobol(space.dimensions, seed=1).random(POINTS))
         if space.allowed is not None:
             box = box[space.allowed(box)]

@@ -64,7 +64,7 @@ QUESTIONS = {
         "doubling_in_three", "{law: moments, targets: {mean: 2, spread: 0.65}}", 0.1, 2048, 512
     ),
     "maximum": Question("doubling_in_three", "{law: maximum_growth}", 0.05, 2048, 512),
-    "nine": Question("accretion_2003", CENTRE, 0.05, 1024, 512),
+    "nine": Question("accretion_2003", CENTRE, 0.05, 4096, 512),
 }
 SEEDS, SAMPLES = 20, 800
 

@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from agglom_mpi.search.covariance_fit import fit_covariance_of_many, negative_log_likelihood
+from agglom_mpi.search.covariance_fit import (
+    expected_lengths,
+    fit_covariance_of_many,
+    negative_log_likelihood,
+)
 
 
 def test_the_gradient_of_the_likelihood_is_its_slope():
@@ -10,13 +14,11 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
     points, values = rng.random((20, 3)), rng.normal(size=20)
     squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
     weights, at = rng.uniform(1.0, 5.0, 20), np.log([1.2, 0.5, 0.8, 1.5, 0.3])
-    _, gradient = negative_log_likelihood(at, squares, values, weights)
+    data = squares, values, weights, expected_lengths(3, 1)
+    _, gradient = negative_log_likelihood(at, *data)
     for i, slope in enumerate(gradient):
         step = np.eye(5)[i] * 1e-5
-        ends = [
-            negative_log_likelihood(at + s * step, squares, values, weights, slope=False)[0]
-            for s in (1, -1)
-        ]
+        ends = [negative_log_likelihood(at + s * step, *data, slope=False)[0] for s in (1, -1)]
         assert slope == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-5)
 
 
@@ -25,3 +27,13 @@ def test_what_does_not_matter_gets_the_longest_length():
     values = np.sin(6.0 * points[:, 1]) + 0.05 * rng.normal(size=256)
     lengths = fit_covariance_of_many(points, values, np.ones(256), rng).lengths
     assert lengths[1] < 0.3 * min(lengths[0], lengths[2])
+
+
+def test_a_group_explains_what_a_variable_of_it_explains_as_well():
+    """Where one does not change without the other, only what is expected tells them apart."""
+    rng = np.random.default_rng(2)
+    points = qmc.Sobol(2, seed=7).random(256)
+    points = np.column_stack((points, points[:, 0]))
+    values = np.sin(6.0 * points[:, 0]) + 0.05 * rng.normal(size=256)
+    own, _, group = fit_covariance_of_many(points, values, np.ones(256), rng, groups=1).lengths
+    assert group < 0.3 * own
