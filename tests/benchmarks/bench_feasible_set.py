@@ -1,11 +1,12 @@
 """How right feasible sets are, over seeds: their truth is simulated in the same run.
 
-`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER]]`, with the
-question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
+`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM]]]`, with
+the question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
 variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
 (three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one
-sample a string. With `three`, posteriors are compared with brute force, and ranks of true values in
-them are counted. A folder keeps campaigns and the truth for the next time.
+sample a string, for the `best` string or, with the aim `set`, for the set. With `three`, posteriors
+are compared with brute force, and ranks of true values in them are counted. A folder keeps
+campaigns and the truth for the next time.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
@@ -69,28 +70,28 @@ QUESTIONS = {
 SEEDS, SAMPLES = 20, 800
 
 
-def campaign_text(name, seed, samples):
+def campaign_text(name, seed, samples, aim="best"):
     question = QUESTIONS[name]
     text = (JOBS / f"{question.job}.yaml").read_text()
     text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", text)
     head = text[: text.index("objective:")]
     generations = 2 + (samples - INITIAL) // BATCH
     plan = (
-        f"search: {{method: surrogate, initial: {INITIAL}, batch: {BATCH}}}\n"
+        f"search: {{method: surrogate, aim: {aim}, initial: {INITIAL}, batch: {BATCH}}}\n"
         f"ensemble: {{rule: fixed, samples: 1}}\nstopping: {{generations: {generations}}}\n"
     )
     return f"final: none\n{head}objective: {question.objective}\n{plan}"
 
 
-def searched(name, seed, samples, folder):
+def searched(name, seed, samples, folder, aim):
     """Run a campaign of a question, and return its file."""
     from click.testing import CliRunner
 
-    path = Path(folder) / f"{name}_{seed}_{samples}.yaml"
+    path = Path(folder) / f"{name}_{seed}_{samples}{'' if aim == 'best' else f'_{aim}'}.yaml"
     target = path.with_suffix(".h5")
     if target.exists():
         return open_campaign(target)
-    path.write_text(campaign_text(name, seed, samples))
+    path.write_text(campaign_text(name, seed, samples, aim))
     done = CliRunner().invoke(invert_command, [str(path), "--output", str(target), "--quiet"])
     assert done.exit_code == 0, done.output
     return open_campaign(target)
@@ -195,9 +196,9 @@ def members(truth, found):
     return found.criterion.holds(truth.values)
 
 
-def score(name, seed, samples, truth, folder):
+def score(name, seed, samples, truth, folder, aim="best"):
     """Return the score of a campaign, and its probabilities and true members at the points."""
-    file = searched(name, seed, samples, folder)
+    file = searched(name, seed, samples, folder, aim)
     began = time.perf_counter()
     found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
     _ = found.volume_error, found.variables
@@ -225,23 +226,23 @@ def score(name, seed, samples, truth, folder):
     )
 
 
-def run(name, samples, seeds, jobs=1, folder=None):
+def run(name, samples, seeds, jobs=1, folder=None, aim="best"):
     if folder is None:
         with tempfile.TemporaryDirectory() as scratch:
-            run(name, samples, seeds, jobs, scratch)
+            run(name, samples, seeds, jobs, scratch, aim)
         return
     began = time.perf_counter()
     truth = known_truth(name, jobs, folder)
     print(
-        f"\n{name}, {samples} samples: truth by {truth.samples:,}, error {truth.error:.4f}, "
-        f"{time.perf_counter() - began:.0f} s",
+        f"\n{name}, {samples} samples, aim {aim}: "
+        f"truth by {truth.samples:,}, error {truth.error:.4f}, {time.perf_counter() - began:.0f} s",
         flush=True,
     )
     print("seed  " + "  ".join(f"{field:>14}" for field in Score._fields))
     scores, pairs = [], []
     posteriors = Posteriors(truth) if name == "three" else None
     for seed in range(1, seeds + 1):
-        found, row, pair = score(name, seed, samples, truth, folder)
+        found, row, pair = score(name, seed, samples, truth, folder, aim)
         scores.append(row)
         pairs.append(pair)
         print(f"{seed:4}  " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
@@ -323,6 +324,6 @@ def test_print_how_right_the_set_of_a_question_is(name):
 
 
 if __name__ == "__main__":
-    what, samples, seeds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    jobs = int(sys.argv[4]) if len(sys.argv) > 4 else 1
-    run(what, samples, seeds, jobs, sys.argv[5] if len(sys.argv) > 5 else None)
+    what, samples, seeds, *rest = sys.argv[1:]
+    jobs = int(rest[0]) if rest else 1
+    run(what, int(samples), int(seeds), jobs, *rest[1:])
