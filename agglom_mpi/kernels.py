@@ -18,7 +18,10 @@ from typing import Any, Final, TypeAlias, TypeVar
 
 import llvmlite.binding as ll
 import numba
+from llvmlite import ir
+from numba.core import cgutils
 from numba.extending import intrinsic, overload
+from numba.np.arrayobj import make_array
 
 from agglom_mpi.kernel_linking import COMPILER
 
@@ -204,6 +207,31 @@ fused: Final[Any] = _rounded_twice if _CONFIG.DISABLE_JIT else intrinsic(_fused_
 It is written where it saves time, and not left to the compiler, whose choice depends on what else
 it compiles.
 """
+
+
+def _prefetch_instruction(typing_context: Any, array: Any, index: Any) -> Any:
+    """Return how Numba types and lowers the prefetching of an item of an array of one axis."""
+
+    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        values = make_array(array)(context, builder, arguments[0])
+        whole = [context.cast(builder, arguments[1], index, numba.types.intp)]
+        item = cgutils.get_item_pointer(context, builder, array, values, whole, wraparound=False)
+        number, address = ir.IntType(32), builder.bitcast(item, ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [address.type, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        read, keep, data = number(0), number(3), number(1)
+        builder.call(function, [address, read, keep, data])
+        return context.get_dummy_value()
+
+    return numba.void(array, index), lower
+
+
+def _read_when_used(array: Any, index: int) -> None:
+    pass
+
+
+prefetch: Final[Any] = _read_when_used if _CONFIG.DISABLE_JIT else intrinsic(_prefetch_instruction)
+"""Begin to read item `index` of an array of one axis into the caches, and do not wait for it."""
 
 
 class ANY:

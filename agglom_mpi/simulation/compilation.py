@@ -25,6 +25,7 @@ from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import initial_state, sample, trajectory
+from agglom_mpi.simulation.event_driven.prefetching import PREFETCH_ABOVE, new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state
@@ -43,10 +44,16 @@ _ALL: Final = "without frames"
 
 
 def kind_of(scene: Scene) -> str:
-    """Return the names of the types that the kernels of a scene are compiled for."""
+    """Return the names of the types that kernels of a scene are compiled for, as text.
+
+    Whether memory is prefetched is a matter of types, too.
+    """
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
     parts += [] if scene.sizes is None else [True]
-    return " ".join(f"{type(part).__module__}.{type(part).__name__}" for part in parts)
+    names = [f"{type(part).__module__}.{type(part).__name__}" for part in parts]
+    event_driven = isinstance(scene.engine, EventDriven)
+    names += ["prefetching"] if event_driven and scene.particles > PREFETCH_ABOVE else []
+    return " ".join(names)
 
 
 def is_compiled(scene: Scene, frames: bool = False) -> bool:
@@ -88,7 +95,7 @@ def compile_kernels(
         for name in [*_called(scene), *names]:
             if name == ENGINE:
                 finish()
-            compile_ahead(*_example(name, scene._replace(particles=1)))
+            compile_ahead(*_example(name, scene))
             if is_new.get(name):
                 show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
     for what in [_ALL, FRAMES] if frames else [_ALL]:
@@ -117,9 +124,11 @@ def _called(scene: Scene) -> list[str]:
 
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     """Return a kernel and arguments of the types that it is called with."""
-    scene = sample.without_law(scene)
+    count, scene = scene.particles, sample.without_law(scene._replace(particles=1))
     particles, ledger, initial = new_particles(scene, 1), new_ledger(), np.zeros(1, sample.INITIAL)
-    state = new_engine_state(scene.engine, scene, 1)
+    state: Any = new_engine_state(scene.engine, scene, 1)
+    if isinstance(scene.engine, EventDriven):
+        state = state._replace(winners=new_winners(count))
     if name == ENGINE:
         run = scene, particles, ledger, state, initial
         return sample.run_engine, (*run, scene.end_time, np.zeros(1, np.uint8))
@@ -195,7 +204,7 @@ def compile_for_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    compile_ahead(*_example(ENGINE, scene._replace(particles=1)))
+    compile_ahead(*_example(ENGINE, scene))
     os._exit(0)
 
 

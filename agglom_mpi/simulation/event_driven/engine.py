@@ -27,6 +27,7 @@ from agglom_mpi.simulation.event_driven.flights import (
     synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
+from agglom_mpi.simulation.event_driven.prefetching import prefetch_events
 from agglom_mpi.simulation.event_driven.state import (
     ALIVE,
     NEW,
@@ -121,6 +122,7 @@ def _advance_events(engine, scene, particles, ledger, events, until, abort):
     events.counts[NEW] = 0
     while True:
         predict_due(scene, events, event, time)
+        prefetch_events(scene, particles, events, events.winners, event.due)
         time = next_time(events)
         if time > until or is_aborted(abort):
             return min(time, until)

@@ -27,6 +27,7 @@ from agglom_mpi.simulation.event_driven.flights import (
     load_particle,
     synchronise_particle,
 )
+from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.particles import compact, largest_radius, reorder
 
 REBUILD_GAIN: Final = 1.5
@@ -54,6 +55,9 @@ class Events(NamedTuple):
         Trajectories and next events; positions by cell; order of the events.
     due
         Slots of the particles to predict for after the last event, shape (capacity,).
+    winners
+        Winners of the upper matches of the queue for which memory was prefetched, by node; None for
+        few particles.
     counts
         Particles present, and how many of those due are in no cell yet when a run begins, shape
         (2,).
@@ -63,6 +67,7 @@ class Events(NamedTuple):
     cells: Cells
     event_queue: EventQueue
     due: np.ndarray
+    winners: np.ndarray | None
     counts: np.ndarray
 
 
@@ -79,6 +84,7 @@ def new_events(count: int, capacity: int) -> Events:
         new_cells(celled, capacity),
         new_event_queue(capacity),
         np.empty(capacity, np.int64),
+        new_winners(count),
         np.zeros(2, np.int64),
     )
 

@@ -1,0 +1,100 @@
+"""Prefetching reads what the next events need, within its arrays, and changes no result."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import output_of, program
+
+from agglom_mpi.kernels import kernel, prefetch, runs_compiled
+from agglom_mpi.simulation.event_driven.cell_crossing import next_cell
+from agglom_mpi.simulation.event_driven.prefetching import cells_behind, match_above
+
+JOBS = Path(__file__).parents[2] / "jobs"
+compiled = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
+
+SAMPLE = """
+import os, sys
+from agglom_mpi import load_campaign
+from agglom_mpi.simulation import compilation
+from agglom_mpi.simulation.event_driven import prefetching
+
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # no other process compiles the engine
+if sys.argv[2] == "prefetching":
+    prefetching.PREFETCH_ABOVE = compilation.PREFETCH_ABOVE = 0
+campaign = load_campaign(sys.argv[1])
+outcome = campaign.simulate(campaign.parameters({}, fill="centre"), 0, frames=2)
+print(outcome.record[["mean_radius_ratio", "collisions", "breakups", "steps", "energy_error"]])
+"""
+
+
+@kernel
+def asked_ahead(values, i):
+    prefetch(values, i)
+    return values[i]
+
+
+@kernel
+def around_event(index, face, per_axis):
+    return cells_behind(index, face), next_cell(index, face, per_axis)[0]
+
+
+@kernel
+def match_of(node, matches):
+    return match_above(node, matches)
+
+
+def said_by(path, how, folder):
+    """Return what a sample prints in a fresh process, with kernels of its own."""
+    variables = {"NUMBA_CACHE_DIR": str(folder / how)}
+    variables |= {"NUMBA_BOUNDSCHECK": str(int(how == "prefetching"))}
+    words = [sys.executable, "-c", SAMPLE, path, how]
+    with program(words, env=os.environ | variables, cwd=folder) as process:
+        said, complaint = output_of(process)
+    assert process.returncode == 0, complaint
+    return said
+
+
+def test_prefetching_changes_nothing():
+    values = np.arange(10.0)
+    assert asked_ahead(values, 7) == 7.0
+    assert values.tolist() == list(range(10))
+
+
+@compiled
+def test_prefetching_is_an_instruction():
+    asked_ahead(np.arange(2.0), 1)
+    assert "llvm.prefetch" in "".join(asked_ahead.inspect_llvm().values())
+
+
+@pytest.mark.parametrize(("face", "step"), [(0, -1), (1, 1)])
+def test_after_a_crossing_the_cells_behind_the_next_are_looked_at(face, step):
+    (first, last), entered = around_event(5, face, 10)
+    assert entered == 5 + step
+    assert first == last == entered + step
+
+
+@pytest.mark.parametrize("face", [-1, 2, 6])
+def test_otherwise_those_beside_are(face):
+    (first, last), _ = around_event(5, face, 10)
+    assert (first, last) == (4, 6)
+
+
+def test_a_match_above_is_the_one_that_the_way_to_the_root_goes_through():
+    for node in range(1024, 2048):
+        assert match_of(node, 256) == node // 4
+        assert match_of(node, 16) == node // 64
+    assert match_of(200, 256) == 200  # few particles have no such match
+
+
+@compiled
+@pytest.mark.slow
+@pytest.mark.parametrize("escape", ["periodic", "reentry"])
+def test_results_do_not_depend_on_prefetching(escape, tmp_path):
+    text = (JOBS / "agglomeration_2004.yaml").read_text()
+    path = tmp_path / "campaign.yaml"
+    path.write_text(re.sub(r"(?m)^( *escape: )\w+", rf"\g<1>{escape}", text))
+    assert said_by(path, "prefetching", tmp_path) == said_by(path, "without", tmp_path)
