@@ -18,10 +18,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 
 import llvmlite.binding as ll
 import numba
-from llvmlite import ir
-from numba.core import cgutils
 from numba.extending import intrinsic, overload
-from numba.np.arrayobj import make_array
 
 from agglom_mpi.kernel_linking import COMPILER
 
@@ -211,6 +208,10 @@ it compiles.
 
 def _prefetch_instruction(typing_context: Any, array: Any, index: Any) -> Any:
     """Return how Numba types and lowers the prefetching of an item of an array of one axis."""
+    # Imported here: a program that compiles nothing starts without them.
+    from llvmlite import ir
+    from numba.core import cgutils
+    from numba.np.arrayobj import make_array
 
     def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = make_array(array)(context, builder, arguments[0])
@@ -218,7 +219,7 @@ def _prefetch_instruction(typing_context: Any, array: Any, index: Any) -> Any:
         item = cgutils.get_item_pointer(context, builder, array, values, whole, wraparound=False)
         number, address = ir.IntType(32), builder.bitcast(item, ir.IntType(8).as_pointer())
         kind = ir.FunctionType(ir.VoidType(), [address.type, number, number, number])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        function = builder.module.declare_intrinsic("llvm.prefetch", [address.type], kind)
         read, keep, data = number(0), number(3), number(1)
         builder.call(function, [address, read, keep, data])
         return context.get_dummy_value()

@@ -1,13 +1,11 @@
 """Indices of kernels are unsigned, which is right as long as all are within their arrays."""
 
 import os
-import re
-import sys
 from pathlib import Path
 
 import pytest
+from fresh_kernels import said_by, with_escape
 from numba import types
-from processes import output_of, program
 
 from agglom_mpi.kernel_indices import unsigned
 from agglom_mpi.kernel_linking import COMPILER, LinkingCompiler
@@ -54,17 +52,6 @@ SCENES = {
 }
 
 
-def said_by(code, folder, *arguments, checked=True):
-    """Return what code prints in a fresh process, whose kernels may check their indices."""
-    words = [sys.executable, "-c", code, *arguments]
-    kernels = folder / ("checked" if checked else "kernels")
-    variables = {"NUMBA_CACHE_DIR": str(kernels), "NUMBA_BOUNDSCHECK": str(int(checked))}
-    with program(words, env=os.environ | variables, cwd=folder) as process:
-        said, complaint = output_of(process)
-    assert process.returncode == 0, complaint
-    return said
-
-
 def test_numbers_lose_their_sign_but_literals_and_slices_stay():
     literal = types.literal(1)
     assert unsigned(types.int64) is unsigned(types.int32) is types.uintp
@@ -85,8 +72,6 @@ def test_an_index_before_the_start_is_beyond_the_end(tmp_path):
 @pytest.mark.parametrize("scene", SCENES)
 def test_no_kernel_reaches_out_of_its_arrays(scene, tmp_path):
     job, escape, engine = SCENES[scene]
-    text = (JOBS / f"{job}.yaml").read_text()
-    path = tmp_path / "campaign.yaml"
-    path.write_text(re.sub(r"(?m)^( *escape: )\w+", rf"\g<1>{escape}", text))
+    path = with_escape(JOBS / f"{job}.yaml", escape, tmp_path)
     checked = said_by(SAMPLES, tmp_path, path, engine)
     assert checked == said_by(SAMPLES, tmp_path, path, engine, checked=False)

@@ -82,7 +82,7 @@ def refined(
     values: Floats,
     weights: Floats,
     random: np.random.Generator,
-    groups: int = 0,
+    groups: int,
 ) -> Covariance:
     """Return a more likely covariance near one; arguments as for `fit_covariance_of_many`."""
     _, _, standard = standardised(values)

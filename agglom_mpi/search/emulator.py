@@ -219,7 +219,7 @@ class NoiseProcess:
         process: Process,
         data: NoisyMeans,
         random: np.random.Generator,
-        groups: int = 0,
+        groups: int,
         near: Covariance | None = None,
     ) -> None:
         logarithms, spread = _observed_logarithms(process, data)

@@ -25,7 +25,7 @@ from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import initial_state, sample, trajectory
-from agglom_mpi.simulation.event_driven.prefetching import PREFETCH_ABOVE, new_winners
+from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state
@@ -51,9 +51,8 @@ def kind_of(scene: Scene) -> str:
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
     parts += [] if scene.sizes is None else [True]
     names = [f"{type(part).__module__}.{type(part).__name__}" for part in parts]
-    event_driven = isinstance(scene.engine, EventDriven)
-    names += ["prefetching"] if event_driven and scene.particles > PREFETCH_ABOVE else []
-    return " ".join(names)
+    prefetches = isinstance(scene.engine, EventDriven) and new_winners(scene.particles) is not None
+    return " ".join([*names, "prefetching"] if prefetches else names)
 
 
 def is_compiled(scene: Scene, frames: bool = False) -> bool:

@@ -85,13 +85,18 @@ def campaign_text(name, seed, samples, aim="best"):
 
 def searched(name, seed, samples, folder, aim):
     """Run a campaign of a question, and return its file."""
+    path = Path(folder) / f"{name}_{seed}_{samples}{'' if aim == 'best' else f'_{aim}'}.yaml"
+    return campaign_file(path, campaign_text(name, seed, samples, aim))
+
+
+def campaign_file(path, text):
+    """Run a campaign of this text, unless it was run before, and return its file."""
     from click.testing import CliRunner
 
-    path = Path(folder) / f"{name}_{seed}_{samples}{'' if aim == 'best' else f'_{aim}'}.yaml"
     target = path.with_suffix(".h5")
     if target.exists():
         return open_campaign(target)
-    path.write_text(campaign_text(name, seed, samples, aim))
+    path.write_text(text)
     done = CliRunner().invoke(invert_command, [str(path), "--output", str(target), "--quiet"])
     assert done.exit_code == 0, done.output
     return open_campaign(target)

@@ -1,13 +1,10 @@
 """Prefetching reads what the next events need, within its arrays, and changes no result."""
 
-import os
-import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import output_of, program
+from fresh_kernels import said_by, with_escape
 
 from agglom_mpi.kernels import kernel, prefetch, runs_compiled
 from agglom_mpi.simulation.event_driven.cell_crossing import next_cell
@@ -19,12 +16,11 @@ compiled = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
 SAMPLE = """
 import os, sys
 from agglom_mpi import load_campaign
-from agglom_mpi.simulation import compilation
 from agglom_mpi.simulation.event_driven import prefetching
 
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # no other process compiles the engine
 if sys.argv[2] == "prefetching":
-    prefetching.PREFETCH_ABOVE = compilation.PREFETCH_ABOVE = 0
+    prefetching.PREFETCH_ABOVE = 0
 campaign = load_campaign(sys.argv[1])
 outcome = campaign.simulate(campaign.parameters({}, fill="centre"), 0, frames=2)
 print(outcome.record[["mean_radius_ratio", "collisions", "breakups", "steps", "energy_error"]])
@@ -45,17 +41,6 @@ def around_event(index, face, per_axis):
 @kernel
 def match_of(node, matches):
     return match_above(node, matches)
-
-
-def said_by(path, how, folder):
-    """Return what a sample prints in a fresh process, with kernels of its own."""
-    variables = {"NUMBA_CACHE_DIR": str(folder / how)}
-    variables |= {"NUMBA_BOUNDSCHECK": str(int(how == "prefetching"))}
-    words = [sys.executable, "-c", SAMPLE, path, how]
-    with program(words, env=os.environ | variables, cwd=folder) as process:
-        said, complaint = output_of(process)
-    assert process.returncode == 0, complaint
-    return said
 
 
 def test_prefetching_changes_nothing():
@@ -94,7 +79,6 @@ def test_a_match_above_is_the_one_that_the_way_to_the_root_goes_through():
 @pytest.mark.slow
 @pytest.mark.parametrize("escape", ["periodic", "reentry"])
 def test_results_do_not_depend_on_prefetching(escape, tmp_path):
-    text = (JOBS / "agglomeration_2004.yaml").read_text()
-    path = tmp_path / "campaign.yaml"
-    path.write_text(re.sub(r"(?m)^( *escape: )\w+", rf"\g<1>{escape}", text))
-    assert said_by(path, "prefetching", tmp_path) == said_by(path, "without", tmp_path)
+    path = with_escape(JOBS / "agglomeration_2004.yaml", escape, tmp_path)
+    without = said_by(SAMPLE, tmp_path, path, "without", checked=False)
+    assert said_by(SAMPLE, tmp_path, path, "prefetching") == without

@@ -80,6 +80,17 @@ def cells_of_oversize(scene, cells, coordinate, radius):
 
 
 @inlined
+def cells_beside(index, face):
+    """First and last cell beside `index` along an axis, or the one behind, if entered by a face.
+
+    Along this axis the face is 0 or 1.
+    """
+    first = index + 1 if face == 1 else index - 1
+    last = index - 1 if face == 0 else index + 1
+    return first, last
+
+
+@inlined
 def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
     """Write the particles in cells around (x, y, z) in m into `candidates`; return their number.
 
@@ -95,12 +106,9 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
             count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
     else:
         a, b, c = np.int64(next_event["a"]), np.int64(next_event["b"]), np.int64(next_event["c"])
-        a0 = a + 1 if face == 1 else a - 1
-        a1 = a - 1 if face == 0 else a + 1
-        b0 = b + 1 if face == 3 else b - 1
-        b1 = b - 1 if face == 2 else b + 1
-        c0 = c + 1 if face == 5 else c - 1
-        c1 = c - 1 if face == 4 else c + 1
+        a0, a1 = cells_beside(a, face)
+        b0, b1 = cells_beside(b, face - 2)
+        c0, c1 = cells_beside(c, face - 4)
         count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
     return count
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from agglom_mpi.kernels import inlined, not_inlined, prefetch
 from agglom_mpi.simulation.event_driven.cells import PER_AXIS
-from agglom_mpi.simulation.event_driven.prediction import first_cell, last_cell
+from agglom_mpi.simulation.event_driven.prediction import cells_beside, first_cell, last_cell
 
 RECORDS: Final = 256
 SURROUNDINGS: Final = 64
@@ -40,7 +40,8 @@ def prefetch_events(scene, particles, events, winners, due):
     """Prefetch what the events of those read that became winners by those of the `due` first.
 
     Nothing where the scene has no room for winners, and where cells are too few for two on to be
-    another one.
+    another one. `winners` are those of the events, an argument so that all this is left out of the
+    kernel where there are none.
     """
     if winners is not None and events.cells.shape[PER_AXIS] > 2:
         prefetch_for_winners(scene, particles, events, winners, due)
@@ -149,11 +150,12 @@ def cells_of_event(scene, cells, next_event):
 @inlined
 def cells_behind(index, face):
     """First and last cell beside `index`, or the one behind the next if it is left by face 0, 1."""
+    entered = index
     if face == 0:
-        return index - 2, index - 2
-    if face == 1:
-        return index + 2, index + 2
-    return index - 1, index + 1
+        entered -= 1
+    elif face == 1:
+        entered += 1
+    return cells_beside(entered, face)
 
 
 @inlined
