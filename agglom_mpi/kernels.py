@@ -62,6 +62,8 @@ _DISPATCHED: Final[dict[str, Any]] = {
     "no_cfunc_wrapper": True,
 }
 
+_FIELD: Final[Any] = {**_DISPATCHED, "_nrt": False}
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -305,3 +307,33 @@ def _dispatched(signature: Callable[..., Any], options: Any) -> Any:
 
     dispatched.register = dispatcher.register  # type: ignore[attr-defined]
     return dispatched
+
+
+def optional_field(name: str) -> tuple[Any, Any]:
+    """Return functions that get and set a field of a record, whose type may lack it.
+
+    The first takes a record and what it returns where there is no such field; the second a record
+    and the new value, which goes nowhere then. Compiled code is specialised to the type.
+    """
+
+    def value_or(record: Any, otherwise: Any) -> Any:
+        return record[name] if name in record.dtype.names else otherwise
+
+    def set_value(record: Any, value: Any) -> None:
+        if name in record.dtype.names:
+            record[name] = value
+
+    @overload(value_or, strict=False, jit_options=_FIELD)
+    def choose_value(record: Any, otherwise: Any) -> Any:
+        if name in record.fields:
+            return lambda record, otherwise: record[name]
+        return lambda record, otherwise: otherwise
+
+    @overload(set_value, strict=False, jit_options=_FIELD)
+    def choose_setter(record: Any, value: Any) -> Any:
+        def set_field(record: Any, value: Any) -> None:
+            record[name] = value
+
+        return set_field if name in record.fields else lambda record, value: None
+
+    return value_or, set_value

@@ -24,7 +24,7 @@ from agglom_mpi.accuracy.few_body_reference import (
     hardness,
     initial_states,
 )
-from agglom_mpi.kernels import kernel
+from agglom_mpi.kernels import inlined, kernel
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ConstantHardness
@@ -37,7 +37,14 @@ from agglom_mpi.physics.restitution import (
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import copy_slot_to, new_ledger, new_particles
+from agglom_mpi.simulation.particles import (
+    new_ledger,
+    new_particles,
+    position_of,
+    set_position,
+    set_velocity,
+    velocity_of,
+)
 from agglom_mpi.simulation.scene import (
     AdaptiveSteps,
     EventDriven,
@@ -84,6 +91,18 @@ class FinalStates(NamedTuple):
     seconds: float
 
 
+@inlined
+def vector(values, i):
+    """Column i of an array of shape (3, count), as three components."""
+    return values[0, i], values[1, i], values[2, i]
+
+
+@inlined
+def set_vector(values, i, components):
+    """Set column i of an array of shape (3, count)."""
+    values[0, i], values[1, i], values[2, i] = components
+
+
 @kernel
 def run_batch(scene, grains, particles, engine_state, ledger, position, velocity, abort, left):
     """Run the engine of a scene from each state, which the end replaces; see `InitialStates`.
@@ -91,16 +110,19 @@ def run_batch(scene, grains, particles, engine_state, ledger, position, velocity
     `grains` are the particles of the scene not placed yet, `particles` as many to work on.
     """
     for run in range(position.shape[0]):
-        for i in range(grains.size[0]):
-            copy_slot_to(grains, i, particles, i)
         particles.size[0] = grains.size[0]
-        particles.position[:] = position[run]
-        particles.velocity[:] = velocity[run]
+        for i in range(grains.size[0]):
+            particle = particles.records[i]
+            particles.records[i] = grains.records[i]
+            set_position(particle, vector(position[run], i))
+            set_velocity(particle, vector(velocity[run], i))
         drift = to_mass_frame(scene, particles)
         end = run_to_end(scene, particles, ledger, engine_state, abort)
         to_box_frame(scene, particles, drift, end)
-        position[run] = particles.position
-        velocity[run] = particles.velocity
+        for i in range(particles.size[0]):
+            particle = particles.records[i]
+            set_vector(position[run], i, position_of(particle))
+            set_vector(velocity[run], i, velocity_of(particle))
         left[run] = particles.size[0]
 
 

@@ -44,7 +44,7 @@ def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
     return used, left_out
 
 
-def missing_arrays(scene: SceneSection) -> list[str]:
+def missing_fields(scene: SceneSection) -> list[str]:
     """Return what is not stored of each particle; `simulation.particles` decides the same."""
     kept = {
         "temperature": scene.heating.law != "none",
@@ -136,8 +136,8 @@ def _relations(campaign: "Campaign") -> list[Paragraph]:
 
 def _not_stored(campaign: "Campaign") -> list[str]:
     lines = []
-    if arrays := missing_arrays(campaign.scene):
-        lines.append(f"not known of a particle: {', '.join(arrays)}")
+    if fields := missing_fields(campaign.scene):
+        lines.append(f"not known of a particle: {', '.join(fields)}")
     if campaign.plan is not None:
         output = campaign.output
         absent = [] if output.final_particles else ["single particles"]

@@ -50,7 +50,7 @@ from agglom_mpi.simulation.stepwise import (
     OBSERVATION,
     advance_run,
     empty_observer,
-    empty_particles,
+    room_for_particles,
     start_run,
 )
 
@@ -233,13 +233,14 @@ class Box:
         return self._state
 
     def _start(self, rows: BoxParticles, last_impacts: Any, labels_given: int, time: float) -> None:
-        particles: Any = empty_particles(self._scene, self._capacity)
+        particles: Any = room_for_particles(self._scene, self._capacity)
         count = len(rows.radii)
         particles.size[0] = count
         particles.position[:, :count] = rows.positions.T
         particles.velocity[:, :count] = rows.velocities.T
-        for array, values in zip(particles[3:6], rows[2:5], strict=True):
-            array[:count] = values
+        particles.radius[:count] = rows.radii
+        particles.mass[:count] = rows.masses
+        particles.temperature[:count] = rows.temperatures
         if last_impacts is not None:
             particles.last_impact[:count] = last_impacts
         particles.grains[:count] = rows.grains

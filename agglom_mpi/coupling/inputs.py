@@ -11,7 +11,7 @@ from agglom_mpi.physics.sizes import draw_radii
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.simulation.stepwise import empty_particles, overlaps_of
+from agglom_mpi.simulation.stepwise import overlaps_of, room_for_particles
 
 Floats = npt.NDArray[np.float64]
 
@@ -272,7 +272,7 @@ def _place_and_draw(
 def _check_apart(scene: Scene, positions: Floats, radii: Floats) -> None:
     """Raise a ValueError if any two spheres overlap."""
     count = len(radii)
-    particles = empty_particles(scene, count)
+    particles = room_for_particles(scene, count)
     particles.size[0] = count
     particles.position[:] = positions.T
     particles.radius[:] = radii

@@ -126,9 +126,41 @@ def _has_no_images(escape):
 
 
 @inlined
+def wrapped_position(scene, position):
+    """Place in m at which a particle that may have left the box is put, three components."""
+    escape, half_width = scene.escape, scene.half_width
+    return (
+        wrapped(escape, position[0], half_width),
+        wrapped(escape, position[1], half_width),
+        wrapped(escape, position[2], half_width),
+    )
+
+
+@inlined
+def clamped_position(scene, position):
+    """Place in m of a particle whose leaving the box is an event of its own, three components."""
+    escape, half_width = scene.escape, scene.half_width
+    return (
+        clamped(escape, position[0], half_width),
+        clamped(escape, position[1], half_width),
+        clamped(escape, position[2], half_width),
+    )
+
+
+@inlined
 def cell_of(coordinate, cells, half_width):
     """Index along one axis of the cell of a coordinate in m."""
     return min(cells - 1, max(0, int((coordinate + half_width) / (2.0 * half_width) * cells)))
+
+
+@inlined
+def cells_of(particle, cells, half_width):
+    """Return the indices along the axes of the cell of a particle."""
+    return (
+        cell_of(particle["x"], cells, half_width),
+        cell_of(particle["y"], cells, half_width),
+        cell_of(particle["z"], cells, half_width),
+    )
 
 
 @inlined_allocating
@@ -141,9 +173,8 @@ def sort_into_cells(particles, cells, half_width):
     number = np.empty(count, np.int64)
     start = np.zeros(cells**3 + 2, np.int64)
     for i in range(count):
-        index = 0
-        for axis in range(3):
-            index = index * cells + cell_of(particles.position[axis, i], cells, half_width)
+        a, b, c = cells_of(particles.records[i], cells, half_width)
+        index = (a * cells + b) * cells + c
         number[i] = index
         start[index + 2] += 1
     for index in range(cells**3):

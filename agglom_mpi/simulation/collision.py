@@ -16,7 +16,7 @@ from agglom_mpi.physics.heating import (
 )
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
-from agglom_mpi.simulation.boundary import separation, wrapped
+from agglom_mpi.simulation.boundary import separation, wrapped_position
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
     CAPPED,
@@ -27,9 +27,17 @@ from agglom_mpi.simulation.particles import (
     SURFACE,
     copy_slot,
     empty_slot,
+    grains_or,
+    last_impact_or,
+    moved_by,
     new_label,
-    set_value,
-    value_or,
+    position_of,
+    set_grains,
+    set_last_impact,
+    set_position,
+    set_temperature,
+    temperature_or,
+    velocity_of,
 )
 from agglom_mpi.simulation.temperature import add_heat, cool_until
 
@@ -39,21 +47,19 @@ BONDED: Final = 2
 
 
 @inlined
-def separation_vector(escape, particles, i, j, half_width):
-    """Vector in m from particle i to particle j, across faces where the box is periodic."""
-    r = particles.position
+def separation_vector(escape, one, other, half_width):
+    """Vector in m from one particle to another, across faces where the box is periodic."""
     return (
-        separation(escape, r[0, j] - r[0, i], half_width),
-        separation(escape, r[1, j] - r[1, i], half_width),
-        separation(escape, r[2, j] - r[2, i], half_width),
+        separation(escape, other["x"] - one["x"], half_width),
+        separation(escape, other["y"] - one["y"], half_width),
+        separation(escape, other["z"] - one["z"], half_width),
     )
 
 
 @inlined
-def relative_velocity(particles, i, j):
-    """Velocity v_i − v_j in m/s of particle i relative to particle j."""
-    v = particles.velocity
-    return v[0, i] - v[0, j], v[1, i] - v[1, j], v[2, i] - v[2, j]
+def relative_velocity(one, other):
+    """Velocity in m/s of one particle relative to another."""
+    return one["u"] - other["u"], one["v"] - other["v"], one["w"] - other["w"]
 
 
 @inlined
@@ -69,12 +75,12 @@ def scaled(a, factor):
 
 
 @inlined
-def line_of_centres(scene, particles, i, j):
-    """Return the unit vector from i to j; where the centres coincide, that of the velocity."""
-    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+def line_of_centres(scene, one, other):
+    """Return the unit vector from one to the other; where centres coincide, of the velocity."""
+    line = separation_vector(scene.escape, one, other, scene.half_width)
     length = math.sqrt(dot(line, line))
     if length == 0.0:
-        line = relative_velocity(particles, i, j)
+        line = relative_velocity(one, other)
         length = math.sqrt(dot(line, line))
     return scaled(line, 1.0 / length) if length > 0.0 else (1.0, 0.0, 0.0)
 
@@ -92,37 +98,32 @@ def slip_direction(normal, velocity, approach):
 
 
 @inlined
-def contact_pair(scene, particles, ledger, i, j, normal, time):
+def contact_pair(scene, one, other, ledger, normal, time):
     """Pair at contact with temperatures at `time` in s, and the unit vector of its slip.
 
     Cools both particles up to `time` first, where the scene cools exactly.
     """
-    cool_until(scene.cooling, scene, particles, ledger, i, time)
-    cool_until(scene.cooling, scene, particles, ledger, j, time)
-    velocity = relative_velocity(particles, i, j)
+    cool_until(scene.cooling, scene, one, ledger, time)
+    cool_until(scene.cooling, scene, other, ledger, time)
+    velocity = relative_velocity(one, other)
     approach = dot(velocity, normal)
     slip, tangent = slip_direction(normal, velocity, approach)
-    v = particles.velocity
-    velocity_i = (v[0, i], v[1, i], v[2, i])
-    velocity_j = (v[0, j], v[1, j], v[2, j])
-    mass_i, mass_j = particles.mass[i], particles.mass[j]
+    velocity_i, velocity_j = velocity_of(one), velocity_of(other)
+    mass_i, mass_j = one["mass"], other["mass"]
     pair = ContactPair(
         approach,
         slip,
         mass_i,
         mass_j,
         mass_i * mass_j / (mass_i + mass_j),
-        min(particles.radius[i], particles.radius[j]),
-        value_or(particles.temperature, i, scene.temperature),
-        value_or(particles.temperature, j, scene.temperature),
+        min(one["radius"], other["radius"]),
+        temperature_or(one, scene.temperature),
+        temperature_or(other, scene.temperature),
         dot(velocity_i, normal),
         dot(velocity_j, normal),
         dot(velocity_i, tangent),
         dot(velocity_j, tangent),
-        time
-        - max(
-            value_or(particles.last_impact, i, -np.inf), value_or(particles.last_impact, j, -np.inf)
-        ),
+        time - max(last_impact_or(one, -np.inf), last_impact_or(other, -np.inf)),
     )
     return pair, tangent
 
@@ -134,19 +135,20 @@ def resolve_contact(scene, particles, ledger, i, j, time):
     Returns `RECEDING` (no contact), `BOUNCED` or `BONDED`. Fragments are appended. Only approaching
     pairs are in contact: aggregates overlap when they form.
     """
-    normal = line_of_centres(scene, particles, i, j)
-    if not dot(relative_velocity(particles, i, j), normal) > 0.0:
+    one, other = particles.records[i], particles.records[j]
+    normal = line_of_centres(scene, one, other)
+    if not dot(relative_velocity(one, other), normal) > 0.0:
         return RECEDING
-    pair, tangent = contact_pair(scene, particles, ledger, i, j, normal, time)
-    set_value(particles.last_impact, i, time)
-    set_value(particles.last_impact, j, time)
+    pair, tangent = contact_pair(scene, one, other, ledger, normal, time)
+    set_last_impact(one, time)
+    set_last_impact(other, time)
     impact = solve_impact(scene.laws, pair)
     if impact.bonds:
         return BONDED
     record_impact(ledger, impact)
     impulse = impulse_of(scene.laws.friction, impact, normal, tangent)
-    apply_impulse(particles, i, -1.0 / pair.mass_i, impulse)
-    apply_impulse(particles, j, 1.0 / pair.mass_j, impulse)
+    apply_impulse(one, -1.0 / pair.mass_i, impulse)
+    apply_impulse(other, 1.0 / pair.mass_j, impulse)
     apply_impact(scene, particles, ledger, i, pair.normal_i, pair.tangent_i, impact, impact.heat_i)
     apply_impact(
         scene, particles, ledger, j, -pair.normal_j, -pair.tangent_j, impact, impact.heat_j
@@ -188,11 +190,11 @@ def _with_friction(friction, impact, normal, tangent):
 
 
 @inlined
-def apply_impulse(particles, i, factor, impulse):
-    """Change the velocity of particle i by an impulse in N s times `factor` ±1/m in 1/kg."""
-    particles.velocity[0, i] += factor * impulse[0]
-    particles.velocity[1, i] += factor * impulse[1]
-    particles.velocity[2, i] += factor * impulse[2]
+def apply_impulse(particle, factor, impulse):
+    """Change the velocity of a particle by an impulse in N s times `factor` ±1/m in 1/kg."""
+    particle["u"] += factor * impulse[0]
+    particle["v"] += factor * impulse[1]
+    particle["w"] += factor * impulse[2]
 
 
 @inlined
@@ -201,21 +203,18 @@ def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impac
 
     The surface energy of the fragments comes out of its heat  [B 6.5–6.10].
     """
+    particle = particles.records[i]
     change = own_energy_loss(
-        particles.mass[i],
+        particle["mass"],
         normal_speed,
         tangent_speed,
         impact.normal_impulse,
         impact.friction_impulse,
     )
     pieces, energy = breakage(
-        scene.laws.fragmentation,
-        impact.loss,
-        change,
-        particles.radius[i],
-        value_or(particles.grains, i, 1),
+        scene.laws.fragmentation, impact.loss, change, particle["radius"], grains_or(particle, 1)
     )
-    add_heat(scene.laws.heating, scene, particles, ledger, i, heat - energy)
+    add_heat(scene.laws.heating, scene, particle, ledger, heat - energy)
     fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy)
 
 
@@ -244,22 +243,22 @@ def split_particle(scene, particles, i, pieces):
     The first piece keeps slot and label, the others are appended. Grains are shared out as evenly
     as whole numbers allow.
     """
-    grains = particles.grains[i]
-    particles.mass[i] /= pieces
-    particles.radius[i] /= pieces ** (1.0 / 3.0)
-    sites = packed_sites(pieces, particles.radius[i])
-    centre = (particles.position[0, i], particles.position[1, i], particles.position[2, i])
-    for piece in range(pieces):
+    whole = particles.records[i]
+    grains, centre = whole["grains"], position_of(whole)
+    whole["mass"] /= pieces
+    whole["radius"] /= pieces ** (1.0 / 3.0)
+    sites = packed_sites(pieces, whole["radius"])
+    for k in range(pieces):
         slot = i
-        if piece > 0:
+        if k > 0:
             slot = particles.size[0]
             particles.size[0] += 1
             copy_slot(particles, i, slot)
             new_label(particles, slot)
-        for axis in range(3):
-            coordinate = centre[axis] + sites[axis, piece]
-            particles.position[axis, slot] = wrapped(scene.escape, coordinate, scene.half_width)
-        particles.grains[slot] = grains // pieces + (1 if piece < grains % pieces else 0)
+        piece = particles.records[slot]
+        moved = (centre[0] + sites[0, k], centre[1] + sites[1, k], centre[2] + sites[2, k])
+        set_position(piece, wrapped_position(scene, moved))
+        piece["grains"] = grains // pieces + (1 if k < grains % pieces else 0)
 
 
 @inlined_allocating
@@ -306,9 +305,10 @@ def merge(scene, particles, ledger, i, j, time):
     At the centre of mass, with the total momentum; heat of the dissipated energy, the reaction, and
     what mixing both temperatures leaves by rounding.
     """
-    normal = line_of_centres(scene, particles, i, j)
-    pair, _ = contact_pair(scene, particles, ledger, i, j, normal, time)
-    line = separation_vector(scene.escape, particles, i, j, scene.half_width)
+    one, other = particles.records[i], particles.records[j]
+    normal = line_of_centres(scene, one, other)
+    pair, _ = contact_pair(scene, one, other, ledger, normal, time)
+    line = separation_vector(scene.escape, one, other, scene.half_width)
     mass = pair.mass_i + pair.mass_j
     share = pair.mass_j / mass
     laws = scene.laws
@@ -318,21 +318,19 @@ def merge(scene, particles, ledger, i, j, time):
     ledger.counts[MERGES] += 1
     ledger.energy[REACTION] += reaction
     ledger.energy[DISSIPATED] += merge_dissipation(pair)
-    v = particles.velocity
-    for axis in range(3):
-        coordinate = particles.position[axis, i] + share * line[axis]
-        particles.position[axis, i] = wrapped(scene.escape, coordinate, scene.half_width)
-        v[axis, i] = (pair.mass_i * v[axis, i] + pair.mass_j * v[axis, j]) / mass
+    set_position(one, wrapped_position(scene, moved_by(one, share, line)))
+    one["u"] = (pair.mass_i * one["u"] + pair.mass_j * other["u"]) / mass
+    one["v"] = (pair.mass_i * one["v"] + pair.mass_j * other["v"]) / mass
+    one["w"] = (pair.mass_i * one["w"] + pair.mass_j * other["w"]) / mass
     # Both have the same heat capacity per mass: the mean by mass, and what its rounding loses.
     mixed = pair.temperature_i + share * (pair.temperature_j - pair.temperature_i)
-    set_value(particles.temperature, i, mixed)
+    set_temperature(one, mixed)
     remainder = pair.mass_i * (pair.temperature_i - mixed) + pair.mass_j * (
         pair.temperature_j - mixed
     )
-    particles.radius[i] = merged_radius(particles.radius[i], particles.radius[j])
-    particles.mass[i] = mass
-    grains = value_or(particles.grains, i, 1) + value_or(particles.grains, j, 1)
-    set_value(particles.grains, i, grains)
+    one["radius"] = merged_radius(one["radius"], other["radius"])
+    one["mass"] = mass
+    set_grains(one, grains_or(one, 1) + grains_or(other, 1))
     empty_slot(particles, j)
     heat = merge_heat(laws.heating, pair) + reaction + remainder * laws.heat_capacity
-    add_heat(laws.heating, scene, particles, ledger, i, heat)
+    add_heat(laws.heating, scene, one, ledger, heat)

@@ -14,10 +14,10 @@ from agglom_mpi.physics.pair import is_frame_dependent
 from agglom_mpi.simulation.boundary import (
     Periodic,
     Reentry,
-    cell_of,
+    cells_of,
     sort_into_cells,
-    wrapped,
     wrapped_cell,
+    wrapped_position,
 )
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
@@ -34,7 +34,9 @@ from agglom_mpi.simulation.particles import (
     SURFACE,
     UNRESOLVED,
     largest_radius,
-    value_or,
+    moved_by,
+    set_position,
+    temperature_or,
 )
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.time_driven.neighbours import squared_distance
@@ -64,9 +66,11 @@ def to_mass_frame(scene, particles):
         return 0.0, 0.0, 0.0
     momentum, mass = total_momentum(particles)
     drift = (momentum[0] / mass, momentum[1] / mass, momentum[2] / mass)
-    for axis in range(3):
-        for i in range(particles.size[0]):
-            particles.velocity[axis, i] -= drift[axis]
+    for i in range(particles.size[0]):
+        particle = particles.records[i]
+        particle["u"] -= drift[0]
+        particle["v"] -= drift[1]
+        particle["w"] -= drift[2]
     return drift
 
 
@@ -76,25 +80,27 @@ def to_box_frame(scene, particles, drift, time):
 
     All move by the same rounded displacement, so that neighbours stay apart after a million boxes.
     """
-    for axis in range(3):
-        if drift[axis] != 0.0:
-            shift = wrapped(scene.escape, drift[axis] * time, scene.half_width)
-            for i in range(particles.size[0]):
-                particles.velocity[axis, i] += drift[axis]
-                moved = particles.position[axis, i] + shift
-                particles.position[axis, i] = wrapped(scene.escape, moved, scene.half_width)
+    if drift[0] == 0.0 and drift[1] == 0.0 and drift[2] == 0.0:
+        return
+    shift = wrapped_position(scene, (drift[0] * time, drift[1] * time, drift[2] * time))
+    for i in range(particles.size[0]):
+        particle = particles.records[i]
+        particle["u"] += drift[0]
+        particle["v"] += drift[1]
+        particle["w"] += drift[2]
+        set_position(particle, wrapped_position(scene, moved_by(particle, 1.0, shift)))
 
 
 @inlined
 def total_momentum(particles):
     """Momentum in kg m/s, three components, and mass in kg."""
-    m, v = particles.mass, particles.velocity
     mass, x, y, z = 0.0, 0.0, 0.0, 0.0
     for i in range(particles.size[0]):
-        mass += m[i]
-        x += m[i] * v[0, i]
-        y += m[i] * v[1, i]
-        z += m[i] * v[2, i]
+        particle = particles.records[i]
+        mass += particle["mass"]
+        x += particle["mass"] * particle["u"]
+        y += particle["mass"] * particle["v"]
+        z += particle["mass"] * particle["w"]
     return (x, y, z), mass
 
 
@@ -102,13 +108,15 @@ def total_momentum(particles):
 def fluctuation_energy(particles):
     """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
     momentum, mass = total_momentum(particles)
+    mean_u, mean_v, mean_w = momentum[0] / mass, momentum[1] / mass, momentum[2] / mass
     energy, momentum_scale = 0.0, 0.0
     for i in range(particles.size[0]):
-        square = 0.0
-        for axis in range(3):
-            square += (particles.velocity[axis, i] - momentum[axis] / mass) ** 2
-        energy += 0.5 * particles.mass[i] * square
-        momentum_scale += particles.mass[i] * math.sqrt(square)
+        particle = particles.records[i]
+        square = (particle["u"] - mean_u) ** 2
+        square += (particle["v"] - mean_v) ** 2
+        square += (particle["w"] - mean_w) ** 2
+        energy += 0.5 * particle["mass"] * square
+        momentum_scale += particle["mass"] * math.sqrt(square)
     return energy, momentum_scale
 
 
@@ -119,8 +127,9 @@ def thermal_energy(heating, scene, particles):
     if heating is not None:
         capacity = scene.laws.heat_capacity
         for i in range(particles.size[0]):
-            excess = particles.temperature[i] - scene.temperature
-            energy += particles.mass[i] * capacity * excess
+            particle = particles.records[i]
+            excess = particle["temperature"] - scene.temperature
+            energy += particle["mass"] * capacity * excess
     return energy
 
 
@@ -129,7 +138,7 @@ def cell_edge(particles):
     """Edge in m of cells for most spheres: the largest diameter, at most twice the mean one."""
     total = 0.0
     for i in range(particles.size[0]):
-        total += particles.radius[i]
+        total += particles.records[i]["radius"]
     return 2.0 * min(largest_radius(particles), 2.0 * total / particles.size[0])
 
 
@@ -140,32 +149,27 @@ def count_overlaps(scene, particles):
     Spheres that fit into cells are compared within these, larger ones with all.
     """
     half = scene.half_width
-    count = particles.size[0]
+    count, records = particles.size[0], particles.records
     most = int((2.0 * count) ** (1.0 / 3.0)) + 1
     edge = cell_edge(particles)
     cells = max(1, min(most, int(min(1e6, 2.0 * half / edge))))
     found = 0
     for i in range(count):
-        if 2.0 * particles.radius[i] > edge:
+        if 2.0 * records[i]["radius"] > edge:
             for j in range(count):
-                if 2.0 * particles.radius[j] <= edge or j > i:
-                    found += overlap(scene, particles, i, j)
+                if 2.0 * records[j]["radius"] <= edge or j > i:
+                    found += overlap(scene, records[i], records[j])
     order, start = sort_into_cells(particles, cells, half)
     for i in range(count):
-        if 2.0 * particles.radius[i] <= edge:
-            found += overlaps_around(scene, particles, cells, order, start, edge, i)
+        if 2.0 * records[i]["radius"] <= edge:
+            found += overlaps_around(scene, records, cells, order, start, edge, i)
     return found
 
 
 @inlined
-def overlaps_around(scene, particles, cells, order, start, edge, i):
+def overlaps_around(scene, records, cells, order, start, edge, i):
     """Overlaps of sphere i with later ones in the cells around that fit into cells too."""
-    half, r = scene.half_width, particles.position
-    a, b, c = (
-        cell_of(r[0, i], cells, half),
-        cell_of(r[1, i], cells, half),
-        cell_of(r[2, i], cells, half),
-    )
+    a, b, c = cells_of(records[i], cells, scene.half_width)
     low, high = (-1, 1) if cells > 2 else (0, cells - 1)
     if cells <= 2:
         a, b, c = 0, 0, 0
@@ -177,16 +181,16 @@ def overlaps_around(scene, particles, cells, order, start, edge, i):
                 cell = layer + wrapped_cell(s, cells)
                 for k in range(start[cell], start[cell + 1]):
                     j = order[k]
-                    if j > i and 2.0 * particles.radius[j] <= edge:
-                        found += overlap(scene, particles, i, j)
+                    if j > i and 2.0 * records[j]["radius"] <= edge:
+                        found += overlap(scene, records[i], records[j])
     return found
 
 
 @inlined
-def overlap(scene, particles, i, j):
+def overlap(scene, one, other):
     """1 if two spheres overlap by more than rounding, else 0."""
-    limit = (particles.radius[i] + particles.radius[j]) * (1.0 - 1e-12)
-    squared = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+    limit = (one["radius"] + other["radius"]) * (1.0 - 1e-12)
+    squared = squared_distance(scene.escape, one, other, scene.half_width)
     return 1 if squared < limit * limit else 0
 
 
@@ -196,11 +200,11 @@ def radius_moments(particles, reference):
     count = particles.size[0]
     mean = 0.0
     for i in range(count):
-        mean += particles.radius[i] / reference
+        mean += particles.records[i]["radius"] / reference
     mean /= count
     second, third, fourth = 0.0, 0.0, 0.0
     for i in range(count):
-        deviation = particles.radius[i] / reference - mean
+        deviation = particles.records[i]["radius"] / reference - mean
         second += deviation**2
         third += deviation**3
         fourth += deviation**4
@@ -208,16 +212,16 @@ def radius_moments(particles, reference):
 
 
 @inlined
-def mean_temperature(temperature, particles, otherwise):
-    """Mass-weighted mean temperature in K, kept between the extremes; `otherwise` without any."""
-    if temperature is None:
-        return otherwise
+def mean_temperature(scene, particles):
+    """Mass-weighted mean temperature in K, kept between the extremes."""
     total, mass = 0.0, 0.0
     low, high = np.inf, 0.0
     for i in range(particles.size[0]):
-        total += particles.mass[i] * temperature[i]
-        mass += particles.mass[i]
-        low, high = min(low, temperature[i]), max(high, temperature[i])
+        particle = particles.records[i]
+        temperature = temperature_or(particle, scene.temperature)
+        total += particle["mass"] * temperature
+        mass += particle["mass"]
+        low, high = min(low, temperature), max(high, temperature)
     return min(high, max(low, total / mass))
 
 
@@ -229,7 +233,7 @@ def measure(scene, particles, out):
     out["radius_moment_2"] = second
     out["radius_moment_3"] = third
     out["radius_moment_4"] = fourth
-    out["mean_temperature"] = mean_temperature(particles.temperature, particles, scene.temperature)
+    out["mean_temperature"] = mean_temperature(scene, particles)
     out["particles"] = particles.size[0]
     out["overlaps"] = count_overlaps(scene, particles)
 
@@ -289,8 +293,8 @@ def is_finite(particles):
     """Whether every coordinate, velocity, radius, mass and temperature is finite."""
     total = 0.0
     for i in range(particles.size[0]):
-        total += particles.radius[i] + particles.mass[i]
-        total += value_or(particles.temperature, i, 0.0)
-        for axis in range(3):
-            total += particles.position[axis, i] + particles.velocity[axis, i]
+        particle = particles.records[i]
+        total += particle["radius"] + particle["mass"] + temperature_or(particle, 0.0)
+        total += particle["x"] + particle["y"] + particle["z"]
+        total += particle["u"] + particle["v"] + particle["w"]
     return math.isfinite(total)

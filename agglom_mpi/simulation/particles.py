@@ -1,16 +1,17 @@
-"""Particles of one sample as a struct of arrays, and the ledger of energies and counts."""
+"""Particles of one sample as records of what its scene uses, and the ledger of what is added up."""
 
+import functools
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.kernels import Submodel, inlined, inlined_allocating, not_inlined
+from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined, optional_field
 from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.restitution import ContactTimeRestitution
 
-FloatsOrNone: TypeAlias = NDArray[np.float64] | None
-IntegersOrNone: TypeAlias = NDArray[np.int64] | None
+Floats: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
 
 # Indices into the arrays of a `Ledger`.
 REACTION: Final = 0
@@ -43,41 +44,141 @@ class Ledger(NamedTuple):
 class Particles(NamedTuple):
     """Particles 0 … `size[0]`−1; a slot with mass 0, infinitely far, is empty until compaction.
 
-    An array that a scene has no use for is `None`.
-
     Attributes
     ----------
     size
         Slots in use, shape (1,).
-    position, velocity
-        Shape (3, capacity), m and m/s.
-    radius, mass
-        Shape (capacity,), m and kg.
-    temperature
-        Shape (capacity,), K; without it the scene's holds for all.
-    cooled_to
-        Time in s up to which `temperature` is cooled, shape (capacity,).
-    last_impact
-        Time of the last impact in s, −inf before the first, shape (capacity,).
-    grains
-        Original grains in each particle, shape (capacity,); only counted where particles can break
-        or grains differ in size: elsewhere the mass says it.
-    label, labels_given
-        Identities, shape (capacity,), and how many were given, shape (1,); see `Frames`. Every
-        scene has them, so that one machine code serves with frames and without.
+    records
+        Records of a `particle_type`, shape (capacity,).
+    labels_given
+        How many labels were given, shape (1,).
     """
 
-    size: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
-    mass: np.ndarray
-    temperature: np.ndarray | None
-    cooled_to: np.ndarray | None
-    last_impact: np.ndarray | None
-    grains: np.ndarray | None
-    label: np.ndarray
-    labels_given: np.ndarray
+    size: NDArray[np.int64]
+    records: NDArray[Any]
+    labels_given: NDArray[np.int64]
+
+    @property
+    def position(self) -> Floats:
+        """View of the positions in m, shape (3, capacity)."""
+        return self._vectors("x")
+
+    @property
+    def velocity(self) -> Floats:
+        """View of the velocities in m/s, shape (3, capacity)."""
+        return self._vectors("u")
+
+    @property
+    def radius(self) -> Floats:
+        """View of the radii in m, shape (capacity,)."""
+        return self.records["radius"]
+
+    @property
+    def mass(self) -> Floats:
+        """View of the masses in kg, shape (capacity,)."""
+        return self.records["mass"]
+
+    @property
+    def label(self) -> Integers:
+        """View of the labels, shape (capacity,)."""
+        return self.records["label"]
+
+    @property
+    def temperature(self) -> Floats | None:
+        """View of the temperatures in K, shape (capacity,); None: the scene's."""
+        return self._field("temperature")
+
+    @property
+    def last_impact(self) -> Floats | None:
+        """View of the times in s of last impacts, shape (capacity,); None if unused."""
+        return self._field("last_impact")
+
+    @property
+    def grains(self) -> Integers | None:
+        """View of the numbers of grains, shape (capacity,); None where the mass says them."""
+        return self._field("grains")
+
+    def _field(self, name: str) -> NDArray[Any] | None:
+        names = self.records.dtype.names
+        return self.records[name] if names is not None and name in names else None
+
+    def _vectors(self, first: str) -> Floats:
+        """Return a view of three fields side by side, shape (3, capacity)."""
+        step = self.records.itemsize
+        fields = self.records.dtype.fields
+        assert fields is not None
+        return np.ndarray(
+            (3, self.records.size), np.float64, self.records, fields[first][1], (8, step)
+        )
+
+
+@functools.cache
+def particle_type(
+    temperature: bool, cooled_to: bool, last_impact: bool, grains: bool
+) -> np.dtype[np.void]:
+    """Return the type of a particle's record: what all scenes use, and what one uses besides.
+
+    Fields are position (x, y, z) in m, velocity (u, v, w) in m/s, `radius` in m, `mass` in kg and a
+    `label`, its identity (see `Frames`), which every scene has, so that one machine code serves
+    with frames and without.
+
+    Parameters
+    ----------
+    temperature
+        Whether there is a `temperature` in K; without it the scene's holds for all.
+    cooled_to
+        Whether there is the time in s up to which the temperature is cooled.
+    last_impact
+        Whether there is the time of the last impact in s, −inf before the first.
+    grains
+        Whether original `grains` in a particle are counted; else its mass says them.
+    """
+    # The same object each time: a kernel knows its types by them.
+    fields = [(name, "f8") for name in ("x", "y", "z", "u", "v", "w", "radius", "mass")]
+    fields += [("temperature", "f8")] if temperature else []
+    fields += [("cooled_to", "f8")] if cooled_to else []
+    fields += [("last_impact", "f8")] if last_impact else []
+    fields += [("grains", "i8")] if grains else []
+    return np.dtype([*fields, ("label", "i8")])
+
+
+temperature_or, set_temperature = optional_field("temperature")
+last_impact_or, set_last_impact = optional_field("last_impact")
+grains_or, set_grains = optional_field("grains")
+
+
+@inlined
+def position_of(particle):
+    """Position of a particle in m, three components."""
+    return particle["x"], particle["y"], particle["z"]
+
+
+@inlined
+def velocity_of(particle):
+    """Velocity of a particle in m/s, three components."""
+    return particle["u"], particle["v"], particle["w"]
+
+
+@inlined
+def moved_by(particle, factor, displacement):
+    """Position in m that a particle has after `factor` times a displacement in m."""
+    return (
+        particle["x"] + factor * displacement[0],
+        particle["y"] + factor * displacement[1],
+        particle["z"] + factor * displacement[2],
+    )
+
+
+@inlined
+def set_position(particle, position):
+    """Set the position of a particle in m, three components."""
+    particle["x"], particle["y"], particle["z"] = position
+
+
+@inlined
+def set_velocity(particle, velocity):
+    """Set the velocity of a particle in m/s, three components."""
+    particle["u"], particle["v"], particle["w"] = velocity
 
 
 @inlined
@@ -88,62 +189,25 @@ def record_cooling(ledger, energy):
 
 
 @inlined
-def value_or(values, i, otherwise):
-    """`values[i]`, or `otherwise` where the scene has no such array."""
-    if values is None:
-        return otherwise
-    return values[i]
-
-
-@inlined
-def set_value(values, i, value):
-    """Set `values[i]`, where the scene has such an array."""
-    if values is not None:
-        values[i] = value
-
-
-@inlined
 def new_label(particles, i):
     """Give slot i a label that no particle had before."""
-    particles.label[i] = particles.labels_given[0]
+    particles.records[i]["label"] = particles.labels_given[0]
     particles.labels_given[0] += 1
-
-
-@inlined
-def copy_value(values, source, others, target):
-    """Copy `values[source]` to `others[target]`, where the scene has such arrays."""
-    if values is not None:
-        others[target] = values[source]
-
-
-@inlined
-def copy_slot_to(particles: Particles, source: int, others: Particles, target: int) -> None:
-    """Copy one particle into a slot of other particles."""
-    for axis in range(3):
-        others.position[axis, target] = particles.position[axis, source]
-        others.velocity[axis, target] = particles.velocity[axis, source]
-    others.radius[target] = particles.radius[source]
-    others.mass[target] = particles.mass[source]
-    copy_value(particles.temperature, source, others.temperature, target)
-    copy_value(particles.cooled_to, source, others.cooled_to, target)
-    copy_value(particles.last_impact, source, others.last_impact, target)
-    copy_value(particles.grains, source, others.grains, target)
-    others.label[target] = particles.label[source]
 
 
 @inlined
 def copy_slot(particles: Particles, source: int, target: int) -> None:
     """Copy one particle into another slot."""
-    copy_slot_to(particles, source, particles, target)
+    particles.records[target] = particles.records[source]
 
 
 @inlined
 def empty_slot(particles: Particles, i: int) -> None:
     """Empty the slot of a particle; `compact` closes the gap."""
-    particles.mass[i] = 0.0
-    particles.radius[i] = 0.0
-    for axis in range(3):
-        particles.position[axis, i] = np.inf
+    particle = particles.records[i]
+    particle["mass"] = 0.0
+    particle["radius"] = 0.0
+    set_position(particle, (np.inf, np.inf, np.inf))
 
 
 @not_inlined
@@ -151,40 +215,19 @@ def compact(particles: Particles) -> None:
     """Close the gaps that merged particles left, keeping the order of the others."""
     kept = 0
     for i in range(particles.size[0]):
-        if particles.mass[i] > 0.0:
+        if particles.records[i]["mass"] > 0.0:
             if kept < i:
                 copy_slot(particles, i, kept)
             kept += 1
     particles.size[0] = kept
 
 
-@not_inlined
-def permute(values, order, count, scratch):
-    """Reorder the first `count` values: `values[k]` becomes `values[order[k]]`; None stays None."""
-    if values is None:
-        return
-    for k in range(count):
-        scratch[k] = values[order[k]]
-    for k in range(count):
-        values[k] = scratch[k]
-
-
 @inlined_allocating
 def reorder(particles: Particles, order: np.ndarray) -> None:
     """Reorder all slots in use: slot k becomes what slot `order[k]` was."""
-    count = particles.size[0]
-    scratch = np.empty(count)
-    for axis in range(3):
-        permute(particles.position[axis], order, count, scratch)
-        permute(particles.velocity[axis], order, count, scratch)
-    permute(particles.radius, order, count, scratch)
-    permute(particles.mass, order, count, scratch)
-    permute(particles.temperature, order, count, scratch)
-    permute(particles.cooled_to, order, count, scratch)
-    permute(particles.last_impact, order, count, scratch)
-    whole = np.empty(count, np.int64)
-    permute(particles.grains, order, count, whole)
-    permute(particles.label, order, count, whole)
+    before = particles.records.copy()
+    for k in range(particles.size[0]):
+        particles.records[k] = before[order[k]]
 
 
 def new_ledger() -> Ledger:
@@ -192,50 +235,36 @@ def new_ledger() -> Ledger:
     return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
 
 
-def new_cooling_times(cooling: Submodel | None, capacity: int) -> FloatsOrNone:
-    """Return times in s up to which temperatures are cooled, shape (capacity,); None if unused."""
-    return np.zeros(capacity) if isinstance(cooling, ExactCooling) else None
+def particle_type_of(scene: Any) -> np.dtype[np.void]:
+    """Return the type of the records of a `Scene`, without fields that it has no use for."""
+    laws = scene.laws
+    return particle_type(
+        temperature=laws.heating is not None or scene.cooling is not None,
+        cooled_to=isinstance(scene.cooling, ExactCooling),
+        last_impact=isinstance(laws.restitution, ContactTimeRestitution),
+        grains=laws.fragmentation is not None or scene.sizes is not None,
+    )
 
 
-def new_impact_times(restitution: Submodel, capacity: int) -> FloatsOrNone:
-    """Return times of last impacts in s, shape (capacity,); None if unused."""
-    remembers = isinstance(restitution, ContactTimeRestitution)
-    return np.full(capacity, -np.inf) if remembers else None
-
-
-def new_grains(fragmentation: Submodel | None, sizes: Any, capacity: int) -> IntegersOrNone:
-    """Return grains in each particle, shape (capacity,); None where none can break or differ."""
-    counted = fragmentation is not None or sizes is not None
-    return np.ones(capacity, np.int64) if counted else None
-
-
-def new_temperatures(
-    heating: Submodel | None, cooling: Submodel | None, capacity: int, start: float
-) -> FloatsOrNone:
-    """Return temperatures in K, shape (capacity,); None where nothing changes them."""
-    return None if heating is None and cooling is None else np.full(capacity, start)
+def empty_particles(kind: np.dtype[np.void], capacity: int) -> Particles:
+    """Return room for `capacity` particles with records of a `particle_type`; none is there yet."""
+    particles = Particles(np.zeros(1, np.int64), np.zeros(capacity, kind), np.zeros(1, np.int64))
+    if particles.last_impact is not None:
+        particles.last_impact[:] = -np.inf
+    return particles
 
 
 def new_particles(scene: Any, capacity: int) -> Particles:
     """Return the grains of a `Scene`, not placed yet, with room for `capacity` particles."""
-    grains = scene.particles
-    particles = Particles(
-        size=np.full(1, grains),
-        position=np.zeros((3, capacity)),
-        velocity=np.zeros((3, capacity)),
-        radius=np.zeros(capacity),
-        mass=np.zeros(capacity),
-        temperature=new_temperatures(
-            scene.laws.heating, scene.cooling, capacity, scene.temperature
-        ),
-        cooled_to=new_cooling_times(scene.cooling, capacity),
-        last_impact=new_impact_times(scene.laws.restitution, capacity),
-        grains=new_grains(scene.laws.fragmentation, scene.sizes, capacity),
-        label=np.arange(capacity),
-        labels_given=np.full(1, grains),
-    )
+    particles, grains = empty_particles(particle_type_of(scene), capacity), scene.particles
+    particles.size[0] = particles.labels_given[0] = grains
+    particles.label[:] = np.arange(capacity)
     particles.radius[:grains] = scene.radius
     particles.mass[:grains] = scene.mass
+    if particles.temperature is not None:
+        particles.temperature[:] = scene.temperature
+    if particles.grains is not None:
+        particles.grains[:] = 1
     return particles
 
 
@@ -244,5 +273,5 @@ def largest_radius(particles):
     """Largest radius in m."""
     largest = 0.0
     for i in range(particles.size[0]):
-        largest = max(largest, particles.radius[i])
+        largest = max(largest, particles.records[i]["radius"])
     return largest

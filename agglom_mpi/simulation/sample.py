@@ -147,7 +147,7 @@ def measure_sample(scene, particles, ledger, initial, end, out):
     record = out[0]
     record["end_time"] = end
     for i in range(particles.size[0]):
-        cool_until(scene.cooling, scene, particles, ledger, i, end)
+        cool_until(scene.cooling, scene, particles.records[i], ledger, end)
     if ledger.counts[EXHAUSTED] > 0:
         record["reason"] = result.FailureReason.BUDGET_EXCEEDED
         return
@@ -248,7 +248,7 @@ def carry_to_end(
     """
     ledger, initial = new_ledger(), np.zeros(1, INITIAL)
     abort = np.zeros(1, np.uint8) if abort is None else abort
-    engine_state = kept_engine_state(scene, particles.mass.size)
+    engine_state = kept_engine_state(scene, particles.records.size)
     run = scene, particles, ledger, engine_state, initial
     if frames is None:
         end = run_engine(*run, scene.end_time, abort)
@@ -285,7 +285,7 @@ def run_with_frames(
     `run` holds the first arguments of `run_engine`.
     """
     scene, particles, _, engine_state, initial = run
-    observer = new_observer(scene, particles.mass.size)
+    observer = new_observer(scene, particles.records.size)
     for f in np.flatnonzero(frames.times < scene.end_time).tolist():
         time = frames.times[f]
         if time > 0.0:

@@ -11,6 +11,8 @@ import numpy as np
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.physics.cooling import ExactCooling
+from agglom_mpi.physics.restitution import ContactTimeRestitution
 from agglom_mpi.simulation.measurement import (
     count_overlaps,
     fluctuation_energy,
@@ -23,9 +25,9 @@ from agglom_mpi.simulation.measurement import (
 from agglom_mpi.simulation.particles import (
     RADIATED,
     Particles,
-    new_cooling_times,
-    new_impact_times,
+    empty_particles,
     new_ledger,
+    particle_type,
 )
 from agglom_mpi.simulation.scene import Scene, advance_to, begin, copy_at
 from agglom_mpi.simulation.trajectory import Observer, cool_copies, return_copies_to_box
@@ -39,26 +41,20 @@ OBSERVATION: Final = np.dtype(
 mass-weighted temperature, radiated heat not yet in a ledger (`pending`), the time reached."""
 
 
-def empty_particles(scene: Scene, capacity: int) -> Particles:
-    """Return room for `capacity` particles, with temperatures, grains and labels in any scene."""
-    return Particles(
-        size=np.zeros(1, np.int64),
-        position=np.zeros((3, capacity)),
-        velocity=np.zeros((3, capacity)),
-        radius=np.zeros(capacity),
-        mass=np.zeros(capacity),
-        temperature=np.zeros(capacity),
-        cooled_to=new_cooling_times(scene.cooling, capacity),
-        last_impact=new_impact_times(scene.laws.restitution, capacity),
-        grains=np.zeros(capacity, np.int64),
-        label=np.zeros(capacity, np.int64),
-        labels_given=np.zeros(1, np.int64),
+def room_for_particles(scene: Scene, capacity: int) -> Particles:
+    """Return room for `capacity` particles, with temperatures and grains in any scene."""
+    kind = particle_type(
+        temperature=True,
+        cooled_to=isinstance(scene.cooling, ExactCooling),
+        last_impact=isinstance(scene.laws.restitution, ContactTimeRestitution),
+        grains=True,
     )
+    return empty_particles(kind, capacity)
 
 
 def empty_observer(scene: Scene, capacity: int) -> Observer:
     """Return an observer whose copy, of `capacity` particles, shows an observation."""
-    return Observer(np.zeros(3), empty_particles(scene, capacity), new_ledger())
+    return Observer(np.zeros(3), room_for_particles(scene, capacity), new_ledger())
 
 
 @kernel
@@ -114,7 +110,7 @@ def observe(scene, particles, engine_state, observer, time, observation):
     observation["y"] = momentum[1]
     observation["z"] = momentum[2]
     observation["fluctuation"] = energy
-    observation["temperature"] = mean_temperature(copy.temperature, copy, scene.temperature)
+    observation["temperature"] = mean_temperature(scene, copy)
     observation["pending"] = observer.ledger.energy[RADIATED]
     observation["reached"] = time
     observation["particles"] = copy.size[0]

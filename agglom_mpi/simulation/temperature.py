@@ -11,26 +11,26 @@ from agglom_mpi.simulation.particles import FLOORED, UNRESOLVED, record_cooling
 
 
 @dispatch
-def cool_until(cooling, scene, particles, ledger, i, time):
-    """Cool particle i exactly up to `time` in s; does nothing where the scene cools by steps."""
+def cool_until(cooling, scene, particle, ledger, time):
+    """Cool a particle exactly up to `time` in s; does nothing where the scene cools by steps."""
 
 
 @cool_until.register(None, EulerCooling)
-def _no_exact_cooling(cooling, scene, particles, ledger, i, time):
+def _no_exact_cooling(cooling, scene, particle, ledger, time):
     return None
 
 
 @cool_until.register(ExactCooling)
-def _cool_exactly(cooling, scene, particles, ledger, i, time):
-    surface = 4.0 * math.pi * particles.radius[i] ** 2
-    capacity = particles.mass[i] * scene.laws.heat_capacity
-    before = particles.temperature[i]
-    elapsed = time - particles.cooled_to[i]
+def _cool_exactly(cooling, scene, particle, ledger, time):
+    surface = 4.0 * math.pi * particle["radius"] ** 2
+    capacity = particle["mass"] * scene.laws.heat_capacity
+    before = particle["temperature"]
+    elapsed = time - particle["cooled_to"]
     after = exact_temperature(cooling.law, before, surface, capacity, elapsed)
     if after != before:
         record_cooling(ledger, capacity * (before - after))
-    particles.temperature[i] = after
-    particles.cooled_to[i] = time
+    particle["temperature"] = after
+    particle["cooled_to"] = time
 
 
 @dispatch
@@ -46,35 +46,36 @@ def _no_step_cooling(cooling, scene, particles, ledger, step):
 @cool_over_step.register(EulerCooling)
 def _euler_steps(cooling, scene, particles, ledger, step):
     for i in range(particles.size[0]):
-        before = particles.temperature[i]
-        surface = 4.0 * math.pi * particles.radius[i] ** 2
-        capacity = particles.mass[i] * scene.laws.heat_capacity
+        particle = particles.records[i]
+        before = particle["temperature"]
+        surface = 4.0 * math.pi * particle["radius"] ** 2
+        capacity = particle["mass"] * scene.laws.heat_capacity
         after = euler_step(cooling.law, before, surface, capacity, step)
         if after < 0.0:
             ledger.counts[FLOORED] += 1
             after = 0.0
         record_cooling(ledger, capacity * (before - after))
-        particles.temperature[i] = after
+        particle["temperature"] = after
 
 
 @dispatch
-def add_heat(heating, scene, particles, ledger, i, heat):
-    """Give particle i `heat` in J; a temperature below zero is set to zero and counted."""
+def add_heat(heating, scene, particle, ledger, heat):
+    """Give a particle `heat` in J; a temperature below zero is set to zero and counted."""
 
 
 @add_heat.register(None)
-def _no_heat(heating, scene, particles, ledger, i, heat):
+def _no_heat(heating, scene, particle, ledger, heat):
     return None
 
 
 @add_heat.register(ANY)
-def _heat(heating, scene, particles, ledger, i, heat):
-    capacity = particles.mass[i] * scene.laws.heat_capacity
-    before = particles.temperature[i]
+def _heat(heating, scene, particle, ledger, heat):
+    capacity = particle["mass"] * scene.laws.heat_capacity
+    before = particle["temperature"]
     temperature = before + heat / capacity
     # A float64 temperature cannot change by less than its last digit; the ledger keeps the rest.
     ledger.energy[UNRESOLVED] += heat - capacity * (temperature - before)
     if temperature < 0.0:
         ledger.counts[FLOORED] += 1
         temperature = 0.0
-    particles.temperature[i] = temperature
+    particle["temperature"] = temperature

@@ -18,7 +18,6 @@ from agglom_mpi.simulation.particles import (
     Ledger,
     Particles,
     compact,
-    copy_slot_to,
     new_ledger,
     new_particles,
 )
@@ -69,7 +68,7 @@ def copy_particles(observer, particles):
     """Copy the particles, gaps included, and return the copies."""
     copy = observer.copy
     for i in range(particles.size[0]):
-        copy_slot_to(particles, i, copy, i)
+        copy.records[i] = particles.records[i]
     copy.size[0] = particles.size[0]
     return copy
 
@@ -79,7 +78,7 @@ def cool_copies(observer, scene, time):
     """Close the gaps between the copies and cool them up to `time` in s."""
     compact(observer.copy)
     for i in range(observer.copy.size[0]):
-        cool_until(scene.cooling, scene, observer.copy, observer.ledger, i, time)
+        cool_until(scene.cooling, scene, observer.copy.records[i], observer.ledger, time)
 
 
 @not_inlined

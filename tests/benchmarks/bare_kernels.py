@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined, kernel
-from agglom_mpi.simulation.boundary import separation, wrapped
+from agglom_mpi.simulation.boundary import wrapped_position
+from agglom_mpi.simulation.collision import (
+    apply_impulse,
+    dot,
+    relative_velocity,
+    scaled,
+    separation_vector,
+)
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
     FITTING_SHARE,
@@ -35,6 +42,7 @@ from agglom_mpi.simulation.event_driven.flights import (
 )
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
 from agglom_mpi.simulation.event_driven.state import rebuild, synchronise
+from agglom_mpi.simulation.particles import moved_by, position_of, set_position, velocity_of
 from agglom_mpi.simulation.time_driven.neighbours import (
     find_partners,
     update_neighbours,
@@ -44,32 +52,33 @@ from agglom_mpi.simulation.time_driven.stepping import move_particles
 NO_PARTICLE = -1
 
 
-class Bare(NamedTuple):
-    """Nothing but position and velocity, shape (3, N)."""
+BARE = np.dtype([(name, "f8") for name in ("x", "y", "z", "u", "v", "w")])
 
-    position: np.ndarray
-    velocity: np.ndarray
+
+class Bare(NamedTuple):
+    """Nothing but records of position and velocity, shape (N,)."""
+
+    records: np.ndarray
+
+
+def bare_state(particles):
+    """Return position and velocity of particles."""
+    state = np.empty(particles.records.size, BARE)
+    for name in BARE.names:
+        state[name] = particles.records[name]
+    return Bare(state)
 
 
 @inlined
-def bounce(velocity, e, dx, dy, dz, i, j):
-    """Let two equal spheres bounce whose centres are (dx, dy, dz) in m apart; whether they do."""
-    length = math.sqrt(dx * dx + dy * dy + dz * dz)
-    x, y, z = dx / length, dy / length, dz / length
-    approach = (
-        (velocity[0, i] - velocity[0, j]) * x
-        + (velocity[1, i] - velocity[1, j]) * y
-        + (velocity[2, i] - velocity[2, j]) * z
-    )
+def bounce(one, other, e, line):
+    """Let two equal spheres bounce whose centres are a line in m apart; whether they do."""
+    normal = scaled(line, 1.0 / math.sqrt(dot(line, line)))
+    approach = dot(relative_velocity(one, other), normal)
     if not approach > 0.0:
         return False
-    change = 0.5 * (1.0 + e) * approach
-    velocity[0, i] -= change * x
-    velocity[1, i] -= change * y
-    velocity[2, i] -= change * z
-    velocity[0, j] += change * x
-    velocity[1, j] += change * y
-    velocity[2, j] += change * z
+    change = scaled(normal, 0.5 * (1.0 + e) * approach)
+    apply_impulse(one, -1.0, change)
+    apply_impulse(other, 1.0, change)
     return True
 
 
@@ -92,11 +101,9 @@ def process_next(scene, state, events, counts, now):
     i, j = min(i, j), max(i, j)
     synchronise_particle(scene, state, flights, i, now)
     synchronise_particle(scene, state, flights, j, now)
-    r, half = state.position, scene.half_width
-    dx = separation(scene.escape, r[0, j] - r[0, i], half)
-    dy = separation(scene.escape, r[1, j] - r[1, i], half)
-    dz = separation(scene.escape, r[2, j] - r[2, i], half)
-    counts[1] += int(bounce(state.velocity, scene.laws.restitution.value, dx, dy, dz, i, j))
+    one, other = state.records[i], state.records[j]
+    line = separation_vector(scene.escape, one, other, scene.half_width)
+    counts[1] += int(bounce(one, other, scene.laws.restitution.value, line))
     load_velocity(flights, state, i)
     load_velocity(flights, state, j)
     copy_if_oversize(cells, flights, i)
@@ -156,7 +163,7 @@ def begin(scene, state, events):
     choose_range(scene, events.cells, scene.radius)
     for i in range(count):
         trajectory = events.flights.trajectory[i]
-        trajectory["x"], trajectory["y"], trajectory["z"] = state.position[:, i]
+        set_position(trajectory, position_of(state.records[i]))
         trajectory["time"], trajectory["radius"] = 0.0, scene.radius
         load_velocity(events.flights, state, i)
         insert(scene, events.cells, events.flights, i)
@@ -187,32 +194,27 @@ def steps_of_whole_state(scene, particles, neighbours):
 @inlined
 def bounce_in_turn(scene, particles, partner, squared):
     """Let each sphere bounce off its nearest neighbour if they touch; how many do."""
-    r, half, bounces = particles.position, scene.half_width, 0
-    limit = 4.0 * scene.radius * scene.radius
+    bounces, limit = 0, 4.0 * scene.radius * scene.radius
     for i in range(scene.particles):
         j = partner[i]
         if j < 0 or squared[i] > limit:
             continue
-        dx = separation(scene.escape, r[0, j] - r[0, i], half)
-        dy = separation(scene.escape, r[1, j] - r[1, i], half)
-        dz = separation(scene.escape, r[2, j] - r[2, i], half)
-        square = dx * dx + dy * dy + dz * dz
-        restitution = scene.laws.restitution.value
-        if square <= limit and bounce(particles.velocity, restitution, dx, dy, dz, i, j):
+        one, other = particles.records[i], particles.records[j]
+        line = separation_vector(scene.escape, one, other, scene.half_width)
+        square = dot(line, line)
+        if square <= limit and bounce(one, other, scene.laws.restitution.value, line):
             bounces += 1
             overlap = 1.0 - math.sqrt(square) / (2.0 * scene.radius)
-            shift(scene, particles, i, overlap)
-            shift(scene, particles, j, overlap)
+            shift(scene, one, overlap)
+            shift(scene, other, overlap)
     return bounces
 
 
 @inlined
-def shift(scene, particles, i, overlap):
+def shift(scene, particle, overlap):
     """Shift a sphere along its velocity by its share of the overlap  [A 8]."""
-    r, v = particles.position, particles.velocity
-    speed = math.sqrt(v[0, i] ** 2 + v[1, i] ** 2 + v[2, i] ** 2)
+    velocity = velocity_of(particle)
+    speed = math.sqrt(dot(velocity, velocity))
     if overlap > 0.0 and speed > 0.0:
-        length = overlap * scene.radius / speed
-        r[0, i] = wrapped(scene.escape, r[0, i] + length * v[0, i], scene.half_width)
-        r[1, i] = wrapped(scene.escape, r[1, i] + length * v[1, i], scene.half_width)
-        r[2, i] = wrapped(scene.escape, r[2, i] + length * v[2, i], scene.half_width)
+        moved = moved_by(particle, overlap * scene.radius / speed, velocity)
+        set_position(particle, wrapped_position(scene, moved))

@@ -10,7 +10,12 @@ import time
 
 import numpy as np
 import pytest
-from bare_kernels import Bare, events_of_bare_state, events_of_whole_state, steps_of_whole_state
+from bare_kernels import (
+    bare_state,
+    events_of_bare_state,
+    events_of_whole_state,
+    steps_of_whole_state,
+)
 from bench_event import HALF, SPEED, make_gas, print_row, run_engine, start
 
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
@@ -146,7 +151,7 @@ def test_print_the_leanest_scene_beside_bare_kernels():
     for packing in (0.2, 0.03):
         scene = gas(packing)
         steps, particles = stepped(scene), begin(scene)
-        motion = Bare(particles.position, particles.velocity)
+        motion = bare_state(particles)
         kernels = {
             "same state": (bare(events_of_whole_state), scene, particles),
             "motion alone": (bare(events_of_bare_state), scene, motion),

@@ -18,7 +18,7 @@ from bench_event import engine_of_scene, make_gas, print_row, start
 from agglom_mpi.kernels import inlined, kernel
 from agglom_mpi.simulation.event_driven.flights import RANGE
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
-from agglom_mpi.simulation.particles import COLLISIONS, STEPS, new_ledger
+from agglom_mpi.simulation.particles import COLLISIONS, STEPS, new_ledger, position_of, velocity_of
 from agglom_mpi.simulation.scene import new_engine_state
 
 REPEATS, READ, PACKING = 5, 200_000, 0.2
@@ -40,10 +40,8 @@ def read_around(scene, events, i, face):
 @inlined
 def read_particle(particles, i):
     """Read position and velocity of particle i; their sum."""
-    total = 0.0
-    for axis in range(3):
-        total += particles.position[axis, i] + particles.velocity[axis, i]
-    return total
+    position, velocity = position_of(particles.records[i]), velocity_of(particles.records[i])
+    return position[0] + position[1] + position[2] + velocity[0] + velocity[1] + velocity[2]
 
 
 @kernel

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from agglom_mpi.outcome import FAILED, OUTCOME
 from agglom_mpi.physics.restitution import ContactTimeRestitution
-from agglom_mpi.simulation.particles import Particles
+from agglom_mpi.simulation.particles import empty_particles, particle_type
 from agglom_mpi.simulation.sample import carry_to_end
 from agglom_mpi.simulation.scene import EventDriven
 
@@ -43,21 +43,10 @@ class Arranged(NamedTuple):
         """Return the state, with room for all grains to lie apart, and for as many gaps."""
         count, capacity = len(self.radii), 2 * int(self.grains.sum())
         density = self.drawn.values["density"]
-        particles = Particles(
-            np.array([count]),
-            np.zeros((3, capacity)),
-            np.zeros((3, capacity)),
-            np.zeros(capacity),
-            np.zeros(capacity),
-            np.zeros(capacity),
-            np.zeros(capacity),
-            np.full(capacity, -np.inf)
-            if isinstance(self.scene.laws.restitution, ContactTimeRestitution)
-            else None,
-            np.zeros(capacity, np.int64),
-            np.arange(capacity),
-            np.full(1, count),
-        )
+        remembers = isinstance(self.scene.laws.restitution, ContactTimeRestitution)
+        particles = empty_particles(particle_type(True, True, remembers, True), capacity)
+        particles.size[0] = particles.labels_given[0] = count
+        particles.label[:] = np.arange(capacity)
         particles.position[:, :count] = self.positions.T
         particles.velocity[:, :count] = self.velocities.T
         particles.radius[:count] = self.radii

@@ -20,14 +20,13 @@ from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
-    ContactTimeRestitution,
     ImpactLaws,
     PressureRestitution,
 )
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.initial_state import EqualSizes, SpreadVelocities, place_randomly
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import Particles, new_ledger
+from agglom_mpi.simulation.particles import empty_particles, new_ledger, particle_type_of
 from agglom_mpi.simulation.scene import (
     AdaptiveSteps,
     EventDriven,
@@ -215,23 +214,18 @@ def placed(scene, seed, velocities=None):
 def state(scene, positions, velocities, radii=None):
     """Particles at given places, one row each, with the arrays that the scene has a use for."""
     count = len(positions)
-    laws, cooling = scene.laws, scene.cooling
-    warms = laws.heating is not None or cooling is not None
-    remembers = isinstance(laws.restitution, ContactTimeRestitution)
-    radii = np.full(count, scene.radius) if radii is None else np.asarray(radii, dtype=float)
-    return Particles(
-        size=np.array([count], np.int64),
-        position=np.array(positions, dtype=float).T.copy(),
-        velocity=np.array(velocities, dtype=float).T.copy(),
-        radius=radii,
-        mass=np.array([ball_mass(radius) for radius in radii]),
-        temperature=np.full(count, scene.temperature) if warms else None,
-        cooled_to=np.zeros(count) if isinstance(cooling, ExactCooling) else None,
-        last_impact=np.full(count, -np.inf) if remembers else None,
-        grains=np.ones(count, np.int64) if laws.fragmentation is not None else None,
-        label=np.arange(count),
-        labels_given=np.full(1, count),
-    )
+    particles = empty_particles(particle_type_of(scene), count)
+    particles.size[0] = particles.labels_given[0] = count
+    particles.position[:] = np.asarray(positions, dtype=float).T
+    particles.velocity[:] = np.asarray(velocities, dtype=float).T
+    particles.radius[:] = scene.radius if radii is None else radii
+    particles.mass[:] = [ball_mass(radius) for radius in particles.radius]
+    particles.label[:] = np.arange(count)
+    if particles.temperature is not None:
+        particles.temperature[:] = scene.temperature
+    if particles.grains is not None:
+        particles.grains[:] = 1
+    return particles
 
 
 @kernel

@@ -16,7 +16,7 @@ from scenes import (
     merging_event_periodic,
 )
 
-from agglom_mpi.config.describe import missing_arrays
+from agglom_mpi.config.describe import missing_fields
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCooling
@@ -31,18 +31,14 @@ from agglom_mpi.physics.restitution import (
     PressureRestitution,
 )
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.particles import (
-    new_cooling_times,
-    new_grains,
-    new_impact_times,
-    new_temperatures,
-)
+from agglom_mpi.simulation.particles import particle_type_of
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
 LEAN = event_periodic(0.9, **FEW)
-ARRAYS = {
+ALWAYS = {"x", "y", "z", "u", "v", "w", "radius", "mass", "label"}
+FIELDS = {
     "constant restitution": (LEAN, set()),
     "contact time": (
         LEAN._replace(laws=LEAN.laws._replace(restitution=ContactTimeRestitution(0.9, 1e-6))),
@@ -60,23 +56,21 @@ ARRAYS = {
 QUICK = ["constant restitution", "contact time", "heat, breakage, exact cooling"]
 
 
-@pytest.mark.parametrize("name", cases(ARRAYS, QUICK))
-def test_a_scene_has_only_the_arrays_that_it_uses(name):
-    scene, expected = ARRAYS[name]
+@pytest.mark.parametrize("name", cases(FIELDS, QUICK))
+def test_a_particle_has_only_the_fields_that_its_scene_uses(name):
+    scene, expected = FIELDS[name]
     record, particles = simulate_scene(scene, np.random.default_rng(1))
     assert record["state"] == 1
-    optional = ("temperature", "cooled_to", "last_impact", "grains")
-    assert {name for name in optional if getattr(particles, name) is not None} == expected
+    assert set(particles.records.dtype.names) - ALWAYS == expected
 
 
-# What `agglom check` calls the arrays, and what decides whether they are there.
+# What `agglom check` calls the fields that a scene may do without.
 NAMES = {
-    "temperature": lambda scene: temperatures_of(scene.laws.heating, scene.cooling, 1, 300.0),
-    "time of last cooling": lambda scene: new_cooling_times(scene.cooling, 1),
-    "time of last impact": lambda scene: new_impact_times(scene.laws.restitution, 1),
-    "number of grains": lambda scene: new_grains(scene.laws.fragmentation, scene.sizes, 1),
+    "temperature": "temperature",
+    "time of last cooling": "cooled_to",
+    "time of last impact": "last_impact",
+    "number of grains": "grains",
 }
-temperatures_of = getattr(new_temperatures, "py_func", new_temperatures)
 JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("**/*.yaml"))
 
 
@@ -84,7 +78,8 @@ JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("**/*.yaml"))
 def test_what_a_campaign_says_it_does_not_know_of_a_particle_is_not_allocated(job):
     campaign = load_campaign(job)
     scene = campaign.scene.build(campaign.parameters())
-    assert missing_arrays(campaign.scene) == [n for n, new in NAMES.items() if new(scene) is None]
+    fields = particle_type_of(scene).names
+    assert missing_fields(campaign.scene) == [n for n, name in NAMES.items() if name not in fields]
 
 
 CROWD = {"particles": 120, "size_ratio": 0.8, "end_time": 1e-3}

@@ -282,7 +282,7 @@ def find_largest_radii(particles, largest_radii, count):
     largest_radii[:] = 0.0
     total, last = 0.0, largest_radii.size - 1
     for i in range(particles.size[0]):
-        radius = particles.radius[i]
+        radius = particles.records[i]["radius"]
         total += radius
         if radius > largest_radii[last]:
             k = last

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined, not_inlined
-from agglom_mpi.simulation.boundary import clamped
+from agglom_mpi.simulation.boundary import clamped_position
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import copy_if_oversize, insert, remove
@@ -36,7 +36,14 @@ from agglom_mpi.simulation.event_driven.state import (
     rebuild,
     synchronise,
 )
-from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact
+from agglom_mpi.simulation.particles import (
+    EXHAUSTED,
+    STEPS,
+    compact,
+    moved_by,
+    set_position,
+    velocity_of,
+)
 from agglom_mpi.simulation.scene import (
     EventDriven,
     advance_to,
@@ -54,18 +61,15 @@ def copy_particles_at(observer, scene, particles, flights, time):
     """Copy the particles to where they are at `time` in s, before which nothing happens."""
     copy = copy_particles(observer, particles)
     for i in range(copy.size[0]):
-        if copy.mass[i] > 0.0:
-            copy_position(scene, copy, flights, i, time)
+        if copy.records[i]["mass"] > 0.0:
+            copy_position(scene, copy.records[i], flights.trajectory[i], time)
 
 
 @inlined
-def copy_position(scene, copy, flights, i, now):
-    """Move the copy of particle i to where the particle is at `now` in s; not the particle."""
-    trajectory, r, half = flights.trajectory[i], copy.position, scene.half_width
-    flight = now - trajectory["time"]
-    r[0, i] = clamped(scene.escape, trajectory["x"] + trajectory["u"] * flight, half)
-    r[1, i] = clamped(scene.escape, trajectory["y"] + trajectory["v"] * flight, half)
-    r[2, i] = clamped(scene.escape, trajectory["z"] + trajectory["w"] * flight, half)
+def copy_position(scene, copy, trajectory, now):
+    """Move the copy of a particle to where its trajectory is at `now` in s."""
+    moved = moved_by(trajectory, now - trajectory["time"], velocity_of(trajectory))
+    set_position(copy, clamped_position(scene, moved))
 
 
 NO_PARTICLE: Final = -1
@@ -218,7 +222,7 @@ def process_collision(scene, particles, ledger, events, i, j, now):
     return Event(due, RANGE, kind, i, j, False, True)
 
 
-@not_inlined
+@inlined
 def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
     """Merge i and j, or take in the pieces appended after `size`; return how many are due."""
     flights, cells = events.flights, events.cells

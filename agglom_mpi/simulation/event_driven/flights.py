@@ -3,9 +3,17 @@
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.kernels import inlined
-from agglom_mpi.simulation.boundary import clamped
+from agglom_mpi.simulation.boundary import clamped_position
+from agglom_mpi.simulation.particles import (
+    moved_by,
+    position_of,
+    set_position,
+    set_velocity,
+    velocity_of,
+)
 
 TRAJECTORY: Final = np.dtype(
     [(name, "f8") for name in ("x", "y", "z", "u", "v", "w", "time", "radius")]
@@ -46,6 +54,22 @@ class Flights(NamedTuple):
     next_event: np.ndarray
 
 
+CACHE_LINE: Final = 64
+"""Bytes that a processor reads from memory at once."""
+
+
+def new_flights(capacity: int) -> Flights:
+    """Return room for the trajectories and next events of `capacity` particles."""
+    return Flights(new_lines(capacity, TRAJECTORY), new_lines(capacity, NEXT_EVENT))
+
+
+def new_lines(count: int, kind: np.dtype[np.void]) -> NDArray[np.void]:
+    """Return `count` empty records of a kind that fills cache lines, each in one of its own."""
+    room = np.zeros(count * kind.itemsize + CACHE_LINE, np.uint8)
+    begin = -room.ctypes.data % CACHE_LINE
+    return room[begin : begin + count * kind.itemsize].view(kind)
+
+
 RANGE: Final = 6
 """Crossing of an oversize particle that has moved as far as its prediction holds."""
 
@@ -53,23 +77,18 @@ RANGE: Final = 6
 @inlined
 def load_particle(flights, particles, i, now):
     """Copy position, velocity and radius of particle i at time `now` in s to its trajectory."""
-    trajectory = flights.trajectory[i]
-    trajectory["x"] = particles.position[0, i]
-    trajectory["y"] = particles.position[1, i]
-    trajectory["z"] = particles.position[2, i]
+    trajectory, particle = flights.trajectory[i], particles.records[i]
+    set_position(trajectory, position_of(particle))
     trajectory["time"] = now
-    trajectory["radius"] = particles.radius[i]
+    trajectory["radius"] = particle["radius"]
     load_velocity(flights, particles, i)
 
 
 @inlined
 def load_velocity(flights, particles, i):
     """Copy a changed velocity to the trajectory of particle i and invalidate its prediction."""
-    trajectory, next_event = flights.trajectory[i], flights.next_event[i]
-    trajectory["u"] = particles.velocity[0, i]
-    trajectory["v"] = particles.velocity[1, i]
-    trajectory["w"] = particles.velocity[2, i]
-    invalidate_prediction(next_event)
+    set_velocity(flights.trajectory[i], velocity_of(particles.records[i]))
+    invalidate_prediction(flights.next_event[i])
 
 
 @inlined
@@ -88,14 +107,10 @@ def synchronise_particle(scene, particles, flights, i, now):
     where the cell is, by rounding at most outside.
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
-    r, half = particles.position, scene.half_width
     flight = now - trajectory["time"]
-    trajectory["x"] += trajectory["u"] * flight
-    trajectory["y"] += trajectory["v"] * flight
-    trajectory["z"] += trajectory["w"] * flight
+    set_position(trajectory, moved_by(trajectory, flight, velocity_of(trajectory)))
     trajectory["time"] = now
-    r[0, i] = clamped(scene.escape, trajectory["x"], half)
-    r[1, i] = clamped(scene.escape, trajectory["y"], half)
-    r[2, i] = clamped(scene.escape, trajectory["z"], half)
+    inside = clamped_position(scene, position_of(trajectory))
+    set_position(particles.records[i], inside)
     if next_event["oversize"] >= 0:
-        trajectory["x"], trajectory["y"], trajectory["z"] = r[0, i], r[1, i], r[2, i]
+        set_position(trajectory, inside)

@@ -95,8 +95,8 @@ def prefetch_surroundings(scene, particles, events, i):
         prefetch(flights.trajectory, partner)
         prefetch(flights.next_event, partner)
         prefetch_matches(events.event_queue, partner)
-        prefetch_particle(particles, i)
-        prefetch_particle(particles, partner)
+        prefetch_record(particles.records, i)
+        prefetch_record(particles.records, partner)
     offset, per_axis = cells.offset, cells.shape[PER_AXIS]
     a0, a1, b0, b1, c0, c1 = cells_of_event(scene, cells, next_event)
     for a in range(per_axis + a0, per_axis + a1 + 1):
@@ -159,13 +159,10 @@ def cells_behind(index, face):
 
 
 @inlined
-def prefetch_particle(particles, i):
-    """Prefetch what a contact reads of particle i."""
-    for axis in range(3):
-        prefetch(particles.position[axis], i)
-        prefetch(particles.velocity[axis], i)
-    prefetch(particles.mass, i)
-    prefetch(particles.radius, i)
+def prefetch_record(records, i):
+    """Prefetch a record that may begin in one cache line and end in the next."""
+    prefetch(records, i)
+    prefetch(records, i + 1)
 
 
 @inlined

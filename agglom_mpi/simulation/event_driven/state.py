@@ -21,10 +21,9 @@ from agglom_mpi.simulation.event_driven.cells import (
 )
 from agglom_mpi.simulation.event_driven.event_queue import EventQueue, new_event_queue, set_time
 from agglom_mpi.simulation.event_driven.flights import (
-    NEXT_EVENT,
-    TRAJECTORY,
     Flights,
     load_particle,
+    new_flights,
     synchronise_particle,
 )
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
@@ -80,7 +79,7 @@ def new_events(count: int, capacity: int) -> Events:
     """Return room for the events of `count` particles at first and at most `capacity`."""
     celled = count if capacity > MAX_ALL_PAIRS else 0
     return Events(
-        Flights(np.zeros(capacity, TRAJECTORY), np.zeros(capacity, NEXT_EVENT)),
+        new_flights(capacity),
         new_cells(celled, capacity),
         new_event_queue(capacity),
         np.empty(capacity, np.int64),
@@ -112,7 +111,7 @@ def compact_after_merge(scene, particles, events, due, now):
 def synchronise(scene, particles, events, now):
     """Move all particles to where they are at `now` in s."""
     for i in range(particles.size[0]):
-        if particles.mass[i] > 0.0:
+        if particles.records[i]["mass"] > 0.0:
             synchronise_particle(scene, particles, events.flights, i, now)
 
 

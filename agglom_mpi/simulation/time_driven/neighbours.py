@@ -13,11 +13,12 @@ import numpy as np
 from agglom_mpi.kernels import inlined, inlined_allocating
 from agglom_mpi.simulation.boundary import (
     Periodic,
-    cell_of,
+    cells_of,
     distance_along,
     sort_into_cells,
     wrapped_cell,
 )
+from agglom_mpi.simulation.particles import velocity_of
 
 MAX_ALL_PAIRS: Final = 40
 """Particles up to which it is faster to look at all; by measurement."""
@@ -42,6 +43,9 @@ class NeighbourList(NamedTuple):
     ----------
     candidates, found
         The candidates of particle i are the first `found[i]` of row i; −1 if they are too many.
+    position
+        Positions in m side by side, so that many distances are computed at once, shape (3,
+        capacity); whoever moves particles after `update_neighbours` copies theirs.
     built_position
         Positions in m when the lists were built, shape (3, capacity).
     drift
@@ -58,6 +62,7 @@ class NeighbourList(NamedTuple):
 
     candidates: np.ndarray
     found: np.ndarray
+    position: np.ndarray
     built_position: np.ndarray
     drift: np.ndarray
     changed: np.ndarray
@@ -84,6 +89,7 @@ def new_neighbour_list(capacity: int) -> NeighbourList:
     return NeighbourList(
         np.empty((listed, MAX_CANDIDATES), np.int32),
         np.empty(listed, np.int32),
+        np.empty((3, capacity)),
         np.empty((3, listed)),
         np.zeros(3),
         np.empty(capacity, np.int64),
@@ -113,8 +119,19 @@ def update_neighbours(scene, particles, neighbours, time, compacted, needed):
         neighbours.is_changed[neighbours.changed[k]] = False
     neighbours.counts[CHANGED] = 0
     neighbours.counts[AGE] += 1
+    for i in range(particles.size[0]):
+        copy_position(particles, neighbours, i)
     if compacted or is_out_of_date(scene, particles, neighbours, time):
         rebuild_lists(scene, particles, neighbours, time, needed)
+
+
+@inlined
+def copy_position(particles, neighbours, i):
+    """Copy the position of particle i to those side by side."""
+    particle = particles.records[i]
+    neighbours.position[0, i] = particle["x"]
+    neighbours.position[1, i] = particle["y"]
+    neighbours.position[2, i] = particle["z"]
 
 
 @inlined
@@ -127,7 +144,7 @@ def is_out_of_date(scene, particles, neighbours, time):
         )
     elapsed = time - neighbours.validity[BUILT_AT]
     width = 2.0 * scene.half_width
-    x, y, z = particles.position[0], particles.position[1], particles.position[2]
+    x, y, z = neighbours.position[0], neighbours.position[1], neighbours.position[2]
     u, v, w = (
         neighbours.built_position[0],
         neighbours.built_position[1],
@@ -166,12 +183,16 @@ def rebuild_lists(scene, particles, neighbours, time, needed):
     neighbours.validity[COMPLETE_WITHIN] = near
     neighbours.validity[SKIN_WIDTH] = SKIN * spacing
     neighbours.validity[BUILT_AT] = time
+    neighbours.drift[:] = 0.0
+    for i in range(count):
+        for axis in range(3):
+            neighbours.built_position[axis, i] = neighbours.position[axis, i]
+        velocity = velocity_of(particles.records[i])
+        neighbours.drift[0] += velocity[0]
+        neighbours.drift[1] += velocity[1]
+        neighbours.drift[2] += velocity[2]
     for axis in range(3):
-        total = 0.0
-        for i in range(count):
-            neighbours.built_position[axis, i] = particles.position[axis, i]
-            total += particles.velocity[axis, i]
-        neighbours.drift[axis] = total / count
+        neighbours.drift[axis] /= count
     list_from_cells(scene, particles, neighbours, max(1, int(width / reach)), reach)
 
 
@@ -186,11 +207,11 @@ def list_from_cells(scene, particles, neighbours, cells, reach):
     if cells < 3:
         cells, span = 1, 0
     order, start = sort_into_cells(particles, cells, half)
-    x, y, z = particles.position[0], particles.position[1], particles.position[2]
+    x, y, z = neighbours.position[0], neighbours.position[1], neighbours.position[2]
     candidates = neighbours.candidates
     for i in range(particles.size[0]):
         found = 0
-        a, b, c = cell_of(x[i], cells, half), cell_of(y[i], cells, half), cell_of(z[i], cells, half)
+        a, b, c = cells_of(particles.records[i], cells, half)
         for p in range(a - span, a + span + 1):
             for q in range(b - span, b + span + 1):
                 row = (wrapped_cell(p, cells) * cells + wrapped_cell(q, cells)) * cells
@@ -241,14 +262,10 @@ def square_of(escape, dx, dy, dz, half_width):
 
 
 @inlined
-def squared_distance(escape, position, i, j, half_width):
+def squared_distance(escape, one, other, half_width):
     """Square in m² of the distance between two particles' centres."""
     return square_of(
-        escape,
-        position[0, i] - position[0, j],
-        position[1, i] - position[1, j],
-        position[2, i] - position[2, j],
-        half_width,
+        escape, one["x"] - other["x"], one["y"] - other["y"], one["z"] - other["z"], half_width
     )
 
 
@@ -284,8 +301,8 @@ def find_partners(scene, particles, neighbours, partner, squared, reach):
     Certain for those nearer than `reach` in m plus the particle's own radius; −1 if there is none.
     """
     escape, half, count = scene.escape, scene.half_width, particles.size[0]
-    x, y, z = particles.position[0], particles.position[1], particles.position[2]
-    radius, work = particles.radius, neighbours.work
+    x, y, z = neighbours.position[0], neighbours.position[1], neighbours.position[2]
+    work = neighbours.work
     candidates, found = neighbours.candidates, neighbours.found
     if neighbours.counts[LISTED] == 0:
         for i in range(count):
@@ -294,7 +311,7 @@ def find_partners(scene, particles, neighbours, partner, squared, reach):
     near = neighbours.validity[COMPLETE_WITHIN]
     for i in range(count):
         squared[i], partner[i] = nearest_listed(escape, x, y, z, half, candidates, found, i)
-        doubtful = squared[i] > near * near and radius[i] + reach > near
+        doubtful = squared[i] > near * near and particles.records[i]["radius"] + reach > near
         if doubtful or found[i] < 0:
             squared[i], partner[i] = nearest_of_all(escape, x, y, z, half, work, count, i)
 
@@ -313,9 +330,9 @@ def update_partner(scene, particles, neighbours, partner, squared, i):
         or doubtful
         or neighbours.is_changed[i]
         or neighbours.is_changed[j]
-        or particles.mass[j] == 0.0
+        or particles.records[j]["mass"] == 0.0
     ):
-        x, y, z = particles.position[0], particles.position[1], particles.position[2]
+        x, y, z = neighbours.position[0], neighbours.position[1], neighbours.position[2]
         squared[i], partner[i] = nearest_of_all(
             scene.escape, x, y, z, scene.half_width, neighbours.work, particles.size[0], i
         )
@@ -323,6 +340,7 @@ def update_partner(scene, particles, neighbours, partner, squared, i):
     for k in range(neighbours.counts[CHANGED]):
         j = neighbours.changed[k]
         if j != i:
-            square = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
+            one, other = particles.records[i], particles.records[j]
+            square = squared_distance(scene.escape, one, other, scene.half_width)
             if square < squared[i]:
                 squared[i], partner[i] = square, j

@@ -10,14 +10,20 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.kernels import inlined, inlined_allocating
-from agglom_mpi.simulation.boundary import separation
-from agglom_mpi.simulation.collision import BONDED, BOUNCED, merge, resolve_contact
+from agglom_mpi.simulation.collision import (
+    BONDED,
+    BOUNCED,
+    dot,
+    merge,
+    relative_velocity,
+    resolve_contact,
+    separation_vector,
+)
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
 from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to
 from agglom_mpi.simulation.time_driven.neighbours import (
     CHANGED,
     find_partners,
-    mark_changed,
     squared_distance,
     update_neighbours,
     update_partner,
@@ -31,7 +37,8 @@ from agglom_mpi.simulation.time_driven.stepping import (
     is_aborted,
     is_contact,
     is_step_over,
-    mark_new,
+    mark_bounced,
+    mark_merged,
     shift_apart,
 )
 
@@ -70,28 +77,32 @@ def process_contacts_sequentially(scene, particles, ledger, steps, time):
 def resolve_sequentially(scene, particles, ledger, neighbours, partner, squared, time):
     """Resolve each particle's contact with its nearest neighbour; return whether any merged."""
     merged = False
-    mass, radius, counts = particles.mass, particles.radius, neighbours.counts
     for i in range(particles.size[0]):
-        if counts[CHANGED] > 0:
-            if mass[i] == 0.0:  # merged in this step, or it would have been compacted
+        if neighbours.counts[CHANGED] > 0:
+            if (
+                particles.records[i]["mass"] == 0.0
+            ):  # merged in this step, or it would have been compacted
                 continue
             update_partner(scene, particles, neighbours, partner, squared, i)
         j = partner[i]
-        if j < 0 or not is_contact(radius, i, j, squared[i]):
+        if j < 0:
             continue
-        current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
-        if not is_contact(particles.radius, i, j, current):
+        one, other = particles.records[i], particles.records[j]
+        if not is_contact(one, other, squared[i]):
             continue
-        reach = particles.radius[i] + particles.radius[j]
+        current = squared_distance(scene.escape, one, other, scene.half_width)
+        if not is_contact(one, other, current):
+            continue
+        reach = one["radius"] + other["radius"]
         size = particles.size[0]
         kind = resolve_contact(scene, particles, ledger, i, j, time)
         if kind == BONDED:
             merge(scene, particles, ledger, i, j, time)
-            mark_changed(neighbours, i)
+            mark_merged(particles, neighbours, i, j)
             merged = True
         elif kind == BOUNCED:
-            mark_new(particles, neighbours, size)
-            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
+            shift_apart(scene, one, other, math.sqrt(current), reach)
+            mark_bounced(particles, neighbours, i, j, size)
     return merged
 
 
@@ -136,24 +147,23 @@ def resolve_simultaneously(scene, particles, ledger, neighbours, partner, square
     bonded_j = [0 for _ in range(0)]
     for i in range(particles.size[0]):
         j = partner[i]
-        if (
-            j < 0
-            or (partner[j] == i and j < i)
-            or not is_contact(particles.radius, i, j, squared[i])
-        ):
+        if j < 0 or (partner[j] == i and j < i):
             continue
-        current = squared_distance(scene.escape, particles.position, i, j, scene.half_width)
-        if not is_contact(particles.radius, i, j, current):
+        one, other = particles.records[i], particles.records[j]
+        if not is_contact(one, other, squared[i]):
             continue
-        reach = particles.radius[i] + particles.radius[j]
+        current = squared_distance(scene.escape, one, other, scene.half_width)
+        if not is_contact(one, other, current):
+            continue
+        reach = one["radius"] + other["radius"]
         size = particles.size[0]
         kind = resolve_contact(scene, particles, ledger, i, j, time)
         if kind == BONDED:
             bonded_i.append(i)
             bonded_j.append(j)
         elif kind == BOUNCED:
-            mark_new(particles, neighbours, size)
-            shift_apart(scene, particles, i, j, math.sqrt(current), reach)
+            shift_apart(scene, one, other, math.sqrt(current), reach)
+            mark_bounced(particles, neighbours, i, j, size)
     merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, time)
     return len(bonded_i) > 0
 
@@ -174,7 +184,7 @@ def merge_clusters(scene, particles, ledger, neighbours, bonded_i, bonded_j, tim
             low, high = min(i, j), max(i, j)
             merge(scene, particles, ledger, low, high, time)
             owner[high] = low
-            mark_changed(neighbours, low)
+            mark_merged(particles, neighbours, low, high)
 
 
 @inlined
@@ -183,7 +193,7 @@ def update_partners(scene, particles, neighbours, partner, squared):
     if neighbours.counts[CHANGED] == 0:
         return
     for i in range(particles.size[0]):
-        if particles.mass[i] == 0.0:
+        if particles.records[i]["mass"] == 0.0:
             partner[i] = -1
         else:
             update_partner(scene, particles, neighbours, partner, squared, i)
@@ -193,19 +203,15 @@ def update_partners(scene, particles, neighbours, partner, squared):
 def shortest_time_to_contact(scene, particles, partner, ceiling):
     """Smallest gap over approach speed of nearest neighbours, at most `ceiling`, s  [B 6.14]."""
     smallest = ceiling
-    escape, half, radius = scene.escape, scene.half_width, particles.radius
-    x, y, z = particles.position[0], particles.position[1], particles.position[2]
-    u, v, w = particles.velocity[0], particles.velocity[1], particles.velocity[2]
     for i in range(particles.size[0]):
         j = partner[i]
         if j < 0:
             continue
-        dx = separation(escape, x[j] - x[i], half)
-        dy = separation(escape, y[j] - y[i], half)
-        dz = separation(escape, z[j] - z[i], half)
-        closing = (u[i] - u[j]) * dx + (v[i] - v[j]) * dy + (w[i] - w[j]) * dz
+        one, other = particles.records[i], particles.records[j]
+        line = separation_vector(scene.escape, one, other, scene.half_width)
+        closing = dot(relative_velocity(one, other), line)
         if closing > 0.0:
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            gap = max(0.0, distance - radius[i] - radius[j])
+            distance = math.sqrt(dot(line, line))
+            gap = max(0.0, distance - one["radius"] - other["radius"])
             smallest = min(smallest, gap * distance / closing)
     return smallest

@@ -9,8 +9,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.kernels import inlined
-from agglom_mpi.simulation.boundary import wrapped
-from agglom_mpi.simulation.particles import PARTICLE_STEPS, STEPS
+from agglom_mpi.simulation.boundary import wrapped_position
+from agglom_mpi.simulation.collision import dot
+from agglom_mpi.simulation.particles import (
+    PARTICLE_STEPS,
+    STEPS,
+    moved_by,
+    set_position,
+    velocity_of,
+)
 from agglom_mpi.simulation.scene import (
     AdaptiveSteps,
     FixedSteps,
@@ -22,6 +29,7 @@ from agglom_mpi.simulation.scene import (
 from agglom_mpi.simulation.temperature import cool_over_step
 from agglom_mpi.simulation.time_driven.neighbours import (
     NeighbourList,
+    copy_position,
     mark_changed,
     new_neighbour_list,
     reset_neighbour_list,
@@ -139,33 +147,33 @@ def _copy_in_step(engine, scene, particles, steps, observer, time):
 
 
 @inlined
-def shift_apart(scene, particles, i, j, distance, reach):
+def shift_apart(scene, one, other, distance, reach):
     """Shift both spheres along their outgoing velocities by their share of the overlap  [A 8].
 
     `distance` of the centres and `reach`, the sum of the radii, in m, are those at contact.
     """
     overlap = 1.0 - distance / reach
     if overlap > 0.0:
-        for k in (i, j):
-            v = particles.velocity
-            speed = math.sqrt(v[0, k] ** 2 + v[1, k] ** 2 + v[2, k] ** 2)
+        for particle in (one, other):
+            velocity = velocity_of(particle)
+            speed = math.sqrt(dot(velocity, velocity))
             if speed > 0.0:
-                length = overlap * particles.radius[k]
-                for axis in range(3):
-                    coordinate = particles.position[axis, k] + length * v[axis, k] / speed
-                    particles.position[axis, k] = wrapped(
-                        scene.escape, coordinate, scene.half_width
-                    )
+                length = overlap * particle["radius"]
+                shift = (
+                    length * velocity[0] / speed,
+                    length * velocity[1] / speed,
+                    length * velocity[2] / speed,
+                )
+                set_position(particle, wrapped_position(scene, moved_by(particle, 1.0, shift)))
 
 
 @inlined
 def move_particles(scene, particles, step):
     """Move every particle with its velocity for `step` in s  [A 9]."""
-    escape, half = scene.escape, scene.half_width
-    for axis in range(3):
-        r, v = particles.position[axis], particles.velocity[axis]
-        for i in range(particles.size[0]):
-            r[i] = wrapped(escape, r[i] + step * v[i], half)
+    for i in range(particles.size[0]):
+        particle = particles.records[i]
+        moved = moved_by(particle, step, velocity_of(particle))
+        set_position(particle, wrapped_position(scene, moved))
 
 
 @inlined
@@ -176,16 +184,27 @@ def count_step(particles, ledger):
 
 
 @inlined
-def mark_new(particles, neighbours, size_before):
-    """Mark the pieces appended since there were `size_before` slots for the neighbour lists."""
-    for i in range(size_before, particles.size[0]):
-        mark_changed(neighbours, i)
+def mark_merged(particles, neighbours, i, j):
+    """Tell the neighbour lists that particle j merged into i."""
+    mark_changed(neighbours, i)
+    copy_position(particles, neighbours, i)
+    copy_position(particles, neighbours, j)
 
 
 @inlined
-def is_contact(radius, i, j, squared):
+def mark_bounced(particles, neighbours, i, j, size_before):
+    """Tell the neighbour lists that i and j bounced, and of the pieces appended meanwhile."""
+    copy_position(particles, neighbours, i)
+    copy_position(particles, neighbours, j)
+    for k in range(size_before, particles.size[0]):
+        mark_changed(neighbours, k)
+        copy_position(particles, neighbours, k)
+
+
+@inlined
+def is_contact(one, other, squared):
     """Whether two spheres at this squared centre distance in m² touch or overlap."""
-    reach = radius[i] + radius[j]
+    reach = one["radius"] + other["radius"]
     return squared <= reach * reach
 
 
