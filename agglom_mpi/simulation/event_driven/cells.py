@@ -125,10 +125,11 @@ def reset_cells(cells, per_axis):
     for index in range(3 * per_axis):
         inner = index % per_axis
         block, rest = inner // BLOCK, inner % BLOCK
-        cells.offset[0, index] = (block * blocks * blocks * BLOCK + rest) * BLOCK**2
-        cells.offset[1, index] = (block * blocks * BLOCK**2 + rest) * BLOCK
-        cells.offset[2, index] = block * BLOCK**3 + rest
-    for number in range(padded(per_axis) ** 3):
+        cells.offset[0, index] = (block * blocks * blocks * BLOCK + rest) * (BLOCK * BLOCK)
+        cells.offset[1, index] = (block * blocks * BLOCK * BLOCK + rest) * BLOCK
+        cells.offset[2, index] = block * BLOCK * BLOCK * BLOCK + rest
+    edge = blocks * BLOCK
+    for number in range(edge * edge * edge):
         cells.head[number] = -1
 
 
@@ -273,7 +274,7 @@ def prediction_cost(count, per_axis, oversize):
     """Time of a prediction for one of `count` particles, in pairs with one in a cell."""
     if per_axis == 0:
         return SIDE_BY_SIDE * count
-    return 27.0 * (count - oversize) / per_axis**3 + SIDE_BY_SIDE * oversize
+    return 27.0 * (count - oversize) / (per_axis * per_axis * per_axis) + SIDE_BY_SIDE * oversize
 
 
 @inlined

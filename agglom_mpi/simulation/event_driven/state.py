@@ -150,8 +150,8 @@ def sort_by_cell(scene, particles, events):
     for i in range(particles.size[0]):
         load_particle(flights, particles, i, 0.0)
         insert(scene, cells, flights, i)
-    count = 0
-    for number in range(padded(cells.shape[PER_AXIS]) ** 3):
+    count, edge = 0, padded(cells.shape[PER_AXIS])
+    for number in range(edge * edge * edge):
         i = cells.head[number]
         while i >= 0:
             order[count] = i
