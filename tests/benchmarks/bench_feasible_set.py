@@ -1,12 +1,12 @@
 """How right feasible sets are, over seeds: their truth is simulated in the same run.
 
-`python tests/benchmarks/bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM]]]`, with
-the question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
-variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
-(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one
-sample a string, for the `best` string or, with the aim `set`, for the set. With `three`, posteriors
-are compared with brute force, and ranks of true values in them are counted. A folder keeps
-campaigns and the truth for the next time.
+`bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM [BATCH]]]]`, with the question
+`three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three variables,
+growth by half), `moments` (three variables, mean and spread together) or `maximum` (three
+variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
+string, for the `best` string or, with the aim `set`, for the set, in batches of 16 strings or
+another number. With `three`, posteriors are compared with brute force, and ranks of true values in
+them are counted. A folder keeps campaigns and the truth for the next time.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
@@ -70,23 +70,25 @@ QUESTIONS = {
 SEEDS, SAMPLES = 20, 800
 
 
-def campaign_text(name, seed, samples, aim="best"):
+def campaign_text(name, seed, samples, aim="best", batch=BATCH):
     question = QUESTIONS[name]
     text = (JOBS / f"{question.job}.yaml").read_text()
     text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", text)
     head = text[: text.index("objective:")]
-    generations = 2 + (samples - INITIAL) // BATCH
+    generations = 2 + (samples - INITIAL) // batch
     plan = (
-        f"search: {{method: surrogate, aim: {aim}, initial: {INITIAL}, batch: {BATCH}}}\n"
+        f"search: {{method: surrogate, aim: {aim}, initial: {INITIAL}, batch: {batch}}}\n"
         f"ensemble: {{rule: fixed, samples: 1}}\nstopping: {{generations: {generations}}}\n"
     )
     return f"final: none\n{head}objective: {question.objective}\n{plan}"
 
 
-def searched(name, seed, samples, folder, aim):
+def searched(name, seed, samples, folder, aim, batch):
     """Run a campaign of a question, and return its file."""
-    path = Path(folder) / f"{name}_{seed}_{samples}{'' if aim == 'best' else f'_{aim}'}.yaml"
-    return campaign_file(path, campaign_text(name, seed, samples, aim))
+    words = [name, seed, samples, *([] if aim == "best" else [aim])]
+    words += [] if batch == BATCH else [batch]
+    path = Path(folder) / f"{'_'.join(map(str, words))}.yaml"
+    return campaign_file(path, campaign_text(name, seed, samples, aim, batch))
 
 
 def campaign_file(path, text):
@@ -201,9 +203,9 @@ def members(truth, found):
     return found.criterion.holds(truth.values)
 
 
-def score(name, seed, samples, truth, folder, aim="best"):
+def score(name, seed, samples, truth, folder, aim="best", batch=BATCH):
     """Return the score of a campaign, and its probabilities and true members at the points."""
-    file = searched(name, seed, samples, folder, aim)
+    file = searched(name, seed, samples, folder, aim, batch)
     began = time.perf_counter()
     found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
     _ = found.volume_error, found.variables
@@ -231,15 +233,15 @@ def score(name, seed, samples, truth, folder, aim="best"):
     )
 
 
-def run(name, samples, seeds, jobs=1, folder=None, aim="best"):
+def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
     if folder is None:
         with tempfile.TemporaryDirectory() as scratch:
-            run(name, samples, seeds, jobs, scratch, aim)
+            run(name, samples, seeds, jobs, scratch, aim, batch)
         return
     began = time.perf_counter()
     truth = known_truth(name, jobs, folder)
     print(
-        f"\n{name}, {samples} samples, aim {aim}: "
+        f"\n{name}, {samples} samples, aim {aim}, batches of {batch}: "
         f"truth by {truth.samples:,}, error {truth.error:.4f}, {time.perf_counter() - began:.0f} s",
         flush=True,
     )
@@ -247,7 +249,7 @@ def run(name, samples, seeds, jobs=1, folder=None, aim="best"):
     scores, pairs = [], []
     posteriors = Posteriors(truth) if name == "three" else None
     for seed in range(1, seeds + 1):
-        found, row, pair = score(name, seed, samples, truth, folder, aim)
+        found, row, pair = score(name, seed, samples, truth, folder, aim, batch)
         scores.append(row)
         pairs.append(pair)
         print(f"{seed:4}  " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
@@ -331,4 +333,4 @@ def test_print_how_right_the_set_of_a_question_is(name):
 if __name__ == "__main__":
     what, samples, seeds, *rest = sys.argv[1:]
     jobs = int(rest[0]) if rest else 1
-    run(what, int(samples), int(seeds), jobs, *rest[1:])
+    run(what, int(samples), int(seeds), jobs, *rest[1:3], *map(int, rest[3:]))
