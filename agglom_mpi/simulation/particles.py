@@ -133,7 +133,8 @@ def particle_type(
     grains
         Whether original `grains` in a particle are counted; else its mass says them.
     """
-    # The same object each time: a kernel knows its types by them.
+    # The same object each time: a kernel knows its types by them. The label comes last, so that no
+    # type begins with all fields of another: Numba would take one for the other.
     fields = [(name, "f8") for name in ("x", "y", "z", "u", "v", "w", "radius", "mass")]
     fields += [("temperature", "f8")] if temperature else []
     fields += [("cooled_to", "f8")] if cooled_to else []

@@ -52,7 +52,8 @@ from agglom_mpi.simulation.time_driven.stepping import move_particles
 NO_PARTICLE = -1
 
 
-BARE = np.dtype([(name, "f8") for name in ("x", "y", "z", "u", "v", "w")])
+# Velocities first: Numba would take other records for these if they began with the same fields.
+BARE = np.dtype([(name, "f8") for name in ("u", "v", "w", "x", "y", "z")])
 
 
 class Bare(NamedTuple):

@@ -1,5 +1,6 @@
 """What a scene has no use for is not there, and leaving it out does not change a bit."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from scenes import (
 
 from agglom_mpi.config.describe import missing_fields
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCooling
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
@@ -31,8 +33,9 @@ from agglom_mpi.physics.restitution import (
     PressureRestitution,
 )
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.particles import particle_type_of
-from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.event_driven.flights import NEXT_EVENT, TRAJECTORY
+from agglom_mpi.simulation.particles import particle_type, particle_type_of
+from agglom_mpi.simulation.sample import INITIAL, simulate_scene
 from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
@@ -62,6 +65,15 @@ def test_a_particle_has_only_the_fields_that_its_scene_uses(name):
     record, particles = simulate_scene(scene, np.random.default_rng(1))
     assert record["state"] == 1
     assert set(particles.records.dtype.names) - ALWAYS == expected
+
+
+def test_no_record_begins_with_all_fields_of_another():
+    """Numba would take the longer one for the shorter."""
+    kinds = [particle_type(*chosen) for chosen in itertools.product((False, True), repeat=4)]
+    kinds += [TRAJECTORY, NEXT_EVENT, INITIAL, OUTCOME]
+    fields = [[(name, kind.fields[name]) for name in kind.names] for kind in kinds]
+    for shorter, longer in itertools.permutations(fields, 2):
+        assert longer[: len(shorter)] != shorter
 
 
 # What `agglom check` calls the fields that a scene may do without.
