@@ -56,13 +56,12 @@ _ALLOCATING: Final[dict[str, Any]] = {
 }
 # Without counting references to arrays, which costs more than half of the time of a short loop.
 _INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
-_DISPATCHED: Final[dict[str, Any]] = {
+_DISPATCHED: Final[Any] = {
     "pipeline_class": COMPILER,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
+    "_nrt": False,
 }
-
-_FIELD: Final[Any] = {**_DISPATCHED, "_nrt": False}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -286,7 +285,7 @@ def dispatch(signature: Callable[..., Any]) -> Any:
 
     `signature.register(Law)` decorates what the law computes; see `Dispatcher`.
     """
-    return _dispatched(signature, {**_DISPATCHED, "_nrt": False})
+    return _dispatched(signature, _DISPATCHED)
 
 
 def dispatch_allocating(signature: Callable[..., Any]) -> Any:
@@ -323,13 +322,13 @@ def optional_field(name: str) -> tuple[Any, Any]:
         if name in record.dtype.names:
             record[name] = value
 
-    @overload(value_or, strict=False, jit_options=_FIELD)
+    @overload(value_or, strict=False, jit_options=_DISPATCHED)
     def choose_value(record: Any, otherwise: Any) -> Any:
         if name in record.fields:
             return lambda record, otherwise: record[name]
         return lambda record, otherwise: otherwise
 
-    @overload(set_value, strict=False, jit_options=_FIELD)
+    @overload(set_value, strict=False, jit_options=_DISPATCHED)
     def choose_setter(record: Any, value: Any) -> Any:
         def set_field(record: Any, value: Any) -> None:
             record[name] = value

@@ -112,8 +112,8 @@ def run_batch(scene, grains, particles, engine_state, ledger, position, velocity
     for run in range(position.shape[0]):
         particles.size[0] = grains.size[0]
         for i in range(grains.size[0]):
-            particle = particles.records[i]
             particles.records[i] = grains.records[i]
+            particle = particles.records[i]
             set_position(particle, vector(position[run], i))
             set_velocity(particle, vector(velocity[run], i))
         drift = to_mass_frame(scene, particles)

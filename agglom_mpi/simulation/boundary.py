@@ -1,11 +1,13 @@
 """The cube −D ≤ r ≤ D: periodic images, re-entry, and the sorting of particles into cells."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating
+
+Vector: TypeAlias = tuple[float, float, float]
 
 
 class Periodic(NamedTuple):
@@ -43,8 +45,8 @@ def nearest_image(escape: Submodel, difference: float, side: float, per_side: fl
 
 
 @dispatch
-def clamped(escape: Submodel, coordinate: float, half_width: float) -> float:
-    """Coordinate in m of a particle whose leaving the box is an event of its own.
+def clamped_position(escape: Submodel, scene: Any, position: Vector) -> Vector:
+    """Place in m of a particle whose leaving the box is an event of its own, three components.
 
     With real faces it can be outside by rounding only, and must not re-enter before its event.
     """
@@ -105,14 +107,19 @@ def _no_image(escape, difference, side, per_side):
     return difference
 
 
-@clamped.register(Periodic)
-def _clamped_periodically(escape, coordinate, half_width):
-    return wrapped(escape, coordinate, half_width)
+@clamped_position.register(Periodic)
+def _wrapped_position(escape, scene, position):
+    return wrapped_position(scene, position)
 
 
-@clamped.register(Reentry)
-def _clamped_to_faces(escape, coordinate, half_width):
-    return min(max(coordinate, -half_width), half_width)
+@clamped_position.register(Reentry)
+def _between_faces(escape, scene, position):
+    half_width = scene.half_width
+    return (
+        min(max(position[0], -half_width), half_width),
+        min(max(position[1], -half_width), half_width),
+        min(max(position[2], -half_width), half_width),
+    )
 
 
 @is_periodic.register(Periodic)
@@ -133,17 +140,6 @@ def wrapped_position(scene, position):
         wrapped(escape, position[0], half_width),
         wrapped(escape, position[1], half_width),
         wrapped(escape, position[2], half_width),
-    )
-
-
-@inlined
-def clamped_position(scene, position):
-    """Place in m of a particle whose leaving the box is an event of its own, three components."""
-    escape, half_width = scene.escape, scene.half_width
-    return (
-        clamped(escape, position[0], half_width),
-        clamped(escape, position[1], half_width),
-        clamped(escape, position[2], half_width),
     )
 
 

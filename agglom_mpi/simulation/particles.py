@@ -236,14 +236,17 @@ def new_ledger() -> Ledger:
     return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
 
 
-def particle_type_of(scene: Any) -> np.dtype[np.void]:
-    """Return the type of the records of a `Scene`, without fields that it has no use for."""
+def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:
+    """Return the type of the records of a `Scene`, without fields that it has no use for.
+
+    Where particles are `shown` to somebody, they have temperatures and grains in any scene.
+    """
     laws = scene.laws
     return particle_type(
-        temperature=laws.heating is not None or scene.cooling is not None,
+        temperature=shown or laws.heating is not None or scene.cooling is not None,
         cooled_to=isinstance(scene.cooling, ExactCooling),
         last_impact=isinstance(laws.restitution, ContactTimeRestitution),
-        grains=laws.fragmentation is not None or scene.sizes is not None,
+        grains=shown or laws.fragmentation is not None or scene.sizes is not None,
     )
 
 

@@ -11,8 +11,6 @@ import numpy as np
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi.kernels import inlined, kernel
-from agglom_mpi.physics.cooling import ExactCooling
-from agglom_mpi.physics.restitution import ContactTimeRestitution
 from agglom_mpi.simulation.measurement import (
     count_overlaps,
     fluctuation_energy,
@@ -27,7 +25,7 @@ from agglom_mpi.simulation.particles import (
     Particles,
     empty_particles,
     new_ledger,
-    particle_type,
+    particle_type_of,
 )
 from agglom_mpi.simulation.scene import Scene, advance_to, begin, copy_at
 from agglom_mpi.simulation.trajectory import Observer, cool_copies, return_copies_to_box
@@ -43,13 +41,7 @@ mass-weighted temperature, radiated heat not yet in a ledger (`pending`), the ti
 
 def room_for_particles(scene: Scene, capacity: int) -> Particles:
     """Return room for `capacity` particles, with temperatures and grains in any scene."""
-    kind = particle_type(
-        temperature=True,
-        cooled_to=isinstance(scene.cooling, ExactCooling),
-        last_impact=isinstance(scene.laws.restitution, ContactTimeRestitution),
-        grains=True,
-    )
-    return empty_particles(kind, capacity)
+    return empty_particles(particle_type_of(scene, shown=True), capacity)
 
 
 def empty_observer(scene: Scene, capacity: int) -> Observer:

@@ -1,7 +1,7 @@
 """Kernels with nothing in them but frictionless impacts of a constant restitution, to compare with.
 
-How particles are predicted, celled and listed is the package's; what happens at a hit is written
-here by hand: no submodels, no merging, no ledger but two counts.
+How particles are predicted, celled and listed is the package's, and its vectors serve here, too;
+what happens at a hit is written by hand: no submodels, no merging, no ledger but two counts.
 """
 
 import math

@@ -26,7 +26,7 @@ from agglom_mpi.physics.restitution import (
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.initial_state import EqualSizes, SpreadVelocities, place_randomly
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.particles import empty_particles, new_ledger, particle_type_of
+from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.scene import (
     AdaptiveSteps,
     EventDriven,
@@ -212,19 +212,14 @@ def placed(scene, seed, velocities=None):
 
 
 def state(scene, positions, velocities, radii=None):
-    """Particles at given places, one row each, with the arrays that the scene has a use for."""
+    """Particles at given places, one row each, with the fields that the scene has a use for."""
     count = len(positions)
-    particles = empty_particles(particle_type_of(scene), count)
+    particles = new_particles(scene, count)
     particles.size[0] = particles.labels_given[0] = count
     particles.position[:] = np.asarray(positions, dtype=float).T
     particles.velocity[:] = np.asarray(velocities, dtype=float).T
     particles.radius[:] = scene.radius if radii is None else radii
     particles.mass[:] = [ball_mass(radius) for radius in particles.radius]
-    particles.label[:] = np.arange(count)
-    if particles.temperature is not None:
-        particles.temperature[:] = scene.temperature
-    if particles.grains is not None:
-        particles.grains[:] = 1
     return particles
 
 

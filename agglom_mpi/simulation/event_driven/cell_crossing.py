@@ -41,7 +41,7 @@ def schedule_crossing(scene, cells, flights, i):
     half = scene.half_width
     x, y, z = trajectory["x"], trajectory["y"], trajectory["z"]
     u, v, w = trajectory["u"], trajectory["v"], trajectory["w"]
-    known = np.inf, np.int64(RANGE)
+    known = np.inf, RANGE
     if next_event["oversize"] < 0:
         edge = 2.0 * half / cells.shape[PER_AXIS]
         x0, y0, z0 = (

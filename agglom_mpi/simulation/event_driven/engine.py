@@ -69,7 +69,7 @@ def copy_particles_at(observer, scene, particles, flights, time):
 def copy_position(scene, copy, trajectory, now):
     """Move the copy of a particle to where its trajectory is at `now` in s."""
     moved = moved_by(trajectory, now - trajectory["time"], velocity_of(trajectory))
-    set_position(copy, clamped_position(scene, moved))
+    set_position(copy, clamped_position(scene.escape, scene, moved))
 
 
 NO_PARTICLE: Final = -1

@@ -110,7 +110,7 @@ def synchronise_particle(scene, particles, flights, i, now):
     flight = now - trajectory["time"]
     set_position(trajectory, moved_by(trajectory, flight, velocity_of(trajectory)))
     trajectory["time"] = now
-    inside = clamped_position(scene, position_of(trajectory))
+    inside = clamped_position(scene.escape, scene, position_of(trajectory))
     set_position(particles.records[i], inside)
     if next_event["oversize"] >= 0:
         set_position(trajectory, inside)
