@@ -75,7 +75,7 @@ def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[
 
 
 EXTRAS: Final = {
-    "report": ("pandas", "matplotlib"),
+    "report": ("pandas", "matplotlib", "threadpoolctl"),
     "search": ("cmaes", "threadpoolctl"),
 }
 """Libraries of each extra."""

@@ -16,6 +16,7 @@ from agglom_mpi.analysis.set_samples import stored_samples
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -380,6 +381,7 @@ def _check_possible(of: FeasibleSet, data: "CampaignData") -> None:
         )
 
 
+@single_threaded
 def feasible_set(data: "CampaignData", tolerance: float = 0.05) -> FeasibleSet:
     """Return the feasible set of a campaign file.
 

@@ -32,6 +32,7 @@ from agglom_mpi.report.sample_particles import (
     all_stored,
 )
 from agglom_mpi.report.set_files import SetRequest
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
@@ -176,6 +177,7 @@ class PageBuilder:
                 shown.append(embedded(self._directory, drawing))
                 self.figure_count += 1
 
+    @single_threaded
     def draw_set(self, request: SetRequest) -> None:
         """Write the figures of the feasible set, and keep its text for the page."""
         found = FeasibleSet(self._data, request.tolerance)

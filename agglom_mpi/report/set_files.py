@@ -8,6 +8,7 @@ from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.set_report import as_dict, grid_table, set_text
 from agglom_mpi.errors import require_library
 from agglom_mpi.report.export import with_units
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.files import atomic_file, require_absent
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class SetRequest(NamedTuple):
         return found.posterior(self.measured, self.error)
 
 
+@single_threaded
 def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     """Return the feasible set of a campaign file as a renderable, or as JSON; write its files.
 

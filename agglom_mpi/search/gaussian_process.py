@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from agglom_mpi.errors import require_library
+
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
@@ -25,10 +27,15 @@ summation in all threads."""
 
 
 def single_threaded(method: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorate a method to use one BLAS thread, and to run at no time with another such method."""
+    """Decorate a method to use one BLAS thread, and to run at no time with another such method.
+
+    Matrices are small: a second thread gains little, and where a campaign keeps all cores busy the
+    two wait for each other many times as long as either computes.
+    """
 
     @wraps(method)
     def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        require_library("threadpoolctl", "report", "feasible sets")
         import scipy.linalg  # noqa: F401  (what is loaded later would not be limited)
         from threadpoolctl import threadpool_limits
 
