@@ -80,7 +80,7 @@ def _shares(of: FeasibleSet) -> Table:
     table.add_row(
         "expected error",
         f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
-        f"{samples_to_halve(of):,} more samples would halve it",
+        f"{samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
     )
     if isinstance(of.criterion, NearMaximum):
         table.add_row("maximum", f"mean b/b0 {value_with_error(*of.maximum)}")
@@ -88,6 +88,14 @@ def _shares(of: FeasibleSet) -> Table:
         table.add_row("failed", f"{of.failing} strings, which are no members")
     table.add_row("check", of.calibration.text)
     return table
+
+
+def _taken_by(of: FeasibleSet) -> str:
+    """Return which search would take samples that halve the error, where it is another one."""
+    campaign = of.campaign
+    if campaign.objective.law != "growth_target" or getattr(campaign.search, "aim", "") == "set":
+        return ""
+    return " of a search with aim: set"
 
 
 def _share_text(share: float, error: float) -> str:
