@@ -6,7 +6,8 @@ growth by half), `moments` (three variables, mean and spread together) or `maxim
 variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
 string, for the `best` string or, with the aim `set`, for the set, in batches of 16 strings or
 another number. With `three`, posteriors are compared with brute force, and ranks of true values in
-them are counted. A folder keeps campaigns and the truth for the next time.
+them are counted. A folder keeps campaigns and the truth for the next time. Errors are standard
+errors over the seeds.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
@@ -85,9 +86,7 @@ def campaign_text(name, seed, samples, aim="best", batch=BATCH):
 
 def searched(name, seed, samples, folder, aim, batch):
     """Run a campaign of a question, and return its file."""
-    words = [name, seed, samples, *([] if aim == "best" else [aim])]
-    words += [] if batch == BATCH else [batch]
-    path = Path(folder) / f"{'_'.join(map(str, words))}.yaml"
+    path = Path(folder) / f"{name}_{seed}_{samples}_{aim}_{batch}.yaml"
     return campaign_file(path, campaign_text(name, seed, samples, aim, batch))
 
 
@@ -256,18 +255,32 @@ def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
         if posteriors is not None:
             posteriors.add(found)
     table = np.array(scores)
-    for label, row in (("mean", table.mean(0)), ("least", table.min(0)), ("most", table.max(0))):
+    error = table.std(0, ddof=min(1, seeds - 1)) / np.sqrt(seeds)
+    rows = {"mean": table.mean(0), "error": error, "least": table.min(0), "most": table.max(0)}
+    for label, row in rows.items():
         print(f"{label:5} " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
-    probability, inside = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    print("true share against P, all seeds:")
-    for low in np.arange(10) / 10:
-        some = (probability > max(low, 0.01)) & (probability <= low + 0.1)
-        if some.any():
-            print(
-                f"  P {probability[some].mean():.3f}  share {inside[some].mean():.3f}  {some.sum()}"
-            )
+    print_reliability(pairs)
     if posteriors is not None:
         posteriors.show()
+
+
+def print_reliability(pairs):
+    """Print true shares against P; `pairs` are P and true members at the points, for each seed."""
+    print("true share against P, all seeds:")
+    for low in np.arange(10) / 10:
+        bins = [(p > max(low, 0.01)) & (p <= low + 0.1) for p, _ in pairs]
+        count = np.array([some.sum() for some in bins])
+        if not count.any():
+            continue
+        believed = np.array([p[some].sum() for some, (p, _) in zip(bins, pairs, strict=True)])
+        true = np.array([inside[some].sum() for some, (_, inside) in zip(bins, pairs, strict=True)])
+        away = (true - believed).sum() / count.sum()
+        # Points of one seed share their luck: the error is that of a ratio of sums over seeds.
+        error = np.sqrt((((true - believed) - away * count) ** 2).sum()) / count.sum()
+        print(
+            f"  P {believed.sum() / count.sum():.3f}  share {true.sum() / count.sum():.3f}"
+            f"  away {away:+.3f} ± {error:.3f}  {count.sum()} points"
+        )
 
 
 class Posteriors:
