@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,14 @@ def test_the_report_names_the_share_what_is_free_and_what_decides(doubling):
     assert any(line.startswith("warning: the set touches the upper end") for line in lines)
     assert "hardness by the logarithm; the others linear" in measure_text(doubling)
     assert "effective size" in said
+
+
+def test_the_search_that_halves_the_error_is_named_where_it_is_another(doubling, monkeypatch):
+    assert "more samples of a search with aim: set would halve it" in printed(set_text(doubling))
+    search = doubling.campaign.search.model_copy(update={"aim": "set"})
+    plan = doubling.campaign.plan._replace(search=search)
+    monkeypatch.setattr(doubling, "campaign", replace(doubling.campaign, plan=plan))
+    assert "more samples would halve it" in printed(set_text(doubling))
 
 
 def test_json_holds_the_same_numbers(doubling):

@@ -4,6 +4,7 @@ import json
 import pytest
 from click.testing import CliRunner
 from set_runs import three_variable_file
+from threadpoolctl import threadpool_info
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,21 @@ def test_the_set_is_printed_with_its_posterior_and_written(path, tmp_path):
     assert set(rows[0]) == {"relative_speed (m/s)", "hardness (Pa)", "friction", "weight"}
     with grid.open() as file:
         assert all(0.0 <= float(row["probability"]) <= 1.0 for row in csv.DictReader(file))
+
+
+def test_reports_compute_in_one_thread_also_beside_a_running_campaign(path, monkeypatch):
+    from agglom_mpi.report import set_files
+
+    threads, text = set(), set_files.set_text
+
+    def seen(*arguments):
+        threads.update(each["num_threads"] for each in threadpool_info())
+        return text(*arguments)
+
+    monkeypatch.setattr(set_files, "set_text", seen)
+    done = report(path, "--feasible-set")
+    assert done.exit_code == 0, done.output
+    assert threads == {1}
 
 
 def test_json_is_alone_on_standard_output(path):
