@@ -25,6 +25,11 @@ FEASIBLE_SET: Final = 109
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 
+def generator(*key: int) -> np.random.Generator:
+    """Return the random generator of a key, whose first number is the seed of the campaign."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(key)))
+
+
 def search_stream(seed: int, *key: int) -> np.random.Generator:
     """Return the random generator of one purpose of the search.
 
@@ -36,7 +41,7 @@ def search_stream(seed: int, *key: int) -> np.random.Generator:
         Purpose first, then what tells draws of that purpose apart: generation, slot. Keys of
         one purpose must have one length, for a seed sequence does not see trailing zeros.
     """
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *key])))
+    return generator(seed, *key)
 
 
 def sample_stream(
@@ -56,11 +61,7 @@ def sample_stream(
         Whether all strings share configurations; the key then leaves the parameters out.
     """
     if common:
-        return np.random.Generator(
-            np.random.PCG64(np.random.SeedSequence([seed, COMMON_SAMPLE, sample]))
-        )
+        return generator(seed, COMMON_SAMPLE, sample)
     digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
     words = np.frombuffer(digest, "<u4").tolist()
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence([seed, SAMPLE, *words, sample]))
-    )
+    return generator(seed, SAMPLE, *words, sample)

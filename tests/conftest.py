@@ -11,7 +11,8 @@ from compile_once import share_compilations
 from hypothesis import HealthCheck, settings
 from leftovers import VARIABLE, Leftovers
 from once import made_once, shared_folder
-from plain_python import pytest_collection_modifyitems  # noqa: F401
+from perturbed_streams import perturb, perturbation, skip_exact_bits
+from plain_python import mark_slow_if_compiled
 
 # The same examples every time, and none that fails because the machine is busy.
 settings.register_profile(
@@ -27,10 +28,18 @@ def pytest_addoption(parser):
         metavar="N",
         help="Cases of each fuzzing test, and kills of each set-up of the crash harness.",
     )
+    parser.addoption(
+        "--perturb",
+        type=int,
+        metavar="K",
+        help="Let all samples, searches and tests draw other random numbers, 1 to 1000.",
+    )
 
 
 def pytest_configure(config):
-    """Let the run, not each of its workers, fail if something is left behind."""
+    """Perturb random streams; let the run, not its workers, fail if something is left behind."""
+    if config.option.perturb or perturbation():
+        perturb(config.option.perturb or perturbation())
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # Started in the background of a script: what tests start would inherit it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -41,6 +50,16 @@ def pytest_configure(config):
         share_compilations(Path(os.environ[VARIABLE]))
     elif not config.option.collectonly:
         config.pluginmanager.register(Leftovers(config.rootpath), "leftovers")
+
+
+def pytest_report_header():
+    return f"perturbed: {perturbation()}" if perturbation() else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    mark_slow_if_compiled(items)
+    skip_exact_bits(items)
 
 
 @pytest.fixture(scope="session")

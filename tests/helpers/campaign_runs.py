@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from perturbed_streams import perturbed_path
 from processes import (
     HANG,
     end_group,
@@ -155,7 +156,8 @@ def environment(inject=None, **variables):
     sessions = Path(tempfile.gettempdir(), f"ompi.{os.environ.get('PYTEST_XDIST_WORKER', 'main')}")
     sessions.mkdir(exist_ok=True)
     clean |= {"OMPI_MCA_orte_tmpdir_base": str(sessions)}
-    return clean | variables
+    clean |= variables
+    return clean | {"PYTHONPATH": perturbed_path(str(clean.get("PYTHONPATH", "")))}
 
 
 def need_mpirun():

@@ -12,8 +12,8 @@ PLAIN = pytest.mark.plain
 COMPILES = os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def mark_slow_if_compiled(items):
+    """Leave cases marked `plain` to the slow tier where kernels are compiled."""
     if COMPILES:
         for item in items:
             if item.get_closest_marker("plain"):

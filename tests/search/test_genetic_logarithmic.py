@@ -92,6 +92,7 @@ def test_given_strings_come_first_and_the_rest_is_as_it_was():
     assert batch.slot.tolist() == list(range(20))
 
 
+@pytest.mark.exact_bits
 @pytest.mark.parametrize(
     ("rescale", "digest"), [(None, "358b42b8486cb661"), ((2, 0.5), "5301f579eafd0541")]
 )

@@ -53,10 +53,12 @@ def test_an_older_file_is_read(old):
     assert file.legs()["scipy"].tolist() == [b""]
 
 
+@pytest.mark.exact_bits
 def test_an_older_file_is_sound(old):
     assert "2 of 2 populations" in assert_sound(old / "version_1.h5")
 
 
+@pytest.mark.exact_bits
 def test_an_older_file_is_continued_and_keeps_its_rows(old):
     path = old / "version_1.h5"
     before = final_bytes(path)
@@ -70,6 +72,7 @@ def test_an_older_file_is_continued_and_keeps_its_rows(old):
     assert_sound(path)
 
 
+@pytest.mark.exact_bits
 def test_a_file_that_needs_more_room_keeps_its_version(old):
     finish(old, "version_1.yaml", "--generations", "7", "--accept-code-change")
     with h5py.File(old / "version_1.h5") as file:
