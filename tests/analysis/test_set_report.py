@@ -6,7 +6,13 @@ import pytest
 from rich.console import Console
 
 from agglom_mpi.analysis.set_directions import nearest_group, rounded, weighted_quantiles
-from agglom_mpi.analysis.set_report import as_dict, grid_table, measure_text, set_text
+from agglom_mpi.analysis.set_report import (
+    as_dict,
+    grid_table,
+    measure_text,
+    set_text,
+    warnings,
+)
 from agglom_mpi.config.groups import IMPACT_PRESSURE
 
 
@@ -24,9 +30,21 @@ def test_the_report_names_the_share_what_is_free_and_what_decides(doubling):
     [friction] = [line for line in lines if line.startswith("friction  ")][:1]
     assert friction.split()[-1] == "free"
     assert any("near ρv²/H" in line for line in lines)
-    assert any(line.startswith("warning: the set touches the upper end") for line in lines)
     assert "hardness by the logarithm; the others linear" in measure_text(doubling)
     assert "effective size" in said
+
+
+def test_a_warning_names_each_end_that_a_decided_variable_touches(doubling, monkeypatch):
+    speed, hardness, friction = doubling.variables
+    touching = [
+        speed._replace(touches=(), free=False),
+        hardness._replace(touches=("lower", "upper"), free=False),
+        friction._replace(touches=("lower", "upper"), free=True),
+    ]
+    monkeypatch.setattr(doubling, "variables", touching)
+    [line] = warnings(doubling)
+    assert "lower end 1e+07" in line
+    assert "upper end 2e+08 of hardness" in line
 
 
 def test_the_search_that_halves_the_error_is_named_where_it_is_another(doubling, monkeypatch):
