@@ -5,7 +5,7 @@ import inspect
 import pickle
 import pydoc
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
@@ -17,6 +17,7 @@ from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config import campaign as campaign_module
 from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
+from agglom_mpi.config.estimate import StringEstimate
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.reader import CampaignData
@@ -30,7 +31,7 @@ FILE = {
     *("best", "feasible_set", "final_particles", "framed", "frames"),
     *(f"plot_{name}" for name in (*PLOTS, "samples", "search_paths")),
 }
-BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}
+BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "estimate", "identity", "parameters", "sha256"),
     *("simulate", "warnings"),
@@ -53,6 +54,7 @@ FACES = {
     Campaign: METHODS_OF_CAMPAIGN,
     FeasibleSet: METHODS_OF_SET,
     Outcome: set(),
+    StringEstimate: {"as_dict"},
 }
 """Classes that users meet, with their public methods and properties."""
 
@@ -87,18 +89,12 @@ def test_a_file_lists_its_public_names_and_no_rows(tmp_path):
     assert not isinstance(file, CampaignData)
 
 
-@pytest.mark.plain
-def test_a_box_lists_its_public_names(campaign):
-    box = agglom_mpi.Box(campaign, sample=1)
-    assert set(dir(box)) == BOX
-    assert set(dir(pickle.loads(pickle.dumps(box)))) == BOX
-
-
-@pytest.mark.plain
 def test_a_campaign_and_an_outcome_list_their_public_names(campaign):
     assert set(dir(campaign)) == CAMPAIGN
     outcome = campaign.simulate({"relative_speed": 0.1, "hardness": "200 MPa"})
     assert set(dir(outcome)) == OUTCOME
+    estimate = campaign.estimate({"relative_speed": 0.1, "hardness": "200 MPa"}, samples=2)
+    assert set(dir(estimate)) == {"as_dict", *(field.name for field in fields(StringEstimate))}
     again = pickle.loads(pickle.dumps(outcome))
     assert set(dir(again)) == OUTCOME
     assert again.record == outcome.record

@@ -325,12 +325,12 @@ def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     page = report(tmp_path / "kept.h5", tmp_path / "out")
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
-    data = read_campaign(tmp_path / "kept.h5").snapshot()
+    data = read_campaign(tmp_path / "kept.h5")
     stored = final_radii(data, rank_strings(data).order[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = final_radii(read_campaign(plain).snapshot(), rank_strings(data).order[0])
+    simulated = final_radii(read_campaign(plain), rank_strings(data).order[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central

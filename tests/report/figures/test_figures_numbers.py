@@ -23,7 +23,7 @@ from agglom_mpi.storage.reader import read_campaign
 
 @pytest.fixture(scope="module")
 def data(finished):
-    return read_campaign(finished).snapshot()
+    return read_campaign(finished)
 
 
 def test_the_history_is_that_of_the_generations(data):
