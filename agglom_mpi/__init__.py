@@ -1,4 +1,8 @@
-"""MPI-parallel batch inversion of agglomerating granular flows."""
+"""MPI-parallel batch inversion of agglomerating granular flows.
+
+`load_campaign(yaml)` simulates what a campaign file describes, `open_campaign(h5)` reads what a
+campaign found, and `Box` is a box of grains inside a macroscopic model.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +14,11 @@ if TYPE_CHECKING:
     from agglom_mpi.coupling.box import Box
 
 __all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
+
+
+def __dir__() -> list[str]:
+    """Return the public names, which are imported when they are first used."""
+    return sorted(__all__)
 
 
 def __getattr__(name: str) -> Any:

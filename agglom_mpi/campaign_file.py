@@ -1,8 +1,8 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,47 +10,81 @@ from agglom_mpi.analysis import tables
 from agglom_mpi.analysis.estimates import estimates_of
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
+from agglom_mpi.outcome import FinalParticles
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.reader import CampaignData, Status, read_campaign
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.analysis.feasible_set import FeasibleSet
-
-T = TypeVar("T")
+    from agglom_mpi.simulation.frames import Frames
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
 
-class CampaignFile(CampaignData):
-    """What is in a campaign file now: every call reads it anew.
+class CampaignFile(metaclass=PublicFace):
+    """The contents of a campaign file, finished or not; every access reads the file again.
 
-    Methods return numpy rows as they are stored (columns in `storage.schema`); properties are
-    pandas tables with units in `.attrs["units"]`.
+    `agglom_mpi.open_campaign(path)` returns it. Tables are pandas DataFrames, one row per string,
+    sample or generation, with units in `.attrs["units"]`.
 
     Each `plot_*` takes matplotlib axes to draw into, or makes a new pyplot figure, and returns the
     axes; those with several panels take a figure or subfigure and return an array of axes. Where
     there is nothing to show yet, the axes say so. An ImportError says how to install matplotlib
     where it is missing.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> file = agglom_mpi.open_campaign("quickstart.h5")
+    >>> file.status().state
+    'finished'
+    >>> int(file.samples["used"].sum()) == int(file.strings["samples_used"].sum())
+    True
+    >>> file.best(3)["string"].nunique()
+    3
     """
 
-    def snapshot(self) -> CampaignData:
-        """Return the rows as they are now, which the file of a running campaign goes on from."""
-        return CampaignData(self.path, self.attributes)
+    def __init__(self, data: CampaignData) -> None:
+        self._opened = data
 
-    def rows(self, table: str) -> np.ndarray:
-        """Read the rows of a table, (n,), in the order of their places."""
-        return self.snapshot().rows(table)
+    def __repr__(self) -> str:
+        return f"<CampaignFile {str(self.path)!r}: {self.title}>"
 
-    def derived(self, compute: Callable[[CampaignData], T]) -> T:
-        """Return `compute` of the rows as they are now."""
-        return compute(self.snapshot())
+    def _snapshot(self) -> CampaignData:
+        """Return the rows as they are now; the file of a running campaign grows on."""
+        return CampaignData(self.path, self._opened.attributes)
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self._opened.path
+
+    @property
+    def title(self) -> str:
+        """Title of the campaign."""
+        return self._opened.title
+
+    @property
+    def seed(self) -> int:
+        """Seed of all random streams."""
+        return self._opened.seed
+
+    @property
+    def campaign_text(self) -> str:
+        """Text of the campaign file that was run, YAML."""
+        return self._opened.campaign_text
+
+    def status(self) -> Status:
+        """Return the state of the campaign, the time of the last change (Unix, s), and a reason."""
+        return self._snapshot().status()
 
     @property
     def damaged(self) -> int:
         """Number of rows that are marked final but have a wrong checksum; they count as absent."""
-        return self.snapshot().damaged
+        return self._snapshot().damaged
 
     @property
     def strings(self) -> "pd.DataFrame":
@@ -65,7 +99,7 @@ class CampaignFile(CampaignData):
         >>> bool((strings["samples_used"] <= 30).all())
         True
         """
-        return tables.table_of(self.snapshot(), "strings")
+        return tables.table_of(self._snapshot(), "strings")
 
     @property
     def samples(self) -> "pd.DataFrame":
@@ -81,7 +115,7 @@ class CampaignFile(CampaignData):
         >>> len(ratios.mean())
         6
         """
-        return tables.table_of(self.snapshot(), "samples")
+        return tables.table_of(self._snapshot(), "samples")
 
     @property
     def estimates(self) -> "pd.DataFrame":
@@ -90,7 +124,7 @@ class CampaignFile(CampaignData):
         `objective`, `standard_error` and the 95 % interval `lower` to `upper` are of the fresh
         samples; the search's own, biased, are `searched_objective` and `searched_standard_error`.
         """
-        return tables.table_of(self.snapshot(), "estimates")
+        return tables.table_of(self._snapshot(), "estimates")
 
     @property
     def generations(self) -> "pd.DataFrame":
@@ -103,12 +137,12 @@ class CampaignFile(CampaignData):
         >>> generations["generation"].tolist()
         [0, 1, 2]
         """
-        return tables.table_of(self.snapshot(), "generations")
+        return tables.table_of(self._snapshot(), "generations")
 
     @property
     def variables(self) -> "pd.DataFrame":
         """One row for each variable that the campaign uses: its unit and box."""
-        return tables.table_of(self.snapshot(), "variables")
+        return tables.table_of(self._snapshot(), "variables")
 
     def best(self, k: int = 1) -> "pd.DataFrame":
         """Best k judged strings, by their re-estimates on fresh samples where there are any.
@@ -126,7 +160,7 @@ class CampaignFile(CampaignData):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        data = self.snapshot()
+        data = self._snapshot()
         table, estimates = tables.strings(data), estimates_of(data)
         judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
         own = search_order(data, data.result_rows())
@@ -158,7 +192,19 @@ class CampaignFile(CampaignData):
         """
         from agglom_mpi.analysis.feasible_set import feasible_set
 
-        return feasible_set(self.snapshot(), tolerance)
+        return feasible_set(self._snapshot(), tolerance)
+
+    def framed(self) -> list[tuple[int, int]]:
+        """Return the samples with stored frames as (string, sample), those of the best first."""
+        return self._snapshot().framed()
+
+    def frames(self, string: int, sample: int) -> "Frames | None":
+        """Return the stored frames of a sample; None if there are none."""
+        return self._snapshot().frames(string, sample)
+
+    def final_particles(self, string: int, sample: int) -> FinalParticles | None:
+        """Return the particles left at the end of a sample; None if they were not stored."""
+        return self._snapshot().final_particles(string, sample)
 
     def plot_convergence(self, ax: Any = None) -> Any:
         """Draw best and mean-of-top objective against generation, with 95 % bands.
@@ -357,11 +403,21 @@ class CampaignFile(CampaignData):
         from agglom_mpi.report.figures import FIGURES
         from agglom_mpi.report.figures.figure import FigureOptions
 
-        return FIGURES[name].plot(self.snapshot(), target, FigureOptions(string))
+        return FIGURES[name].plot(self._snapshot(), target, FigureOptions(string))
 
 
 def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
-    """Open a campaign file for reading.
+    """Open a campaign file for reading, also while a campaign is running.
+
+    Parameters
+    ----------
+    path
+        The HDF5 file.
+
+    Returns
+    -------
+    CampaignFile
+        Tables, the best strings, the feasible set and plots.
 
     Raises
     ------
@@ -379,5 +435,4 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
     >>> len(file.best(3))
     3
     """
-    data = read_campaign(path)
-    return CampaignFile(data.path, data.attributes)
+    return CampaignFile(read_campaign(path))

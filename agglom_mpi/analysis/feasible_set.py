@@ -15,6 +15,7 @@ from agglom_mpi.analysis.set_points import SetPoints, spread_points, within
 from agglom_mpi.analysis.set_samples import stored_samples
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
 from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -53,22 +54,27 @@ class NoFeasibleSetError(UserError, ValueError):
     """A campaign whose set cannot be told, with the reason."""
 
 
-class FeasibleSet:
+SET_INTERNALS: Final = (
+    *("campaign", "coordinates", "emulator", "points", "even_strings", "prior", "prior_near"),
+    *("moments_of", "failing_of", "probability_of", "table"),
+)
+"""Names of a set for the modules that are built on it."""
+
+
+class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     """The strings of the search box that are compatible with the objective, by an emulator.
 
     The emulator rests on all completed samples of the file. Shares and volumes are measured in
     the coordinates in which the campaign searches, uniform in each.
 
-    Parameters
-    ----------
-    data
-        The campaign file.
-    tolerance
-        Relative to the target or to the maximum; of a user's function, its largest value.
+    `open_campaign(path).feasible_set(tolerance)` returns it.
 
     Attributes
     ----------
-    campaign, tolerance, criterion
+    tolerance
+        Relative to the target or to the maximum; of a user's function, its largest value.
+    criterion
+        What makes a string a member.
     calibration
         How well the emulator predicts held-out strings.
     allowed
@@ -153,12 +159,12 @@ class FeasibleSet:
 
     @property
     def inner(self) -> float:
-        """Share that is in the set with a probability of at least `INNER`."""
+        """Share that is in the set with a probability of at least 0.95."""
         return float((self.points.probability >= INNER) @ self.points.weights)
 
     @property
     def outer(self) -> float:
-        """Share that is in the set with a probability of at least `OUTER`."""
+        """Share that is in the set with a probability of at least 0.05."""
         return float((self.points.probability >= OUTER) @ self.points.weights)
 
     @property

@@ -26,7 +26,9 @@ from agglom_mpi.config.yaml_source import (
     parse,
 )
 from agglom_mpi.errors import MissingLibraryError, require_library
+from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT, NAMES, volume_fraction
 
@@ -39,25 +41,38 @@ RESAMPLE_BITS: Final = 32
 """Bits of a sample's number within a generation; the generation is in the bits above."""
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+CAMPAIGN_INTERNALS: Final = (
+    *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
+    *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
+    *("more_samples", "first_sample", "given_strings", "space", "allowed_strings", "fraction"),
+    *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
+    *("check_searchable", "engine", "from_text", "try_function", "with_generations"),
+)
+"""Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     """A validated campaign; equal campaigns have equal `identity`.
+
+    `agglom_mpi.load_campaign(path)` returns it.
 
     Attributes
     ----------
-    title, seed, scene, objective, output, final
-        Sections of the file.
-    variables
-        Bounds of the ten variables.
-    plan
-        Sections `search`, `ensemble` and `stopping`; None for a scene alone, whose variables are
-        all fixed.
-    text, name
+    title : str
+        Title of the campaign.
+    seed : int
+        Seed of all random streams.
+    text, name : str
         Text of the file, and its name in errors.
-    user_function
-        The function of an objective `function`, otherwise None.
-    relations
-        Derived quantities and constraints.
+
+    Examples
+    --------
+    >>> from agglom_mpi import load_campaign
+    >>> campaign = load_campaign("jobs/quickstart.yaml")
+    >>> outcome = campaign.simulate({"relative_speed": 4.3, "hardness": "67 MPa"}, sample=0)
+    >>> outcome.particles < 100, outcome.mean_radius_ratio > 1.0
+    (True, True)
     """
 
     title: str
@@ -72,6 +87,9 @@ class Campaign:
     name: str
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
+
+    def __repr__(self) -> str:
+        return f"<Campaign {self.name!r}: {printable(self.title)}>"
 
     @classmethod
     def from_text(
@@ -343,8 +361,9 @@ class Campaign:
         Returns
         -------
         numpy.ndarray
-            The ten variables in SI units, shape (10,), in the order of `VARIABLES`; nan where the
-            scene does not use one.
+            The ten variables in SI units, shape (10,), in the order relative_speed, size_ratio,
+            density, hardness, heat_capacity, friction, temperature, activation_energy,
+            reaction_heat, surface_energy; nan where the scene does not use one.
 
         Raises
         ------
@@ -398,8 +417,8 @@ class Campaign:
         sample
             Sample number from 0.
         engine
-            Another engine than the campaign's, as for `engine`; `event` cools exactly, whatever
-            the campaign's `integration` is.
+            Another engine than the campaign's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
+            `event` cools exactly, whatever the campaign's `integration` is.
         frames
             Number of frames of the particles to record, evenly spaced from 0 to the end time, or
             their times in s, ascending; recording does not change the outcome. The first use in a
@@ -441,7 +460,7 @@ class Campaign:
         Returns
         -------
         StringEstimate
-            Its `print` is that of `agglom simulate`. Samples that fail are left out and counted.
+            `print` shows it as `agglom simulate` does. Samples that fail are left out and counted.
 
         Raises
         ------

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from agglom_mpi.config.derived import columns_of
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import LEDGER
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.objectives import ReachedMoment
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -40,7 +41,7 @@ OVERLAPS: Final = (
 
 
 @dataclass(frozen=True)
-class StringEstimate:
+class StringEstimate(metaclass=PublicFace):
     """What `campaign.estimate` returns: means over the completed samples, with standard errors.
 
     Each of the means is a `MeanEstimate` with `value`, `error` and `samples`; `print` shows all of

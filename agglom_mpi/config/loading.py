@@ -36,6 +36,13 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     ------
     CampaignError
         With everything that is wrong: file, line, field, value and what is allowed.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> campaign = agglom_mpi.load_campaign("jobs/quickstart.yaml")
+    >>> campaign.title
+    'Quickstart - double the mean grain size'
     """
     name = os.fspath(path)
     campaign = _campaign(name)

@@ -43,6 +43,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
 from agglom_mpi.simulation.scene import new_engine_state
@@ -61,8 +62,8 @@ Input = float | npt.ArrayLike | Callable[[np.random.Generator, int], npt.ArrayLi
 """One value for all, an array, a function of (random, count), or a distribution with `rvs`."""
 
 
-class Box:
-    """A box of grains in the scene of a campaign, run for as long as a macroscopic model says.
+class Box(metaclass=PublicFace, constructor=True):
+    """A box of grains in the scene of a campaign, stepped by a macroscopic model.
 
     The scene's engine runs it exactly as a sample. The number of steps in which a time is run
     through does not change a bit of the result, nor does reading the state. Two boxes of one scene,
@@ -75,40 +76,52 @@ class Box:
 
     Parameters
     ----------
-    campaign
-        A campaign, or the path of its file; only its scene, variables and seed matter. Its end time
+    campaign : Campaign, str or path
+        A campaign, or the path of its file. Its scene, variables and seed are used; its end time
         is no limit.
-    parameters
-        Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`;
-        the middle of a searched range if not given.
-    radii
-        m, shape (n,); those of the grains of the scene if not given. All have the scene's density.
-    velocities
-        m/s, shape (n, 3) or (3,); drawn by the scene's law if not given.
-    temperatures
-        K, shape (n,); the scene's if not given.
-    positions
-        m, shape (n, 3), −D to D; placed at random without overlap if not given.
-    grains
-        How many grains each particle is made of, shape (n,), where aggregates break; 1 if not
-        given.
-    particles
-        Number n, where no array but temperatures says it; that of the scene if not given.
-    sample
-        Number of the random start: what is not given is that of
+    parameters : dict, optional
+        Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`.
+        A variable that is not given has the middle of its searched range.
+    radii : input, shape (n,), m, optional
+        By default those of the grains of the scene. All have the scene's density.
+    velocities : input, shape (n, 3) or (3,), m/s, optional
+        By default drawn by the scene's law.
+    temperatures : input, shape (n,), K, optional
+        By default the scene's.
+    positions : input, shape (n, 3), m, optional
+        From −D to D in each direction; by default placed at random without overlap.
+    grains : array of int, shape (n,), optional
+        Number of grains in each particle, where aggregates break; by default 1.
+    particles : int, optional
+        Number n, if no array other than the temperatures gives it; by default that of the scene.
+    sample : int, optional
+        Number of the random start: whatever is not given equals that of
         `campaign.simulate(parameters, sample)`.
-    engine
+    engine : str, optional
         Another engine than the scene's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
 
-    An input may be one value for all, an array, a function of (random, n) that returns one,
-    with a numpy Generator, or a distribution with `rvs(size=..., random_state=...)`, such as the
-    frozen ones of scipy.stats, which draws each component.
+    Notes
+    -----
+    An input is one value for all particles, an array, a function of (random, n) that returns one of
+    these, with a numpy Generator, or a distribution with `rvs(size=..., random_state=...)`, such as
+    the frozen ones of scipy.stats, which draws each component.
 
     Raises
     ------
     ValueError
         If an input is not possible; names it, its value and what is allowed. A CampaignError is a
         ValueError.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> box = agglom_mpi.Box("jobs/quickstart.yaml", {"hardness": "67 MPa"}, temperatures=330.0)
+    >>> state = box.advance(1e-4)  # s
+    >>> state.granular_temperature > 0.0, state.dissipation_rate > 0.0  # (m/s)², W/m³
+    (True, True)
+    >>> box.set(velocities=box.particles.velocities + [0.1, 0.0, 0.0])  # the mean flow changed
+    >>> box.reset().time
+    0.0
     """
 
     def __init__(

@@ -5,7 +5,8 @@ of a scene; the engine; what is measured at the end.
 """
 
 import threading
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from agglom_mpi import outcome as result
 from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.sizes import draw_radii
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.measurement import (
@@ -38,7 +40,8 @@ from agglom_mpi.simulation.temperature import cool_until
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
-class Outcome(NamedTuple):
+@dataclass(frozen=True, repr=False, eq=False)
+class Outcome(metaclass=PublicFace, internal=["measured"]):
     """What `campaign.simulate` returns; the final radii are relative to the starting radius.
 
     Attributes
@@ -80,11 +83,12 @@ class Outcome(NamedTuple):
     seconds: float
     record: Any
     final: FinalParticles
-    frames: Frames | None = None
+    frames: Frames | None
 
     def __repr__(self) -> str:
         """Return the numbers in full and arrays in a few words, without record and particles."""
-        shown = {name: getattr(self, name) for name in self._fields[:12]}
+        brief = [field.name for field in fields(self)[:12]]
+        shown = {name: getattr(self, name) for name in brief}
         frames = {} if self.frames is None else {"frames": f"<{len(self.frames.times)} frames>"}
         return result.brief("Outcome", shown | frames)
 

@@ -11,8 +11,8 @@ from campaign_runs import QUICKSTART, environment, finish, need_mpirun
 from processes import HANG
 
 from agglom_mpi.analysis.replay import check_file
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.table import Table
 
 
@@ -56,7 +56,7 @@ def studied(folder):
 
 
 def columns(file):
-    rows = open_campaign(file).all_sample_rows()
+    rows = read_campaign(file).all_sample_rows()
     return {
         name: rows[name].tobytes()
         for name in ("string", "sample", "objective", *(column.name for column in COLUMNS))
@@ -111,7 +111,7 @@ def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    original, copy = open_campaign(studied / "a" / "samples.h5"), open_campaign(tmp_path / "c.h5")
+    original, copy = read_campaign(studied / "a" / "samples.h5"), read_campaign(tmp_path / "c.h5")
     assert copy.attributes["purpose"] == "accuracy study"
     assert copy.all_sample_rows().tobytes() == original.all_sample_rows().tobytes()
     assert copy.string_rows().tobytes() == original.string_rows().tobytes()
@@ -145,8 +145,8 @@ def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
 
 @pytest.mark.slow
 def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
-    history = open_campaign(studied / "small.h5")
-    again = open_campaign(studied / "a" / "samples.h5")
+    history = read_campaign(studied / "small.h5")
+    again = read_campaign(studied / "a" / "samples.h5")
     number = next(
         int(row["string"])
         for row in again.string_rows()

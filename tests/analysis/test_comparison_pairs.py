@@ -18,11 +18,11 @@ from agglom_mpi.analysis.comparison import (
 )
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.summary import selection_bias
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.storage.reader import read_campaign
 
 COMMON = "\n  common_configurations: true"
 
@@ -118,7 +118,7 @@ def test_fresh_samples_have_common_configurations_too(common):
 def test_a_report_says_that_pairs_were_compared_and_tells_what_they_tell(common):
     said = CliRunner().invoke(main, ["report", str(common)]).output
     assert "(paired t on common configurations, 6 pairs, Holm)" in said
-    file = open_campaign(common)
+    file = read_campaign(common)
     estimates = estimates_of(file)
     paired = PairedSamples.behind(estimates, file)
     rows = fresh_rows(common)
@@ -133,5 +133,5 @@ def test_a_report_says_that_pairs_were_compared_and_tells_what_they_tell(common)
 
 
 def test_strings_with_configurations_of_their_own_are_not_paired(finished):
-    file = open_campaign(finished)
+    file = read_campaign(finished)
     assert PairedSamples.behind(estimates_of(file), file) is None

@@ -11,6 +11,7 @@ from agglom_mpi.analysis.estimates import interval, objective_of
 from agglom_mpi.analysis.ranking import order_by_estimates
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 REPEATS = 20_000
@@ -122,9 +123,8 @@ def change(path, string, numbers, **columns):
 
 
 def test_estimates_are_of_fresh_samples_alone_in_order_of_rank(path):
-    file = open_campaign(path)
-    assert objective_of(file) == GrowthTarget(2.0)
-    table = file.estimates
+    assert objective_of(read_campaign(path)) == GrowthTarget(2.0)
+    table = open_campaign(path).estimates
     assert table["string"].tolist() == [2, 1, 0]
     assert table["samples"].tolist() == [FRESH] * 3
     middle = 0.01 * (FRESH - 1)
@@ -177,7 +177,7 @@ def test_a_string_of_which_more_than_a_tenth_failed_comes_last(path):
 def test_without_room_or_fresh_samples_there_are_no_estimates(tmp_path):
     for fresh in (0, 5):
         path = make(tmp_path / f"{fresh}.h5", fresh=fresh)
-        assert (open_campaign(path).fresh_from, open_campaign(path).max_samples) == (
+        assert (read_campaign(path).fresh_from, read_campaign(path).max_samples) == (
             100,
             100 + fresh,
         )

@@ -7,11 +7,11 @@ from campaign_runs import SMALL, write_campaign
 from rich.console import Console
 
 from agglom_mpi.analysis.file_comparison import best_objectives, compare, comparison_table, to_json
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS
 from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -44,7 +44,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
                 **growth,
             )
             writer.put_result(row)
-    return open_campaign(path)
+    return read_campaign(path)
 
 
 def said(files):

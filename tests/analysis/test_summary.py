@@ -11,6 +11,7 @@ from agglom_mpi.display.display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -73,16 +74,16 @@ def printed(content, monkeypatch, capsys):
 
 
 def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
-    summary = collect_summary(open_campaign(path))
+    summary = collect_summary(read_campaign(path))
     assert (summary.state, summary.reason) == ("stopped", "not started yet")
     assert (summary.strings, summary.samples_simulated, summary.best) == (0, 0, [])
     assert summary.samples_per_second == 0.0
-    text = printed(summary_table(open_campaign(path)), monkeypatch, capsys)
+    text = printed(summary_table(read_campaign(path)), monkeypatch, capsys)
     assert "stopped: not started yet" in text
 
 
 def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
-    summary = collect_summary(open_campaign(begun))
+    summary = collect_summary(read_campaign(begun))
     assert summary.state == "running"
     assert summary.strings == 3
     assert [entry["string"] for entry in summary.best] == [0, 1]
@@ -93,31 +94,31 @@ def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
 
 
 def test_a_string_is_shown_with_the_processor_time_of_its_samples(begun):
-    file = open_campaign(begun)
+    file = read_campaign(begun)
     rows = file.all_sample_rows()
     for entry in collect_summary(file).best:
         own = rows[rows["string"] == entry["string"]]
         assert entry["processor_seconds"] == pytest.approx(own["seconds"].sum(), rel=1e-12)
-        table = file.strings
+        table = open_campaign(begun).strings
         assert table["seconds"][entry["string"]] == entry["processor_seconds"]
     assert sum(rows["seconds"]) > 0.0
 
 
 def test_at_most_so_many_strings_are_shown(begun):
-    assert len(collect_summary(open_campaign(begun), best=1).best) == 1
+    assert len(collect_summary(read_campaign(begun), best=1).best) == 1
 
 
 def test_json_has_no_nan(begun):
     def refuse(constant):
         raise AssertionError(constant)
 
-    report = json.loads(to_json(collect_summary(open_campaign(begun))), parse_constant=refuse)
+    report = json.loads(to_json(collect_summary(read_campaign(begun))), parse_constant=refuse)
     assert report["best"][1]["standard_error"] is None
     assert report["best"][0]["standard_error"] == 0.01
 
 
 def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, capsys):
-    text = printed(summary_table(open_campaign(begun)), monkeypatch, capsys)
+    text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
     assert text.splitlines()[0].strip() == TITLE
     assert text.splitlines()[-1].strip() == str(begun)
     assert "1 samples failed" in text
@@ -125,7 +126,7 @@ def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, ca
 
 
 def test_a_table_is_not_squeezed_into_a_narrow_pipe(begun, monkeypatch, capsys):
-    text = printed(summary_table(open_campaign(begun)), monkeypatch, capsys)
+    text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
     row = next(line for line in text.splitlines() if line.startswith("objective "))
     assert row.split() == ["objective", "0.1250", "0.2500"]
 

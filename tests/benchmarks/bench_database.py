@@ -14,22 +14,22 @@ import h5py
 import pytest
 from campaign_runs import environment, finish, start
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
 GENERATIONS = "8"
 RUNS = 5
 POLLER = """
 import sys, time
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.analysis.summary import summary_table
+from agglom_mpi.storage.reader import read_campaign
 
 path, looks, seconds = sys.argv[1], 0, 0.0
 try:
     while True:
         begin = time.monotonic()
         try:
-            summary_table(open_campaign(path))
+            summary_table(read_campaign(path))
         except FileNotFoundError:
             pass
         else:
@@ -50,7 +50,7 @@ def run(folder, database=None, ranks=None):
     words = [] if database is None else ["--database", database]
     options = {"ranks": ranks, "alone": True}
     finish(folder, JOB, "-o", path, "--generations", GENERATIONS, "-q", *words, **options)
-    return open_campaign(path).legs()[-1], path
+    return read_campaign(path).legs()[-1], path
 
 
 def rate(leg):
@@ -111,7 +111,7 @@ def test_print_what_a_reader_ten_times_a_second_costs(folder):
         time.sleep(0.2)
         poller.send_signal(2)
         looks, each = poller.communicate(timeout=30)[0].split()
-        watched = rate(open_campaign(folder / "a.h5").legs()[-1])
+        watched = rate(read_campaign(folder / "a.h5").legs()[-1])
         ratios.append(watched / alone)
         print(f"{alone:.0f} samples/s alone, {watched:.0f} watched, {looks} looks of {each:.6} s")
     print(f"watched over alone: {statistics.median(ratios):.3f}")

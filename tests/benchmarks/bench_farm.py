@@ -16,6 +16,7 @@ import pytest
 from campaign_runs import _BIN, environment, finish, start
 
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 JOBS = Path(__file__).parents[2] / "jobs"
 NOOP = Path(__file__).parent / "noop_farm.py"
@@ -33,9 +34,8 @@ class Leg(NamedTuple):
 
 
 def leg_of(path):
-    file = open_campaign(path)
-    [leg] = file.legs()
-    samples = file.samples
+    [leg] = read_campaign(path).legs()
+    samples = open_campaign(path).samples
     kept = samples.loc[samples["used"] | samples["fresh"], "seconds"]
     return Leg(len(kept), kept.sum(), leg["stopped"] - leg["started"])
 
@@ -103,7 +103,7 @@ def test_busy_share_agrees_with_the_operating_system(tmp_path):
         b.ru_utime + b.ru_stime - a.ru_utime - a.ru_stime
         for a, b in ((before, idle), (idle, after))
     ]
-    [leg] = open_campaign(tmp_path / "x.h5").legs()
+    [leg] = read_campaign(tmp_path / "x.h5").legs()
     whole = 2 * (leg["stopped"] - leg["started"])
     print(
         f"\nbusy share by the program {leg['busy_seconds'] / whole:.3f}; processor time by the "

@@ -32,13 +32,13 @@ from scipy.stats import chisquare, kstest, qmc
 from agglom_mpi.analysis.criteria import criterion_of
 from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.set_emulator import SetEmulator
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.storage.reader import read_campaign
 
 JOBS = Path(__file__).parents[2] / "jobs"
 BATCH, INITIAL = 16, 32
@@ -96,11 +96,11 @@ def campaign_file(path, text):
 
     target = path.with_suffix(".h5")
     if target.exists():
-        return open_campaign(target)
+        return read_campaign(target)
     path.write_text(text)
     done = CliRunner().invoke(invert_command, [str(path), "--output", str(target), "--quiet"])
     assert done.exit_code == 0, done.output
-    return open_campaign(target)
+    return read_campaign(target)
 
 
 def simulated(campaign, string, first, count):
@@ -206,7 +206,7 @@ def score(name, seed, samples, truth, folder, aim="best", batch=BATCH):
     """Return the score of a campaign, and its probabilities and true members at the points."""
     file = searched(name, seed, samples, folder, aim, batch)
     began = time.perf_counter()
-    found = FeasibleSet(file.snapshot(), QUESTIONS[name].tolerance)
+    found = FeasibleSet(file, QUESTIONS[name].tolerance)
     _ = found.volume_error, found.variables
     directions = found.directions
     seconds = time.perf_counter() - began

@@ -28,7 +28,7 @@ def searched(seed, folder):
     text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", text)
     text = re.sub("generations: [0-9]+", f"generations: {GENERATIONS}", text)
     file = campaign_file(Path(folder) / f"{seed}.yaml", f"final: none\n{text}")
-    return FeasibleSet(file.snapshot(), TOLERANCE)
+    return FeasibleSet(file, TOLERANCE)
 
 
 def scores(found, members):

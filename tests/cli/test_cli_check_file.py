@@ -11,6 +11,7 @@ from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import table_schemas
 from agglom_mpi.storage.table import Table
 
@@ -76,7 +77,7 @@ def test_a_sound_file_is_said_to_be_and_left_as_it_is(agglom, copy):
     done = agglom("check", copy)
     assert (done.exit_code, done.stderr) == (0, "")
     assert (copy.read_bytes(), copy.stat().st_mtime_ns) == before
-    file = open_campaign(copy)
+    file = read_campaign(copy)
     strings, used = len(file.string_rows()), file.result_rows()["samples_used"].sum()
     assert done.stdout.splitlines() == [
         f"{copy}: sound",
@@ -208,7 +209,7 @@ def test_what_is_said_to_be_computed_again_is_and_the_file_is_sound_afterwards(s
 
 
 def test_a_damaged_sample_that_nothing_rests_on_is_said_to_be_unused(copy):
-    file = open_campaign(copy)
+    file = read_campaign(copy)
     most, simulated = file.max_samples, len(file.all_sample_rows())
     there = set(file.all_sample_rows()[["string", "sample"]].tolist())
     used = file.result_rows()[["string", "samples_used"]].tolist()
@@ -269,7 +270,7 @@ def test_a_row_that_was_forged_with_its_checksum_is_found(copy, table, number, c
 
 
 def test_another_order_of_equal_worth_is_found_by_the_replay(copy):
-    population = open_campaign(copy).generation_rows()["population"][2].copy()
+    population = read_campaign(copy).generation_rows()["population"][2].copy()
     forge(copy, "generations", 2, population=[np.roll(population, 1)])
     text = "\n".join(lines(copy, 1))
     assert "the search ends otherwise in generations 2" in text

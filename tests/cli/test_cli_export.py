@@ -13,6 +13,7 @@ from campaign_runs import decisions, environment, invert
 from processes import HANG
 
 from agglom_mpi import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.fixture
@@ -29,7 +30,9 @@ def test_a_copy_has_the_same_results_and_tables(copy, tiny_folder):
     for table in ("strings", "samples", "generations", "variables"):
         pd.testing.assert_frame_equal(getattr(new, table), getattr(old, table))
     pd.testing.assert_frame_equal(new.best(3), old.best(3))
-    assert (new.legs().tobytes(), new.status()) == (old.legs().tobytes(), old.status())
+    assert new.status() == old.status()
+    legs = [read_campaign(file.path).legs().tobytes() for file in (old, new)]
+    assert legs[0] == legs[1]
     assert new.damaged == 0
 
 
@@ -38,7 +41,7 @@ def test_a_copy_is_smaller_and_says_so(agglom, tmp_path):
     copy, original = os.stat(tmp_path / "copy.h5"), os.stat("tiny.h5")
     assert copy.st_size < original.st_size / 10
     megabytes = [f"{size / 1e6:.3g} MB" for size in (copy.st_size, 512 * original.st_blocks)]
-    samples = len(open_campaign("tiny.h5").all_sample_rows())
+    samples = len(read_campaign("tiny.h5").all_sample_rows())
     expected = f"copy.h5: 4 strings, {samples} samples, {' of '.join(megabytes)} on disc\n"
     assert done.stdout.endswith(expected)
     assert done.stderr == ""

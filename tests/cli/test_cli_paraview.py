@@ -30,7 +30,7 @@ def pictured(tmp_path_factory):
 
 def simulated(string, sample, frames):
     """Return the frames of a sample of the tiny campaign."""
-    row = open_campaign("tiny.h5").string_rows()[string]
+    row = read_campaign("tiny.h5").string_rows()[string]
     parameters = np.array([row[name] for name in NAMES])
     return load_campaign("tiny.yaml").simulate(parameters, sample, frames=frames).frames
 
@@ -53,7 +53,7 @@ def test_a_sample_without_pictures_is_simulated_again_exactly(agglom, tmp_path):
     _, seen = read_vtkhdf(tmp_path / "out.vtkhdf")
     counts = [len(arrays["points"]) for arrays in seen]
     assert counts[0] == 100 > counts[-1]
-    row = open_campaign("tiny.h5").sample_rows(best())[0]
+    row = read_campaign("tiny.h5").sample_rows(best())[0]
     assert counts[-1] == row["particles"]
     mean = np.mean(seen[-1]["radius"]) / seen[0]["radius"][0]
     assert mean == pytest.approx(row["mean_radius_ratio"], rel=1e-13)
@@ -108,7 +108,7 @@ def test_a_sample_that_comes_out_otherwise_is_told(agglom, tmp_path, monkeypatch
 
 
 def test_the_first_sample_that_was_completed_is_shown(tiny_folder, monkeypatch, tmp_path):
-    file = open_campaign(tiny_folder / "tiny.h5")
+    file = read_campaign(tiny_folder / "tiny.h5")
     rows = file.sample_rows(1).copy()
     rows["state"][:2] = COMPLETED + 1
     monkeypatch.setattr(file, "sample_rows", lambda string: rows)

@@ -3,7 +3,7 @@ import json
 import pytest
 from campaign_runs import QUICKSTART, TINY, write_campaign
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 SCENE = QUICKSTART.parent / "extremes" / "at_rest.yaml"
 
@@ -41,7 +41,7 @@ def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
     path = write_campaign(tmp_path / "again.yaml", **TINY, final="{strings: 2, samples: 30}")
     words = ("plan", path, "--from", "tiny.h5", "--ranks", "1,4")
     one, four = json.loads(agglom(*words, "--json").stdout)["forecasts"]
-    mean = open_campaign("tiny.h5").all_sample_rows()["seconds"]
+    mean = read_campaign("tiny.h5").all_sample_rows()["seconds"]
     assert 60 * mean.min() <= one["again"] <= 60 * mean.max()
     assert one["again"] / 4 <= four["again"] <= one["again"] / 4 + mean.max()
     done = agglom(*words).stdout.splitlines()

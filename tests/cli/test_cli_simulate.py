@@ -6,10 +6,11 @@ import h5py
 import pytest
 from campaign_runs import QUICKSTART, SMALL, write_campaign
 
-from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi import load_campaign
 from agglom_mpi.analysis import resimulation
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.report import simulate as module
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import NAMES
 
@@ -112,7 +113,7 @@ def test_a_recorded_sample_is_replayed_bit_for_bit(agglom):
     report = json.loads(
         agglom("simulate", "tiny.h5", "--string", 2, "--sample", 3, "--json").stdout
     )
-    row = open_campaign("tiny.h5").sample_rows(2)[3]
+    row = read_campaign("tiny.h5").sample_rows(2)[3]
     assert report["measured"]["mean_radius_ratio"]["mean"] == row["mean_radius_ratio"]
     assert report["replay"] == "identical to the recorded sample"
 
@@ -121,7 +122,7 @@ def test_a_recorded_string_is_simulated_as_it_stands(agglom):
     report = json.loads(
         agglom("simulate", "tiny.h5", "--string", 1, "--samples", 2, "--json").stdout
     )
-    row = open_campaign("tiny.h5").string_rows()[1]
+    row = read_campaign("tiny.h5").string_rows()[1]
     for name, value in report["parameters"].items():
         assert value == row[name]
     assert set(report["parameters"]) == set(NAMES) - {"surface_energy"}
@@ -136,7 +137,7 @@ def test_a_replay_that_differs_is_told_by_the_exit_code(agglom, monkeypatch):
 
 
 def test_a_changed_row_is_not_the_same(tiny_folder):
-    row = open_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
+    row = read_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
     assert module.is_same(row, row.copy(), FORMAT_VERSION)
@@ -147,7 +148,7 @@ def test_a_column_that_an_older_file_lacks_is_not_compared(tiny_folder, monkeypa
     since = {"merges": 2}
     later = [c._replace(since=since.get(c.name, 1)) for c in COLUMNS]
     monkeypatch.setattr(resimulation, "COLUMNS", later)
-    row = open_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
+    row = read_campaign(tiny_folder / "tiny.h5").sample_rows(0)[0]
     other = row.copy()
     other["merges"] += 1
     assert module.is_same(row, other, 1)

@@ -10,8 +10,9 @@ import pytest
 from matplotlib import image
 from vtk_files import assert_shows
 
-from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi import load_campaign
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES as VARIABLES
 
 NAMES = ["cloud.png", "cloud.svg", "evolution.png", "evolution.svg", "particles.vtkhdf"]
@@ -48,7 +49,7 @@ def test_a_recorded_sample_is_shown_and_is_the_one_that_was_recorded(agglom, tmp
     assert report["replay"] == "identical to the recorded sample"
     assert report["files"] == [f"{tmp_path}/{name}" for name in NAMES]
     assert_pictures(tmp_path, 9)
-    row = open_campaign("tiny.h5").string_rows()[2]
+    row = read_campaign("tiny.h5").string_rows()[2]
     parameters = np.array([row[name] for name in VARIABLES])
     frames = load_campaign("tiny.yaml").simulate(parameters, 3, frames=12).frames
     assert_shows(tmp_path / "particles.vtkhdf", frames)
@@ -59,7 +60,7 @@ def test_a_recorded_string_is_shown_by_its_first_sample(agglom, tmp_path):
     report = json.loads(agglom("simulate", "tiny.h5", *words).stdout)
     assert report["samples"] == 1
     assert report["replay"] == "identical to the recorded sample"
-    mean = open_campaign("tiny.h5").sample_rows(1)[0]["mean_radius_ratio"]
+    mean = read_campaign("tiny.h5").sample_rows(1)[0]["mean_radius_ratio"]
     assert report["measured"]["mean_radius_ratio"]["mean"] == mean
 
 

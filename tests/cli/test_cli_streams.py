@@ -10,7 +10,7 @@ from campaign_runs import environment, state
 from processes import output_of, program
 
 from agglom_mpi.analysis.replay import check_file
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 BIN = Path(sys.executable).parent
 
@@ -69,7 +69,7 @@ def test_a_run_goes_on_without_its_output(shell, lost):
     code, _, errors = shell(f"agglom-invert tiny.yaml -o new.h5 {lost}")
     assert (code, errors) == (0, "")
     assert state(shell.folder / "new.h5")[0] == "finished"
-    new, old = (open_campaign(shell.folder / name) for name in ("new.h5", "tiny.h5"))
+    new, old = (read_campaign(shell.folder / name) for name in ("new.h5", "tiny.h5"))
     assert new.result_rows().tobytes() == old.result_rows().tobytes()
     # Without precaution, the first files to be opened would be standard output and error.
     text, code = check_file(str(new.path))

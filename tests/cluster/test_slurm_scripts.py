@@ -15,7 +15,7 @@ from campaign_runs import (
 from held_runs import allow, allow_all, held
 from slurm_daemons import script
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +61,7 @@ def said(folder, job):
 
 
 def legs(path):
-    return [int(code) for code in open_campaign(path).legs()["exit_code"]]
+    return [int(code) for code in read_campaign(path).legs()["exit_code"]]
 
 
 def test_a_job_that_nears_its_walltime_stops_requeues_itself_and_finishes(slurm, begun, wanted):

@@ -12,7 +12,7 @@ from campaign_runs import (
 )
 from campaign_runs import finish as finish_alone
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 # Both builds understand Slurm in their own way.
 pytestmark = pytest.mark.parallel_hdf5 if h5py.get_config().mpi else pytest.mark.slow
@@ -36,7 +36,7 @@ def test_srun_makes_one_world_of_all_ranks(launch, tmp_path):
     ended, said = launch("pmi2" if mpirun_is_hydra() else "pmix")
     assert ended == "COMPLETED", said
     path = tmp_path / "tiny.h5"
-    assert open_campaign(path).legs()["ranks"].tolist() == [2]
+    assert read_campaign(path).legs()["ranks"].tolist() == [2]
     assert_sound(path)
     finish_alone(tmp_path, "tiny.yaml", "-o", "alone.h5")
     assert_same(path, decisions(tmp_path / "alone.h5"))

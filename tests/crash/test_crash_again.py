@@ -20,8 +20,8 @@ from campaign_runs import (
 )
 from processes import output_of
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime.file_setup import leg_fields
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -59,7 +59,7 @@ def test_more_generations_continue_and_equal_a_longer_run(copy):
     finish(copy, "small.yaml", "--generations", "4")
     finish(copy, "small.yaml", "--generations", "4", "-o", "straight.h5")
     assert_same(copy / "small.h5", decisions(copy / "straight.h5"))
-    file = open_campaign(copy / "small.h5")
+    file = read_campaign(copy / "small.h5")
     assert len(file.generation_rows()) == 4
     assert len(file.legs()) == 2
     assert state(file.path) == ("finished", "all 4 generations are done")
@@ -114,7 +114,7 @@ def test_changed_sources_are_refused_unless_accepted(copy):
     assert "--accept-code-change" in message
     assert len(message.splitlines()) == 1
     finish(copy, *more, "--accept-code-change")
-    file = open_campaign(copy / "small.h5")
+    file = read_campaign(copy / "small.h5")
     assert len(file.generation_rows()) == 4
     sources = file.legs()["sources_sha256"].tolist()
     assert sources[0] == sources[2] != sources[1] == b"0" * 64

@@ -26,7 +26,7 @@ from particle_runs import (
 from processes import output_of, wait_until_gone
 
 from agglom_mpi.analysis.replay import check_file
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 KILLS = 2
 PARALLEL = pytest.param("parallel", marks=pytest.mark.parallel_hdf5)
@@ -41,13 +41,13 @@ def test_a_killed_rank_leaves_no_sample_without_its_particles(tmp_path, database
     chance, path = random.Random(12), tmp_path / "kept.h5"
     campaign = write_bulk_campaign(tmp_path / "kept.yaml", **SMALL)
     for kill in range(KILLS):
-        judged = len(open_campaign(path).result_rows()) if kill else 0
+        judged = len(read_campaign(path).result_rows()) if kill else 0
         allow(tmp_path, 150)
         options = {"ranks": 2, "inject": held(tmp_path, 0.02)}
         with running(tmp_path, "kept.yaml", "--database", database, **options) as process:
             wait_until(
                 lambda judged=judged: (
-                    path.exists() and len(open_campaign(path).result_rows()) > judged
+                    path.exists() and len(read_campaign(path).result_rows()) > judged
                 ),
                 process,
             )
@@ -56,13 +56,13 @@ def test_a_killed_rank_leaves_no_sample_without_its_particles(tmp_path, database
             output_of(process)
         wait_until_gone(ranks)
         finals, _ = assert_particles_are_those_of_the_samples(path, campaign)
-        assert finals == pairs_of(open_campaign(path).all_sample_rows()) != []
+        assert finals == pairs_of(read_campaign(path).all_sample_rows()) != []
         text, code = check_file(str(path))
         assert code == 0, text
     allow_all(tmp_path)
     finish(tmp_path, "kept.yaml", "--database", database, ranks=2)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
-    assert finals == pairs_of(open_campaign(path).all_sample_rows())
+    assert finals == pairs_of(read_campaign(path).all_sample_rows())
     assert framed == pictures_wanted(path)
     write_bulk_campaign(tmp_path / "bare.yaml", "", **SMALL)
     finish(tmp_path, "bare.yaml", "-q")

@@ -23,8 +23,8 @@ from held_runs import allow, allow_all, held
 from processes import output_of
 
 from agglom_mpi.analysis.replay import check_file
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime import sample_runner as simulator
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import ORIGINS
 from agglom_mpi.storage.table import Table
 from agglom_mpi.storage.writer import CampaignWriter
@@ -108,9 +108,9 @@ def stopped(folder, stop_after):
     path = folder / "small.h5"
     stop_after(200)
     assert invert(folder, "small.yaml").returncode == 75
-    assert len(open_campaign(path).result_rows()) > 2
+    assert len(read_campaign(path).result_rows()) > 2
     assert assert_sound(path).endswith("\n  stopped: received SIGUSR1")
-    return path, int(open_campaign(path).result_rows()["string"][-1])
+    return path, int(read_campaign(path).result_rows()["string"][-1])
 
 
 def test_a_forged_sample_in_a_generation_that_is_not_over_is_found(stopped):
@@ -149,7 +149,7 @@ def test_a_failed_campaign_is_sound(tmp_path, monkeypatch):
     assert invert(tmp_path, "small.yaml").returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"
     text = assert_sound(tmp_path / "small.h5")
-    failures = len(open_campaign(tmp_path / "small.h5").failures())
+    failures = len(read_campaign(tmp_path / "small.h5").failures())
     assert failures >= 5
     assert f" and {failures} failures are valid\n" in text
     assert text.endswith(f"\n  failed: {failures} samples failed with errors")
@@ -179,10 +179,10 @@ simulator.SampleRunner.warm_up = warm_up
 def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, tmp_path):
     finish(folder, "small.yaml", "--generations", "2")
     path = folder / "small.h5"
-    strings = len(open_campaign(path).string_rows())
+    strings = len(read_campaign(path).string_rows())
     injected = inject(tmp_path / "inject", KILLED_WHILE_COMPILING)
     assert invert(folder, "small.yaml", inject=injected).returncode == -signal.SIGKILL
-    assert len(open_campaign(path).string_rows()) > strings
+    assert len(read_campaign(path).string_rows()) > strings
     assert state(path)[0] == "running"
     assert_sound(path)
     finish(folder, "small.yaml")
@@ -193,7 +193,7 @@ def test_a_campaign_cut_to_fewer_generations_than_have_begun_is_sound(folder, st
     path = folder / "small.h5"
     undo = stop_after(500)
     assert invert(folder, "small.yaml").returncode == 75
-    assert len(open_campaign(path).generation_rows()) > 0
+    assert len(read_campaign(path).generation_rows()) > 0
     undo()
     done = finish(folder, "small.yaml", "--generations", "1")
     assert "finished already" in done.stderr

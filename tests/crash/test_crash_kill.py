@@ -22,6 +22,7 @@ from held_runs import allow, allow_all, held
 from processes import output_of, wait_until_gone
 
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 
 def kill_in_mid_campaign(folder, chance, ranks):
@@ -32,7 +33,7 @@ def kill_in_mid_campaign(folder, chance, ranks):
     allow(folder, more + 20)  # the campaign has more than two ranks do of it until the third kill
     with running(folder, "small.yaml", ranks=ranks, inject=held(folder, 0.005)) as process:
         wait_until(lambda: samples_in(path) >= before + more, process)
-        rows = open_campaign(path).all_sample_rows()
+        rows = read_campaign(path).all_sample_rows()
         living = [process.pid] if ranks is None else ranks_below(process)
         os.kill(chance.choice(living), signal.SIGKILL)
         output_of(process)
@@ -45,7 +46,7 @@ def kill_in_mid_campaign(folder, chance, ranks):
 def assert_nothing_is_lost(path, rows):
     with h5py.File(path, "r") as file:
         assert file["samples_done"][:].sum() >= len(rows)
-    campaign = open_campaign(path)
+    campaign = read_campaign(path)
     assert campaign.damaged == 0
     now = campaign.all_sample_rows()
     places = {(row["string"], row["sample"]): row.tobytes() for row in now}
@@ -74,12 +75,12 @@ def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks, kills)
         kept = rows
         assert_nothing_is_lost(path, rows)
         assert state(path)[0] == "running"
-        assert len(open_campaign(path).legs()) == kill + 1
+        assert len(read_campaign(path).legs()) == kill + 1
     finish(folder, "small.yaml", ranks=ranks)
     assert_nothing_is_lost(path, kept)
     assert_same(path, wanted)
     assert state(path)[0] == "finished"
-    assert open_campaign(path).legs()["exit_code"].tolist() == [-1] * kills + [0]
+    assert read_campaign(path).legs()["exit_code"].tolist() == [-1] * kills + [0]
 
 
 @pytest.mark.slow
@@ -94,7 +95,7 @@ def test_a_campaign_begun_with_ranks_may_be_ended_without(folder, wanted):
 def test_a_torn_sample_is_absent_and_computed_again(undisturbed, folder, wanted):
     path = folder / "small.h5"
     path.write_bytes((undisturbed / "small.h5").read_bytes())
-    used = open_campaign(path).max_samples * 2 + 1  # sample 1 of string 2
+    used = read_campaign(path).max_samples * 2 + 1  # sample 1 of string 2
     with h5py.File(path, "r+") as file:
         row = file["samples"][used]
         assert (row["string"], row["sample"]) == (2, 1)
@@ -105,7 +106,7 @@ def test_a_torn_sample_is_absent_and_computed_again(undisturbed, folder, wanted)
     finish(folder, "small.yaml")
     assert open_campaign(path).damaged == 0
     assert_same(path, wanted)
-    assert open_campaign(path).legs()["samples"].tolist()[1] >= 1
+    assert read_campaign(path).legs()["samples"].tolist()[1] >= 1
 
 
 def test_a_kill_after_the_last_generation_leaves_only_the_status_to_set(undisturbed, folder):

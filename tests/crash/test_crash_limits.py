@@ -14,8 +14,8 @@ from campaign_runs import (
 from click.testing import CliRunner
 from processes import output_of, program
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
+from agglom_mpi.storage.reader import read_campaign
 
 NOBODY = "54321"
 """A user who has no other processes: limits on their number are those of a user, not of root."""
@@ -87,7 +87,7 @@ def test_a_limit_on_threads_is_one_message(folder, wanted):
 def test_a_clock_that_is_set_back_makes_no_time_negative(folder, wanted, tmp_path):
     finish(folder, "small.yaml", inject=inject(tmp_path / "inject", SET_BACK))
     path = folder / "small.h5"
-    [leg] = open_campaign(path).legs()
+    [leg] = read_campaign(path).legs()
     assert leg["stopped"] >= leg["started"]
     assert_same(path, wanted)
     assert_sound(path)

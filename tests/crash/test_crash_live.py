@@ -12,17 +12,18 @@ from processes import output_of
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
+from agglom_mpi.storage.reader import read_campaign
 
 
 def look(path):
     """Number of final rows of each table, after reading all that reports and people read."""
     campaign = open_campaign(path)
-    summary_table(campaign)
+    summary_table(read_campaign(path))
     counts = [len(campaign.generations), len(campaign.strings), len(campaign.samples)]
     judged = campaign.strings
     judged = judged[judged["samples_used"] > 0]
     assert judged["objective"].notna().all()
-    assert set(judged["generation"]) <= set(range(campaign.attributes["strings"]))
+    assert set(judged["generation"]) <= set(range(read_campaign(path).attributes["strings"]))
     assert campaign.damaged == 0
     return counts
 
@@ -65,12 +66,12 @@ def test_report_and_export_work_while_a_run_goes_on(folder):
     path, copied = folder / "small.h5", folder / "copy.h5"
     allow(folder, 300)
     with running(folder, "small.yaml", inject=held(folder)) as process:
-        wait_until(lambda: path.exists() and len(open_campaign(path).result_rows()) > 0, process)
+        wait_until(lambda: path.exists() and len(read_campaign(path).result_rows()) > 0, process)
         assert "running" in agglom("report", path)
         agglom("export", path, "--compact", copied)
         process.send_signal(signal.SIGTERM)
         output_of(process)
         assert process.returncode == 75
-    copy = open_campaign(copied)
-    assert 0 < len(copy.all_sample_rows()) <= len(open_campaign(path).all_sample_rows())
+    copy = read_campaign(copied)
+    assert 0 < len(copy.all_sample_rows()) <= len(read_campaign(path).all_sample_rows())
     assert state(path)[0] == "stopped"

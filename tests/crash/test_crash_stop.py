@@ -15,7 +15,7 @@ from campaign_runs import (
     stop,
 )
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 SLOW_SIGNALS = [
     pytest.param(number, marks=pytest.mark.slow)
@@ -30,7 +30,7 @@ def test_a_signal_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, numbe
     assert code == 75
     assert f"stopped: received {number.name}; everything simulated so far is in small.h5" in errors
     assert state(path) == ("stopped", f"received {number.name}")
-    leg = open_campaign(path).legs()[0]
+    leg = read_campaign(path).legs()[0]
     assert leg["exit_code"] == 75
     assert leg["samples"] == samples_in(path)
     finish(folder, "small.yaml")

@@ -13,11 +13,11 @@ from held_runs import allow, held
 from screens import screen, started_on, watched
 from test_progress import FULL
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.display import display as module
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import log_line
 from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.storage.reader import read_campaign
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
 SHOWS_ALL = """
@@ -196,7 +196,7 @@ def test_an_interrupted_run_leaves_a_tidy_terminal(tmp_path, ranks):
 
 
 def in_generation(path):
-    return len(open_campaign(path).generation_rows()) > 0
+    return len(read_campaign(path).generation_rows()) > 0
 
 
 class Clock:

@@ -29,6 +29,7 @@ from processes import (
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli.invert import invert_command
+from agglom_mpi.storage.reader import read_campaign
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 SMALL = {"generations": 3, "max_samples": 30}
@@ -324,12 +325,12 @@ def assert_sound(path):
 
 def samples_in(path):
     """Count the samples in a file that may not be there yet."""
-    return len(open_campaign(path).all_sample_rows()) if path.exists() else 0
+    return len(read_campaign(path).all_sample_rows()) if path.exists() else 0
 
 
 def decisions(path):
     """Everything that must not depend on how a campaign was run, bit for bit."""
-    file = open_campaign(path)
+    file = read_campaign(path)
     results, samples, strings = file.result_rows(), file.all_sample_rows(), file.string_rows()
     used = np.zeros(int(samples["string"].max()) + 1, np.int64)
     used[results["string"]] = results["samples_used"]

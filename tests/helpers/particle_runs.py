@@ -6,6 +6,7 @@ from campaign_runs import write_campaign
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
 COUNT, STRINGS, SAMPLES = 5, 3, 2
@@ -32,7 +33,7 @@ def assert_particles_are_those_of_the_samples(path, campaign_path):
 
     Return the samples with final particles and those with pictures.
     """
-    file, campaign = open_campaign(path), load_campaign(str(campaign_path))
+    file, campaign = read_campaign(path), load_campaign(str(campaign_path))
     strings = file.string_rows()
     parameters = {int(row["string"]): np.array([row[name] for name in NAMES]) for row in strings}
     kept = []

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
 FREE = {"seconds", "finished", "rank", "crc"}
@@ -14,7 +14,7 @@ def fresh_rows(path):
     """Rows of fresh samples in a file that may not be there yet, by string and number."""
     if not path.exists():
         return np.zeros(0)
-    file = open_campaign(path)
+    file = read_campaign(path)
     rows = file.all_sample_rows()
     return rows[rows["sample"] >= file.fresh_from]
 
@@ -27,13 +27,13 @@ def fresh_bytes(path):
 
 def best_by_search(path, count):
     """Strings with the lowest objectives of the search."""
-    results = open_campaign(path).result_rows()
+    results = read_campaign(path).result_rows()
     return results["string"][np.lexsort((results["string"], results["objective"]))][:count].tolist()
 
 
 def assert_fresh_are_those_of_the_best(path, campaign_path, strings, samples):
     """Compare fresh samples with what the campaign computes for everybody."""
-    file, campaign = open_campaign(path), load_campaign(str(campaign_path))
+    file, campaign = read_campaign(path), load_campaign(str(campaign_path))
     first, rows = campaign.ensemble.max_samples, fresh_rows(path)
     best = best_by_search(path, strings)
     wanted = [(string, first + k) for string in sorted(best) for k in range(samples)]

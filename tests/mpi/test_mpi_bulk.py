@@ -17,7 +17,7 @@ from particle_runs import (
     write_bulk_campaign,
 )
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
 PARALLEL = pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)
@@ -47,7 +47,7 @@ def test_ranks_leave_the_particles_that_the_campaign_computes(bare, tmp_path, da
     finish(tmp_path, "kept.yaml", "--database", database, ranks=ranks)
     assert_same(path, bare)
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
-    rows = open_campaign(path).all_sample_rows()
+    rows = read_campaign(path).all_sample_rows()
     assert finals == pairs_of(rows)
     assert set(rows["rank"]) == set(range(ranks))
     assert framed == pictures_wanted(path)

@@ -23,9 +23,9 @@ from campaign_runs import (
 )
 from mpi_injections import SENDS_WAIT_TO_BE_RECEIVED, slow
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime.file_setup import OutputError
 from agglom_mpi.runtime.launch import GATHERED, PARALLEL, choose_database
+from agglom_mpi.storage.reader import read_campaign
 
 TWO_NODES = """
 from agglom_mpi.runtime import launch, run
@@ -116,7 +116,7 @@ def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parall
         assert done.stdout == done.stderr == ""
         assert_same(path, decisions(small / "small.h5"))
         assert_sound(path)
-        file = open_campaign(path)
+        file = read_campaign(path)
         assert set(file.all_sample_rows()["rank"]) == set(range(ranks))
         leg = file.legs()[0]
         assert (leg["database"].decode(), leg["ranks"], leg["nodes"]) == (database, ranks, 1)
@@ -153,7 +153,7 @@ def test_a_leg_may_be_written_otherwise_than_the_last(small, tmp_path, parallel)
     finish(tmp_path, "slow.yaml")
     assert_same(tmp_path / "slow.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "slow.h5")
-    legs = open_campaign(tmp_path / "slow.h5").legs()
+    legs = read_campaign(tmp_path / "slow.h5").legs()
     assert legs["database"].tolist() == [b"parallel", b"gathered", b"parallel", b"gathered"]
     assert min(legs["samples"]) > 0
 
@@ -172,7 +172,7 @@ def test_a_leg_may_run_on_the_other_build(small, tmp_path, parallel):
     finish(tmp_path, "slow.yaml", ranks=3)
     assert_same(tmp_path / "slow.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "slow.h5")
-    legs = open_campaign(tmp_path / "slow.h5").legs()
+    legs = read_campaign(tmp_path / "slow.h5").legs()
     assert legs["database"].tolist() == [b"gathered", b"parallel", b"gathered", b"parallel"]
     assert min(legs["samples"]) > 0
     assert len(set(legs["hdf5"].tolist())) == 2
@@ -185,11 +185,11 @@ def test_a_node_of_its_own_is_asked_to_sync(tmp_path, parallel):
     folder = inject(tmp_path / "inject", SLOWLY + TWO_NODES)
     printed = finish(tmp_path, "slow.yaml", ranks=3, inject=folder).stderr
     said = (tmp_path / "synced").read_text()
-    generations = len(open_campaign(tmp_path / "slow.h5").generation_rows())
+    generations = len(read_campaign(tmp_path / "slow.h5").generation_rows())
     # After each generation but perhaps the last, and at the end, by the first rank of that node.
     assert said.count("x") in (generations, generations + 1), printed
     assert state(tmp_path / "slow.h5")[0] == "finished"
-    assert np.all(open_campaign(tmp_path / "slow.h5").legs()["nodes"] == 2)
+    assert np.all(read_campaign(tmp_path / "slow.h5").legs()["nodes"] == 2)
 
 
 @pytest.mark.parallel_hdf5

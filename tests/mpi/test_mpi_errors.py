@@ -20,6 +20,7 @@ from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, slow
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.outcome import FAILED, FailureReason
+from agglom_mpi.storage.reader import read_campaign
 
 ONE_SAMPLE_RAISES = f"""{RANK}
 import agglom_mpi.runtime.sample_runner as simulator
@@ -104,7 +105,7 @@ def test_help_is_shown_once(tmp_path):
 def test_an_exception_on_a_worker_is_shown_and_stored_and_the_run_goes_on(small, tmp_path):
     folder = inject(tmp_path / "inject", ONE_SAMPLE_RAISES)
     done = finish(small, "small.yaml", "-o", tmp_path / "x.h5", ranks=2, inject=folder)
-    file = open_campaign(tmp_path / "x.h5")
+    file = read_campaign(tmp_path / "x.h5")
     rows = file.all_sample_rows()
     [row] = rows[rows["state"] == FAILED]
     [failure] = file.failures()
@@ -138,7 +139,7 @@ def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
     assert done.returncode == 1
     assert "samples failed with errors; everything simulated so far is in small.h5" in done.stderr
     assert "rank " not in done.stderr.partition("stopped:")[2]
-    file = open_campaign(tmp_path / "small.h5")
+    file = read_campaign(tmp_path / "small.h5")
     failed = len(file.all_sample_rows())
     assert failed >= 5
     assert len(file.failures()) == failed
@@ -182,4 +183,4 @@ def test_a_worker_in_the_middle_of_sending_does_not_hold_up_the_end(tmp_path, ra
     assert state(path)[0] == "stopped"
     # What was on its way was neither lost nor left unjudged.
     assert_sound(path)
-    assert open_campaign(path).legs()["samples"].tolist() == [samples_in(path)]
+    assert read_campaign(path).legs()["samples"].tolist() == [samples_in(path)]

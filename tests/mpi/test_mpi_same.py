@@ -17,7 +17,7 @@ from campaign_runs import (
 )
 from mpi_injections import slow
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 NO_LIBRARY = """
 import sys
@@ -38,7 +38,7 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     finish(small, "small.yaml", "-o", tmp_path / "ranks.h5", ranks=ranks)
     assert_same(tmp_path / "ranks.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "ranks.h5")
-    file = open_campaign(tmp_path / "ranks.h5")
+    file = read_campaign(tmp_path / "ranks.h5")
     assert file.legs()["ranks"].tolist() == [ranks]
     assert set(file.all_sample_rows()["rank"]) == set(range(ranks))
     assert state(file.path) == ("finished", "all 3 generations are done")
@@ -60,7 +60,7 @@ def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(
     finish(tmp_path, "small.yaml", ranks=ranks)
     assert_same(path, decisions(small / "small.h5"))
     assert_sound(path)
-    assert open_campaign(path).legs()["exit_code"].tolist() == [75] * stops + [0]
+    assert read_campaign(path).legs()["exit_code"].tolist() == [75] * stops + [0]
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from campaign_runs import (
 )
 from mpi_injections import slow
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 PAIRS = [(2, 1), (5, 0)]
 
@@ -44,7 +44,7 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
     for string, sample in PAIRS:
         text = rf"string {string} sample {sample} took longer than max_seconds, 1000 s"
         assert re.search(text, done.stderr)
-    file = open_campaign(tmp_path / "small.h5")
+    file = read_campaign(tmp_path / "small.h5")
     failures, rows, results = file.failures(), file.all_sample_rows(), file.result_rows()
     assert sorted(failures[["string", "sample"]].tolist()) == PAIRS
     assert not set(PAIRS) & set(rows[["string", "sample"]].tolist())
@@ -90,7 +90,7 @@ def test_a_run_ends_before_it_judges_by_a_sample_that_the_file_cannot_tell_of(tm
     assert done.returncode == 1
     why = "samples took too long, and the file has no room left to tell of them"
     assert state(tmp_path / "small.h5") == ("failed", why)
-    [told] = open_campaign(tmp_path / "small.h5").failures()[["string", "sample"]].tolist()
+    [told] = read_campaign(tmp_path / "small.h5").failures()[["string", "sample"]].tolist()
     assert told in PAIRS
     assert_sound(tmp_path / "small.h5")
     finish(tmp_path, "small.yaml")  # on a machine that has the time
@@ -102,4 +102,4 @@ def test_without_max_seconds_nothing_is_cut_short(tmp_path):
     with injected(hangs(), *HANGS_REPLACES):
         done = finish(tmp_path, "small.yaml")
     assert "took longer" not in done.stderr
-    assert len(open_campaign(tmp_path / "small.h5").failures()) == 0
+    assert len(read_campaign(tmp_path / "small.h5").failures()) == 0

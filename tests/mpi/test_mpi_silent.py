@@ -22,9 +22,9 @@ from campaign_runs import (
 from mpi_injections import RANK, slow
 from processes import output_of, wait_until_gone
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.runtime.messages import ALIVE, SILENT_AFTER, STOP
 from agglom_mpi.runtime.worker_pool import STOP_TIMEOUT
+from agglom_mpi.storage.reader import read_campaign
 
 TOLD_THE_TIME = f"""{RANK}
 import time
@@ -181,7 +181,7 @@ def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, farm):
     assert "no answer" not in errors
     assert_same(farm.path, undisturbed)
     assert_sound(farm.path)
-    [samples] = open_campaign(farm.path).legs()["samples"].tolist()
+    [samples] = read_campaign(farm.path).legs()["samples"].tolist()
     assert samples == samples_in(farm.path)
 
 

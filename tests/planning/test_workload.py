@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from campaign_runs import TINY, write_campaign, write_endless
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED
@@ -17,6 +16,7 @@ from agglom_mpi.planning.workload import (
     splitmix64,
 )
 from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import sample_dtype
 
 
@@ -115,7 +115,7 @@ def test_a_finished_file_foretells_its_own_decisions(campaign, shared_campaign):
     work = InversionExperiment(campaign)
     cluster = ClusterSimulator(work.inversion(None), workload, 3)
     forecast = cluster.run()
-    results = open_campaign(path).result_rows()
+    results = read_campaign(path).result_rows()
     assert cluster.path.used == dict(results[["string", "samples_used"]].tolist())
     assert forecast.used == results["samples_used"].sum()
     assert not read_recorded_samples(path, campaign).differences

@@ -25,7 +25,6 @@ from held_runs import allow, allow_all, held
 from processes import output_of, wait_for
 from screens import screen, started_on
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display import display
@@ -37,6 +36,7 @@ from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
@@ -87,7 +87,7 @@ def carried_out(tmp_path_factory):
         runner.warm_up()
         writer.begin_leg(**leg_fields(1, ""))
         writer.set_status("running")
-        reader = FileProgress(open_campaign(path))
+        reader = FileProgress(read_campaign(path))
         pool = WorkerPool(runner, None)
         coordinator.shut_down(pool, coordinator.run(pool, StopRequest(None)))
     return folder, reader, pairs
@@ -116,7 +116,7 @@ def begun(folder, ranks=None):
 
 
 def generations_in(path):
-    return len(open_campaign(path).generation_rows()) if path.exists() else 0
+    return len(read_campaign(path).generation_rows()) if path.exists() else 0
 
 
 @pytest.fixture
@@ -202,8 +202,8 @@ def test_a_run_that_is_told_to_stop_is_followed_to_its_exit_code(tmp_path, follo
 
 def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_followed(folder):
     path = folder / "brief.h5"
-    last = open_campaign(path).all_sample_rows()["finished"].max()
-    reader = FileProgress(open_campaign(path))
+    last = read_campaign(path).all_sample_rows()["finished"].max()
+    reader = FileProgress(read_campaign(path))
     at_once, later = reader.read(last), reader.read(last + 300.0)
     assert at_once.note == ""
     clock = time.strftime("%H:%M:%S", time.localtime(last))
@@ -223,7 +223,7 @@ def test_rows_read_one_after_the_other_are_those_of_the_file(carried_out):
     folder, reader, pairs = carried_out
     assert len({read.samples for _, read in pairs}) > 5
     reader.read(time.time())
-    rows = open_campaign(folder / "brief.h5").all_sample_rows()
+    rows = read_campaign(folder / "brief.h5").all_sample_rows()
     found = np.sort(reader.data.all_sample_rows(), order=["string", "sample"])
     for name in found.dtype.names:
         assert found[name].tolist() == rows[name].tolist()
@@ -246,7 +246,7 @@ def test_the_file_shows_the_progress_that_rank_0_shows(carried_out):
 
 
 def test_a_finished_file_is_shown_at_once(finished, capsys):
-    assert follow(open_campaign(finished)) == 0
+    assert follow(read_campaign(finished)) == 0
     logged = capsys.readouterr().err.splitlines()
     assert len(logged) == 1
     assert logged[0].startswith("generation 3/3: best ")
@@ -273,7 +273,7 @@ def test_reading_takes_a_small_share_of_the_time(finished, monkeypatch):
     monkeypatch.setattr(module, "FileProgress", Slow)
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module.time, "sleep", nap)
-    assert follow(open_campaign(finished)) == 130
+    assert follow(read_campaign(finished)) == 130
     assert naps == [pytest.approx(60.0)] * 3
 
 

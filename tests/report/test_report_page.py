@@ -21,6 +21,7 @@ from agglom_mpi.report.page import write_report
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -42,7 +43,7 @@ FIGURES = {
 def report(path, directory, **options):
     """Write the report of a file, and return its page."""
     options = {"simulate": False} | options
-    lines = list(write_report(open_campaign(path), directory, **options))
+    lines = list(write_report(read_campaign(path), directory, **options))
     assert lines[-1].startswith(f"{directory / 'report.html'}: ")
     return (directory / "report.html").read_text()
 
@@ -136,7 +137,7 @@ def test_without_particles_the_mean_radii_of_samples_are_shown_instead(finished,
 @pytest.mark.usefixtures("sketched")
 def test_the_page_names_what_the_scene_leaves_out_and_the_worst_samples(finished, tmp_path):
     page = report(finished, tmp_path / "out")
-    samples = open_campaign(finished).all_sample_rows()
+    samples = read_campaign(finished).all_sample_rows()
     worst = samples[np.argmax(np.abs(samples["energy_error"]))]
     assert "fragmentation" in page
     chosen = f"--string {worst['string']} --sample {worst['sample']}"
@@ -182,7 +183,7 @@ def test_failed_samples_are_counted_by_reason(waiting, tmp_path):
 )
 def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
     best = int(open_campaign(copy).best()["string"][0])
-    place = {"generations": 1, "samples": best * open_campaign(copy).max_samples}.get(table, best)
+    place = {"generations": 1, "samples": best * read_campaign(copy).max_samples}.get(table, best)
     with h5py.File(copy, "r+") as file:
         row = file[table][place]
         row["crc"] ^= 1
@@ -324,12 +325,12 @@ def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     page = report(tmp_path / "kept.h5", tmp_path / "out")
     assert {"radii", "cloud"} <= figures(page)
     assert "as stored" in page
-    data = open_campaign(tmp_path / "kept.h5").snapshot()
+    data = read_campaign(tmp_path / "kept.h5")
     stored = final_radii(data, rank_strings(data).order[0])
     plain = shutil.copy(tmp_path / "kept.h5", tmp_path / "plain.h5")
     with h5py.File(plain, "r+") as file:
         file["final_particles_done"][:] = 0
-    simulated = final_radii(open_campaign(plain).snapshot(), rank_strings(data).order[0])
+    simulated = final_radii(read_campaign(plain), rank_strings(data).order[0])
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central

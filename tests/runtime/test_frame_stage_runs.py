@@ -25,6 +25,7 @@ from particle_runs import (
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
 
@@ -90,7 +91,7 @@ def path(kept, tmp_path):
 
 def test_every_row_is_what_the_campaign_computes_for_everybody(kept):
     finals, framed = assert_particles_are_those_of_the_samples(kept / "kept.h5", kept / "kept.yaml")
-    rows = open_campaign(kept / "kept.h5").all_sample_rows()
+    rows = read_campaign(kept / "kept.h5").all_sample_rows()
     assert finals == pairs_of(rows)
     assert len(set(rows["particles"])) > 10, "rows of very different lengths"
     assert framed == pictures_wanted(kept / "kept.h5")
@@ -108,7 +109,7 @@ def test_what_is_kept_decides_nothing(kept):
 def test_a_finished_campaign_with_its_pictures_has_nothing_to_do(path):
     done = finish(path.parent, "kept.yaml")
     assert "finished already: nothing to do" in done.stderr
-    assert len(open_campaign(path).legs()) == 1
+    assert len(read_campaign(path).legs()) == 1
 
 
 @pytest.mark.parametrize(
@@ -136,9 +137,9 @@ def test_a_run_that_ends_before_its_pictures_takes_them_when_run_again(
     assert f"taking pictures of {6 - left} samples, {COUNT} of each" in done.stderr
     assert_same(path, decisions(kept / "bare.h5"))
     finals, framed = assert_particles_are_those_of_the_samples(path, tmp_path / "kept.yaml")
-    assert finals == pairs_of(open_campaign(path).all_sample_rows())
+    assert finals == pairs_of(read_campaign(path).all_sample_rows())
     assert framed == pictures_wanted(path)
-    assert open_campaign(path).legs()["samples"][-1] == 0
+    assert read_campaign(path).legs()["samples"][-1] == 0
     assert "finished already" in finish(tmp_path, "kept.yaml").stderr
     assert_sound(path)
 
@@ -166,32 +167,32 @@ def test_more_generations_bring_pictures_of_the_new_best(path):
     finish(path.parent, "kept.yaml", "--generations", "4")
     finals, framed = assert_particles_are_those_of_the_samples(path, path.parent / "kept.yaml")
     assert framed == pictures_wanted(path) != before
-    assert finals == pairs_of(open_campaign(path).all_sample_rows())
+    assert finals == pairs_of(read_campaign(path).all_sample_rows())
     assert_sound(path)
 
 
 def test_a_file_without_particles_gets_them_from_now_on(kept, tmp_path):
     path = shutil.copy(kept / "bare.h5", tmp_path / "kept.h5")
     campaign = shutil.copy(kept / "kept.yaml", tmp_path)
-    before = pairs_of(open_campaign(path).all_sample_rows())
+    before = pairs_of(read_campaign(path).all_sample_rows())
     finish(tmp_path, "kept.yaml")
     assert_same(path, decisions(kept / "bare.h5"))
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
     assert (finals, framed) == ([], pictures_wanted(path))
     finish(tmp_path, "kept.yaml", "--generations", "3")
     finals, framed = assert_particles_are_those_of_the_samples(path, campaign)
-    later = set(pairs_of(open_campaign(path).all_sample_rows())) - set(before)
+    later = set(pairs_of(read_campaign(path).all_sample_rows())) - set(before)
     assert set(finals) == later != set()
     assert framed == pictures_wanted(path)
     assert_sound(path)
 
 
 def test_what_is_no_longer_asked_for_stays_and_nothing_is_added(path, kept):
-    before = [pairs_of(open_campaign(path).all_sample_rows()), open_campaign(path).framed()]
+    before = [pairs_of(read_campaign(path).all_sample_rows()), open_campaign(path).framed()]
     campaign = write_bulk_campaign(path.parent / "kept.yaml", "", **TWO)
     assert "finished already" in finish(path.parent, "kept.yaml").stderr
     finish(path.parent, "kept.yaml", "--generations", "3")
-    assert len(open_campaign(path).all_sample_rows()) > len(before[0])
+    assert len(read_campaign(path).all_sample_rows()) > len(before[0])
     assert list(assert_particles_are_those_of_the_samples(path, campaign)) == before
     assert_sound(path)
 
@@ -202,7 +203,7 @@ def test_one_goes_without_the_other(kept, tmp_path, output, which):
     finish(tmp_path, "one.yaml")
     path = tmp_path / "one.h5"
     found = assert_particles_are_those_of_the_samples(path, campaign)
-    wanted = [pairs_of(open_campaign(path).all_sample_rows()), pictures_wanted(path)]
+    wanted = [pairs_of(read_campaign(path).all_sample_rows()), pictures_wanted(path)]
     assert found[which] == wanted[which]
     assert found[1 - which] == []
     assert_same(path, decisions(kept / "bare.h5"))
@@ -220,7 +221,7 @@ def test_fewer_strings_than_asked_for_are_all_there_are(tmp_path):
     finish(tmp_path, "all.yaml")
     path = tmp_path / "all.h5"
     assert open_campaign(path).framed() == pictures_wanted(path, 4, 3)
-    assert open_campaign(path).attributes["frames"] == 4 * 3 * 2
+    assert read_campaign(path).attributes["frames"] == 4 * 3 * 2
 
 
 def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, tmp_path):
@@ -228,7 +229,7 @@ def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, 
     with injected(PICTURES_RAISE, "agglom_mpi.runtime.sample_runner.simulate_scene"):
         done = finish(path.parent, "kept.yaml")
     assert "ArithmeticError: injected" in done.stderr
-    file = open_campaign(path)
+    file = read_campaign(path)
     [failure] = file.failures()
     wanted = pictures_wanted(path)
     assert pairs_of(file.failures()) == wanted[:1]

@@ -28,6 +28,7 @@ from reestimation_runs import (
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
+from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
 STRINGS, SAMPLES = 3, 8
@@ -82,21 +83,21 @@ def path(ended, tmp_path):
 def test_fresh_samples_are_what_the_campaign_simulates_with_numbers_beyond_its_most(ended):
     path = ended / "final.h5"
     assert_fresh_are_those_of_the_best(path, ended / "final.yaml", STRINGS, SAMPLES)
-    file = open_campaign(path)
+    file = read_campaign(path)
     assert (file.fresh_from, file.max_samples) == (12, 20)
     assert f"used, {STRINGS * SAMPLES} fresh)" in assert_sound(path)
 
 
 def test_estimating_again_decides_nothing_and_is_counted_apart(ended):
     assert_same(ended / "final.h5", decisions(ended / "bare.h5"))
-    file, bare = (open_campaign(ended / name) for name in ("final.h5", "bare.h5"))
+    file, bare = (read_campaign(ended / name) for name in ("final.h5", "bare.h5"))
     assert bare.fresh_from == bare.max_samples == 12
-    assert len(bare.estimates) == 0
+    assert len(open_campaign(bare.path).estimates) == 0
     rows = file.all_sample_rows()
     assert file.legs()["samples"].tolist() == [len(rows)]
     searched = int((rows["sample"] < 12).sum())
     assert file.generation_rows()["samples_simulated"][-1] <= searched
-    table = file.samples
+    table = open_campaign(file.path).samples
     assert table["fresh"].sum() == STRINGS * SAMPLES
     assert not table["used"][table["fresh"]].any()
     assert table["used"].sum() == file.result_rows()["samples_used"].sum()
@@ -124,7 +125,7 @@ def test_a_run_that_ends_among_fresh_samples_goes_on_to_the_same_bytes(
     assert state(path)[0] == ("running" if code == -9 else "stopped")
     assert_sound(path)
     done = finish(tmp_path, "final.yaml")
-    left = STRINGS * SAMPLES - len(fresh_rows(path)) + open_campaign(path).legs()["samples"][-1]
+    left = STRINGS * SAMPLES - len(fresh_rows(path)) + read_campaign(path).legs()["samples"][-1]
     assert f"again, on {left} fresh sample" in done.stderr
     assert fresh_bytes(path) == fresh_bytes(ended / "final.h5")
     assert_same(path, decisions(ended / "bare.h5"))
@@ -138,7 +139,7 @@ def test_more_strings_are_estimated_and_those_there_are_stay(path):
     assert "estimating 2 strings again, on 16 fresh samples" in done.stderr
     assert_fresh_are_those_of_the_best(path, path.parent / "final.yaml", 5, SAMPLES)
     assert before <= {row.tobytes() for row in fresh_rows(path)}
-    assert open_campaign(path).legs()["samples"][-1] == 16
+    assert read_campaign(path).legs()["samples"][-1] == 16
     assert_sound(path)
 
 
@@ -156,7 +157,7 @@ def test_more_samples_are_added_to_those_there_are(ended, path):
     assert f"estimating 4 strings again, on {fresh} fresh samples" in done.stderr
     assert_fresh_are_those_of_the_best(path, path.parent / "final.yaml", 4, 20)
     assert before <= {row.tobytes() for row in fresh_rows(path)}
-    assert open_campaign(path).legs()["samples"][-1] == fresh
+    assert read_campaign(path).legs()["samples"][-1] == fresh
     assert_same(path, decisions(ended / "final.h5"))
     assert_sound(path)
 
@@ -190,8 +191,8 @@ def test_more_generations_go_on_as_if_nothing_had_been_estimated(ended, path):
     for name in ("final", "bare"):
         finish(path.parent, f"{name}.yaml", "-q", "--generations", "5")
     assert_same(path, decisions(path.parent / "bare.h5"))
-    assert open_campaign(path).result_rows().tobytes() == (
-        open_campaign(path.parent / "bare.h5").result_rows().tobytes()
+    assert read_campaign(path).result_rows().tobytes() == (
+        read_campaign(path.parent / "bare.h5").result_rows().tobytes()
     )
     best = set(best_by_search(path, STRINGS))
     assert best != set(best_by_search(ended / "final.h5", STRINGS))
@@ -218,7 +219,8 @@ def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
     file = open_campaign(tmp_path / "final.h5")
     assert file.estimates["failed"].tolist() == [1] * STRINGS
     assert file.estimates["samples"].tolist() == [11] * STRINGS
-    assert file.failures()["sample"].tolist() == [13] * STRINGS
+    failures = read_campaign(file.path).failures()
+    assert failures["sample"].tolist() == [13] * STRINGS
     for row in file.estimates.itertuples():
         kept = fresh_rows(tmp_path / "final.h5")
         kept = kept[(kept["string"] == row.string) & (kept["sample"] != 13)]
@@ -236,7 +238,7 @@ def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
         said = finish(tmp_path, "final.yaml").stderr
     assert said.count("ArithmeticError: injected") == 4
     assert said.count("failures; more texts are lost") == 1
-    assert len(open_campaign(tmp_path / "final.h5").failures()) == 2
+    assert len(read_campaign(tmp_path / "final.h5").failures()) == 2
     rows = fresh_rows(tmp_path / "final.h5")
     assert (rows["state"] == 2).sum() == 4, "what failed is still in the samples"
     assert_sound(tmp_path / "final.h5")

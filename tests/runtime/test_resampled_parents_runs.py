@@ -17,6 +17,7 @@ from campaign_runs import (
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import ORIGINS
 from agglom_mpi.variables import NAMES
 
@@ -38,7 +39,7 @@ def undisturbed(tmp_path_factory):
 
 
 def test_a_parent_has_its_own_samples_and_is_worth_all_of_them(undisturbed):
-    file = open_campaign(undisturbed)
+    file = read_campaign(undisturbed)
     campaign = Campaign.from_text(file.campaign_text)
     strings, samples = file.string_rows(), file.all_sample_rows()
     again = strings[strings["origin"] == ORIGINS.index("again")]
@@ -67,7 +68,7 @@ def test_a_parent_has_its_own_samples_and_is_worth_all_of_them(undisturbed):
 
 def test_the_file_is_sound_and_a_sample_is_replayed_by_its_own_number(undisturbed, agglom_simulate):
     assert_sound(undisturbed)
-    strings = open_campaign(undisturbed).string_rows()
+    strings = read_campaign(undisturbed).string_rows()
     string = int(strings["string"][strings["origin"] == ORIGINS.index("again")][-1])
     assert "identical to the recorded sample" in agglom_simulate(undisturbed, string, 3)
 
@@ -98,5 +99,5 @@ def test_ranks_and_an_interruption_change_nothing(undisturbed, tmp_path, legs):
 
 def test_the_best_are_ranked_by_all_their_samples(undisturbed):
     file = open_campaign(undisturbed)
-    ranked = file.generation_rows()["population"][-1]
+    ranked = read_campaign(undisturbed).generation_rows()["population"][-1]
     assert file.best(3)["string"].tolist() == ranked[:3].tolist()

@@ -25,6 +25,7 @@ from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.planning.plan import Options as PlanOptions
 from agglom_mpi.planning.plan import plan
 from agglom_mpi.runtime.run import Options, read_request
+from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_a_run_is_sound_and_holds_all_strings(plain, search):
     said = assert_sound(path)
     assert f"{strings} of {strings} strings, {strings} of {strings} results and 5 of 5" in said
     assert state(path) == ("finished", "all 5 generations are done")
-    file = open_campaign(path)
+    file = read_campaign(path)
     assert len(file.all_sample_rows()) == 3 * strings
 
 
@@ -75,7 +76,7 @@ def test_a_campaign_in_two_legs_decides_as_in_one(plain, tmp_path, search):
     write_search(tmp_path / f"{search}.yaml", SEARCHES[search])
     finish(tmp_path, f"{search}.yaml", "--generations", "2")
     finish(tmp_path, f"{search}.yaml")
-    assert len(open_campaign(tmp_path / f"{search}.h5").legs()) == 2
+    assert len(read_campaign(tmp_path / f"{search}.h5").legs()) == 2
     assert_same(tmp_path / f"{search}.h5", decisions(plain / f"{search}.h5"))
 
 
@@ -89,7 +90,7 @@ def test_the_earlier_file_may_vanish_when_a_campaign_has_begun(plain, tmp_path):
     assert_sound(tmp_path / "next.h5")
     finish(tmp_path, "next.yaml")
     assert_sound(tmp_path / "next.h5")
-    theirs, ours = open_campaign(plain / "sobol.h5"), open_campaign(tmp_path / "next.h5")
+    theirs, ours = read_campaign(plain / "sobol.h5"), read_campaign(tmp_path / "next.h5")
     best = theirs.string_rows()[theirs.generation_rows()["population"][-1][:3]]
     names = ["relative_speed", "size_ratio", "hardness"]
     assert ours.string_rows()[:3][names].tolist() == best[names].tolist()
@@ -108,15 +109,15 @@ def again(tmp_path_factory):
 
 def own_ranks(path):
     """Strings of a file in the order of the search's own objectives."""
-    results = open_campaign(path).result_rows()
+    results = read_campaign(path).result_rows()
     return results["string"][np.argsort(results["objective"], kind="stable")].tolist()
 
 
 def assert_begins_with(path, earlier, order):
     """Compare the given strings of a campaign with strings of an earlier one."""
     names = ["relative_speed", "size_ratio", "hardness"]
-    wanted = open_campaign(earlier).string_rows()[order]
-    assert open_campaign(path).string_rows()[: len(order)][names].tolist() == wanted[names].tolist()
+    wanted = read_campaign(earlier).string_rows()[order]
+    assert read_campaign(path).string_rows()[: len(order)][names].tolist() == wanted[names].tolist()
 
 
 def test_a_search_begins_with_the_best_by_estimates_and_then_by_the_searchs_own_ranks(
@@ -275,7 +276,7 @@ def test_an_earlier_file_that_cannot_be_used_is_one_message(
 
 def test_strings_of_a_file_are_brought_into_the_box(plain, tmp_path, monkeypatch):
     """What is fixed or not searched there is as the campaign says; the rest is clipped."""
-    theirs = open_campaign(plain / "sobol.h5")
+    theirs = read_campaign(plain / "sobol.h5")
     best = theirs.string_rows()[theirs.generation_rows()["population"][-1][:6]]
     start = f"{{file: {plain / 'sobol.h5'}, strings: 6}}"
     write_search(tmp_path / "next.yaml", f"{SEARCHES['sobol'][:-1]}, start: {start}}}")
@@ -297,7 +298,7 @@ def test_strings_of_a_file_are_brought_into_the_box(plain, tmp_path, monkeypatch
 def test_a_forecast_of_every_search_keeps_its_bound(plain, monkeypatch, search):
     monkeypatch.chdir(plain)
     made = plan(PlanOptions(f"{search}.yaml", (1, 8), source=f"{search}.h5"))
-    strings = len(open_campaign(plain / f"{search}.h5").string_rows())
+    strings = len(read_campaign(plain / f"{search}.h5").string_rows())
     for forecast in made.forecasts:
         assert forecast.used == 3 * strings
         assert 0.0 < forecast.bound <= forecast.seconds * (1.0 + 1e-9)

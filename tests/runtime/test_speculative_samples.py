@@ -16,7 +16,7 @@ from campaign_runs import (
     write_campaign,
 )
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 
 AHEAD_FIRST = """
 import agglom_mpi.scheduling.scheduler as scheduler
@@ -27,7 +27,7 @@ scheduler.URGENCY = 0.9  # announced strings come before those that decisions wa
 
 def announced(path):
     """Strings of generations that have not begun: of those nothing is judged."""
-    file = open_campaign(path)
+    file = read_campaign(path)
     strings = file.string_rows()
     begun = len(file.generation_rows())
     return strings["string"][strings["generation"] > begun]
@@ -41,7 +41,7 @@ def test_a_file_that_holds_strings_of_coming_generations_is_sound(tmp_path):
     path = tmp_path / "small.h5"
     ahead = announced(path)
     assert len(ahead)
-    assert np.isin(open_campaign(path).all_sample_rows()["string"], ahead).any()
+    assert np.isin(read_campaign(path).all_sample_rows()["string"], ahead).any()
     assert_sound(path)
     finish(tmp_path, "small.yaml", "-q")
     assert_sound(path)
@@ -55,7 +55,7 @@ def test_strings_of_generations_that_a_reached_target_left_out_are_no_damage(tmp
     path.write_text(f"{path.read_text().rstrip()}\n  target: {{top: 1, objective: 100}}\n")
     with injected(AHEAD_FIRST, "agglom_mpi.scheduling.scheduler.URGENCY"):
         done = finish(tmp_path, "target.yaml")
-    file = open_campaign(tmp_path / "target.h5")
+    file = read_campaign(tmp_path / "target.h5")
     assert len(file.generation_rows()) == 1, done.stderr
     assert len(announced(tmp_path / "target.h5"))
     assert_sound(tmp_path / "target.h5")
@@ -68,7 +68,7 @@ def test_a_file_with_samples_that_took_too_long_is_sound(tmp_path):
         done = finish(tmp_path, "late.yaml")
     assert "took longer than max_seconds, 1000 s" in done.stderr
     assert "finished already" in finish(tmp_path, "late.yaml").stderr
-    file = open_campaign(tmp_path / "late.h5")
+    file = read_campaign(tmp_path / "late.h5")
     assert len(file.failures()) == 2
     samples, results = file.all_sample_rows(), file.result_rows()
     pairs = set(samples[["string", "sample"]].tolist())

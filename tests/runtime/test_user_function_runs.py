@@ -9,7 +9,6 @@ from click.testing import CliRunner
 from user_function_runs import WORTH, write_own
 
 from agglom_mpi.accuracy import search_history
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -17,6 +16,7 @@ from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
 
@@ -52,7 +52,7 @@ def simulated(campaign, samples=3, cut_short=False):
 
 
 def test_decisions_are_made_of_what_the_function_returned(own):
-    file, campaign = open_campaign(own / "own.h5"), load_campaign(own / "own.yaml", True)
+    file, campaign = read_campaign(own / "own.h5"), load_campaign(own / "own.yaml", True)
     results = file.result_rows()
     assert len(results) == 6
     for result in results[:3]:
@@ -162,7 +162,7 @@ def test_a_forecast_takes_the_samples_of_the_same_function_only(agglom, own):
 
 
 def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
-    history = open_campaign(own / "own.h5")
+    history = read_campaign(own / "own.h5")
     code = load_campaign(own / "own.yaml", allow_code=True).user_function
     setups = search_history.setups(history, 5, code)
     assert all(setup.campaign.user_function == code for setup in setups.values())
@@ -174,7 +174,7 @@ def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
 def test_a_resume_with_the_same_source_ends_as_one_run_does(own, tmp_path):
     write_own(tmp_path, trace=own / "trace")
     finish(tmp_path, "own.yaml", "--allow-code", "--generations", "1")
-    assert len(open_campaign(tmp_path / "own.h5").generation_rows()) == 1
+    assert len(read_campaign(tmp_path / "own.h5").generation_rows()) == 1
     finish(tmp_path, "own.yaml", "--allow-code")
     assert_same(tmp_path / "own.h5", decisions(own / "own.h5"))
 
@@ -291,7 +291,7 @@ def test_moments_are_searched_and_checked_like_any_objective(tmp_path):
     finish(tmp_path, "own.yaml")
     done = CliRunner().invoke(main, ["check", str(tmp_path / "own.h5")])
     assert done.exit_code == 0, done.output
-    file = open_campaign(tmp_path / "own.h5")
+    file = read_campaign(tmp_path / "own.h5")
     outcome = load_campaign(path).simulate(
         np.array([file.string_rows()[0][name] for name in NAMES]), 0
     )

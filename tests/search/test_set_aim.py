@@ -12,6 +12,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance
 from agglom_mpi.search.set_aim import SetAim
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.storage.reader import read_campaign
 
 SEARCH = "{method: surrogate, initial: 32, batch: 16, aim: set}"
 
@@ -67,9 +68,8 @@ def test_a_campaign_ends_when_its_set_is_known_and_resumes_to_the_same(tmp_path)
     finish(tmp_path, "three.yaml")
     path = tmp_path / "three.h5"
     assert state(path) == ("finished", "the expected error of the set is at most 0.35")
-    file = open_campaign(path)
-    assert len(file.result_rows()) < 32 + 58 * 16
-    assert file.feasible_set(0.05).expected_error < 0.45
+    assert len(read_campaign(path).result_rows()) < 32 + 58 * 16
+    assert open_campaign(path).feasible_set(0.05).expected_error < 0.45
     assert_sound(path)
     done = decisions(path)
     finish(tmp_path, "three.yaml")

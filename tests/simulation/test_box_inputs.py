@@ -15,6 +15,11 @@ PAIR = [[0.0, 0.0, 0.0], [0.004, 0.0, 0.0]]
 pytestmark = pytest.mark.plain
 
 
+def test_a_box_lists_its_public_names():
+    names = {"advance", "particles", "reset", "set", "state", "time", "volume"}
+    assert set(dir(Box(GAS))) == names == set(dir(Box))
+
+
 def test_distributions_are_drawn_the_same_for_the_same_sample():
     sizes = stats.lognorm(0.3, scale=5e-4)
     given = {

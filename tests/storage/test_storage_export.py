@@ -24,7 +24,7 @@ from agglom_mpi.storage import files as whole
 from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.files import CheckedFile
-from agglom_mpi.storage.reader import NotACampaign
+from agglom_mpi.storage.reader import NotACampaign, read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -178,7 +178,7 @@ def test_a_leg_that_is_just_rewritten_is_read_again(path, copy, monkeypatch):
         finish["database_seconds"] = 0.1
         monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.end_leg(leg, **finish))
         assert write_compact(path, copy).damaged == 0
-    assert open_campaign(copy).legs()["exit_code"].tolist() == [0]
+    assert read_campaign(copy).legs()["exit_code"].tolist() == [0]
 
 
 def test_a_copy_of_a_growing_file_lacks_nothing_that_its_rows_rest_on(tmp_path, copy, monkeypatch):
@@ -187,7 +187,7 @@ def test_a_copy_of_a_growing_file_lacks_nothing_that_its_rows_rest_on(tmp_path, 
     with CampaignWriter(path) as writer:
 
         def go_on(*arguments):
-            number = len(open_campaign(path).generation_rows())
+            number = len(read_campaign(path).generation_rows())
             put_strings(writer, number, 1)
             writer.put_samples(sample_rows(number, 0, 10))
             put_result(writer, number, 0.5, used=10)
@@ -196,7 +196,7 @@ def test_a_copy_of_a_growing_file_lacks_nothing_that_its_rows_rest_on(tmp_path, 
 
         monkeypatch.setattr(compact, "_read", go_on)
         write_compact(path, copy)
-    file = open_campaign(copy)
+    file = read_campaign(copy)
     strings, samples = file.string_rows(), file.all_sample_rows()
     results, generations = file.result_rows(), file.generation_rows()
     assert file.damaged == 0
@@ -260,7 +260,7 @@ def run_and_kill(monkeypatch, job, when):
 JOBS = {
     "copy": (lambda source, to: write_compact(source, to / "copy.h5"), ["copy.h5"]),
     "csv": (
-        lambda source, to: list(write_tables(open_campaign(source), to)),
+        lambda source, to: list(write_tables(read_campaign(source), to)),
         ["estimates.csv", "generations.csv", "samples.csv", "strings.csv"],
     ),
 }
@@ -296,7 +296,7 @@ def test_tables_read_back_bit_for_bit(filled, tmp_path):
         rows["objective"], rows["energy_error"] = odd, np.nan
         rows["end_time"] = np.random.default_rng(1).random(len(odd)) * 1e-7
         writer.put_samples(rows)
-    lines = list(write_tables(file, tmp_path / "new" / "tables"))
+    lines = list(write_tables(read_campaign(filled), tmp_path / "new" / "tables"))
     assert lines[3] == f"{tmp_path}/new/tables/samples.csv: 43 rows"
     for name in ("strings", "samples", "generations"):
         table = getattr(file, name)
@@ -316,7 +316,7 @@ def test_tables_read_back_bit_for_bit(filled, tmp_path):
 
 
 def test_titles_of_columns_have_their_units(filled, tmp_path):
-    list(write_tables(open_campaign(filled), tmp_path))
+    list(write_tables(read_campaign(filled), tmp_path))
     titles = (tmp_path / "strings.csv").read_text().splitlines()[0].split(",")
     assert {"hardness (Pa)", "density (kg/m^3)", "friction", "seconds (s)"} <= set(titles)
     titles = (tmp_path / "samples.csv").read_text().splitlines()[0].split(",")

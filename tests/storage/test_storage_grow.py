@@ -13,9 +13,9 @@ from storage_rows import (
     sample_rows,
 )
 
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage import create
 from agglom_mpi.storage.create import enlarge_campaign_file
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -34,7 +34,7 @@ def filled(path):
 
 
 def everything(path):
-    campaign = open_campaign(path)
+    campaign = read_campaign(path)
     return [
         campaign.variable_rows(),
         campaign.string_rows(),
@@ -66,22 +66,22 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
     assert same(everything(filled), before)
     assert filled.stat().st_mode & 0o777 == 0o640
     assert os.listdir(filled.parent) == ["grains.h5"]
-    campaign = open_campaign(filled)
+    campaign = read_campaign(filled)
     assert campaign.attributes["strings"] == 2 * STRINGS
     assert campaign.damaged == 1, "damage is not hidden"
     with CampaignWriter(filled) as writer:
         put_strings(writer, STRINGS, STRINGS)
         writer.put_samples(sample_rows(2 * STRINGS - 1, MAX_SAMPLES - 1, 1))
         put_generation(writer, 8)
-    assert len(campaign.all_sample_rows()) == 7 * STRINGS + 1
+    assert len(read_campaign(filled).all_sample_rows()) == 7 * STRINGS + 1
 
 
 @pytest.mark.parametrize("block", [1 << 25, 400])
 def test_room_for_fresh_samples_moves_rows_to_their_new_places(filled, monkeypatch, block):
     monkeypatch.setattr(create, "_COPY_BYTES", block)
-    before = open_campaign(filled).all_sample_rows()
+    before = read_campaign(filled).all_sample_rows()
     assert enlarge_campaign_file(filled, STRINGS, 1, fresh=3)
-    campaign = open_campaign(filled)
+    campaign = read_campaign(filled)
     assert campaign.all_sample_rows().tobytes() == before.tobytes()
     assert (campaign.fresh_from, campaign.max_samples) == (MAX_SAMPLES, MAX_SAMPLES + 3)
     assert campaign.damaged == 0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from storage_rows import make, put_result, put_strings, sample_rows
 
-from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import sample_dtype
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -84,7 +84,7 @@ def test_killed_writers_leave_whole_rows(tmp_path, kills):
 
         with h5py.File(path, "r+") as file:
             assert file["samples_done"][:].sum() >= written.sum()
-        campaign = open_campaign(path)
+        campaign = read_campaign(path)
         rows = campaign.all_sample_rows()
         present = np.zeros_like(written)
         present[rows["string"], rows["sample"]] = True

@@ -9,9 +9,9 @@ import pytest
 from storage_rows import POPULATION, make, put_strings, sample_rows
 
 import agglom_mpi.storage
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.compact import write_compact
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 GRAINS = 7
@@ -115,7 +115,7 @@ def test_the_lines_for_reading_without_this_package_read_what_it_reads(path):
     (lines,) = re.findall(r"```python\n(import zlib.*?)```", TEXT, re.S)
     found = {}
     exec(lines.replace("accretion_2003.h5", str(path)), found)
-    campaign = open_campaign(path)
+    campaign = read_campaign(path)
     assert len(found["samples"]) == 20
     assert found["samples"].tobytes() == campaign.all_sample_rows().tobytes()
     assert found["strings"].tobytes() == campaign.string_rows().tobytes()

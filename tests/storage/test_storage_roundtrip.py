@@ -16,6 +16,7 @@ from storage_rows import (
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.access import open_file
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.sample_writer import FLUSH_AGE, FLUSH_ROWS
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -38,7 +39,7 @@ def writer(path):
 
 def test_strings(path, writer):
     first, second = put_strings(writer, 0, 3), put_strings(writer, 3, 2)
-    rows = open_campaign(path).string_rows()
+    rows = read_campaign(path).string_rows()
     assert rows["string"].tolist() == [0, 1, 2, 3, 4]
     assert rows["slot"].tolist() == [0, 1, 2, 0, 1]
     assert set(rows["generation"]) == {2}
@@ -54,7 +55,7 @@ def test_samples_in_any_order(path, writer):
     writer.put_samples(shuffled[:6])
     writer.put_samples(shuffled[6:])
     writer.flush()
-    campaign = open_campaign(path)
+    campaign = read_campaign(path)
     expected = rows[np.lexsort((rows["sample"], rows["string"]))]
     assert np.array_equal(campaign.all_sample_rows()[PLAIN], expected[PLAIN])
     assert np.array_equal(campaign.sample_rows(3)[PLAIN], sample_rows(3, 0, 9)[PLAIN])
@@ -67,7 +68,7 @@ def test_the_writer_leaves_the_caller_s_rows_alone(writer):
     rows["objective"] = -1
     writer.flush()
     assert not rows["crc"].any()
-    assert (open_campaign(writer.path).sample_rows(0)["objective"] != -1).all()
+    assert (read_campaign(writer.path).sample_rows(0)["objective"] != -1).all()
 
 
 def test_the_first_of_two_rows_for_one_sample_stays(path, writer):
@@ -76,11 +77,11 @@ def test_the_first_of_two_rows_for_one_sample_stays(path, writer):
     writer.put_samples(sample_rows(0, 1, 1))
     writer.put_samples(late)
     writer.flush()
-    assert open_campaign(path).sample_rows(0)["rank"].tolist() == [77, 1]
+    assert read_campaign(path).sample_rows(0)["rank"].tolist() == [77, 1]
 
 
 def test_samples_wait_for_company_but_not_for_long(path, writer):
-    campaign, now = open_campaign(path), time.monotonic()
+    campaign, now = read_campaign(path), time.monotonic()
     writer.put_samples(sample_rows(0, 0, 3))
     assert len(campaign.sample_rows(0)) == 0
     assert not writer.flush_due(now)
@@ -111,7 +112,7 @@ def test_a_result_never_precedes_its_samples(path, writer, monkeypatch):
     assert order == [
         write for name, *where in tables for write in ((name, *where), (f"{name}_done", *where))
     ]
-    row = open_campaign(path).result_rows()[0]
+    row = read_campaign(path).result_rows()[0]
     assert (row["string"], row["objective"], row["samples_used"]) == (5, 0.5, 10)
     assert (row["failed"], row["hit_maximum"], row["growth_number"]) == (1, 1, 6.859)
 
@@ -120,22 +121,22 @@ def test_results_wait_for_company_but_not_for_long(path, writer):
     now = time.monotonic()
     put_result(writer, 5, 0.5)
     assert not writer.flush_due(now)
-    assert len(open_campaign(path).result_rows()) == 0
+    assert len(read_campaign(path).result_rows()) == 0
     assert writer.flush_due(time.monotonic() + FLUSH_AGE)
-    assert len(open_campaign(path).result_rows()) == 1
+    assert len(read_campaign(path).result_rows()) == 1
     assert not writer.flush_due(time.monotonic() + FLUSH_AGE)
 
 
 def test_generations(path, writer):
     put_generation(writer, 0)
-    row = open_campaign(path).generation_rows()[0]
+    row = read_campaign(path).generation_rows()[0]
     assert row["population"].tolist() == list(range(POPULATION))[::-1]
     assert (row["generation"], row["mean_of_top"], row["seconds"]) == (0, 0.5, 12.5)
 
 
 def test_legs(path, writer):
     assert begin_leg(writer) == 0
-    row = open_campaign(path).legs()[0]
+    row = read_campaign(path).legs()[0]
     assert (row["exit_code"], row["ranks"], row["numba"]) == (-1, 4, b"")
     assert np.isnan(row["stopped"])
     assert row["host"].decode() == "knöten"
@@ -143,7 +144,7 @@ def test_legs(path, writer):
     writer.end_leg(
         0, stopped=1e9 + 5, exit_code=75, samples=300, busy_seconds=19.5, database_seconds=0.2
     )
-    row = open_campaign(path).legs()[0]
+    row = read_campaign(path).legs()[0]
     assert (row["exit_code"], row["stopped"], row["samples"]) == (75, 1e9 + 5, 300)
     assert row["ranks"] == 4
 
@@ -151,7 +152,7 @@ def test_legs(path, writer):
 def test_a_full_table_of_legs_keeps_its_last_row_current(path, writer):
     for leg in range(LEG_CAPACITY + 3):
         index = begin_leg(writer, float(leg))
-    legs = open_campaign(path).legs()
+    legs = read_campaign(path).legs()
     assert index == LEG_CAPACITY - 1
     assert legs["started"][-2:].tolist() == [LEG_CAPACITY - 2, LEG_CAPACITY + 2]
 
@@ -162,7 +163,7 @@ def test_a_full_table_of_failures_keeps_its_last_row_current(path, writer):
         room.append(writer.has_room_for_failures)
         assert writer.put_failure(3, sample, rank=1, host="a", text=f"number {sample}")
     assert room == [True] * FAILURE_CAPACITY + [False] * 3
-    rows = open_campaign(path).failures()
+    rows = read_campaign(path).failures()
     assert len(rows) == FAILURE_CAPACITY
     assert rows["sample"][-2:].tolist() == [FAILURE_CAPACITY - 2, FAILURE_CAPACITY + 2]
     assert rows["text"][-1] == f"number {FAILURE_CAPACITY + 2}".encode()
@@ -175,13 +176,13 @@ def test_all_there_is_of_a_sample_that_took_too_long_is_not_overwritten(path, wr
     assert writer.put_failure(4, 0, rank=1, host="a", text=late)
     assert not writer.put_failure(4, 1, rank=1, host="a", text=late)
     assert not writer.put_failure(4, 2, rank=1, host="a", text="an exception")
-    assert open_campaign(path).failures()[["string", "sample"]].tolist()[-1] == (4, 0)
+    assert read_campaign(path).failures()[["string", "sample"]].tolist()[-1] == (4, 0)
 
 
 def test_failures_keep_the_end_of_a_long_text(path, writer):
     writer.put_failure(3, 4, rank=1, host="a", text="é" * 600 + "ValueError: no")
     writer.put_failure(3, 5, rank=1, host="a", text="short")
-    rows = open_campaign(path).failures()
+    rows = read_campaign(path).failures()
     assert rows["sample"].tolist() == [4, 5]
     text = rows["text"][0].decode()
     assert text.startswith("é")
@@ -207,8 +208,8 @@ def test_samples_without_a_place_are_refused_and_forgotten(path, writer, string,
     with pytest.raises(IndexError, match="room"):
         writer.put_samples(sample_rows(string, sample, 1))
     writer.flush()
-    assert len(open_campaign(path).all_sample_rows()) == 0, "its string was never stored"
-    assert len(open_campaign(path).sample_rows(0)) == 1
+    assert len(read_campaign(path).all_sample_rows()) == 0, "its string was never stored"
+    assert len(read_campaign(path).sample_rows(0)) == 1
 
 
 def test_rows_beyond_the_room_are_refused(path, writer):
@@ -217,8 +218,8 @@ def test_rows_beyond_the_room_are_refused(path, writer):
     with pytest.raises(IndexError, match="/strings"):
         put_strings(writer, STRINGS - 1, 2)
     with pytest.raises(IndexError, match="/samples"):
-        open_campaign(path).sample_rows(STRINGS)
-    assert len(open_campaign(path).string_rows()) == 0
+        read_campaign(path).sample_rows(STRINGS)
+    assert len(read_campaign(path).string_rows()) == 0
 
 
 def test_a_failed_write_names_the_file_and_can_be_repeated(path, file_size_limit):
@@ -229,7 +230,7 @@ def test_a_failed_write_names_the_file_and_can_be_repeated(path, file_size_limit
     file_size_limit(offset + 1000)
     with pytest.raises(OSError, match=r"too large.*grains\.h5"):
         writer.flush()
-    assert len(open_campaign(path).sample_rows(30)) == 0
+    assert len(read_campaign(path).sample_rows(30)) == 0
     with pytest.raises(OSError, match=r"too large.*grains\.h5"):
         writer.close()
     assert not writer._file
@@ -244,7 +245,7 @@ def test_a_repeated_write_succeeds(path, writer, monkeypatch):
         writer.flush()
     monkeypatch.setattr(table, "write", put)
     writer.sync()
-    assert len(open_campaign(path).sample_rows(1)) == 10
+    assert len(read_campaign(path).sample_rows(1)) == 10
 
 
 def test_closing_writes_what_waits_and_twice_is_harmless(path):
@@ -252,7 +253,7 @@ def test_closing_writes_what_waits_and_twice_is_harmless(path):
     writer.put_samples(sample_rows(1, 0, 10))
     writer.close()
     writer.close()
-    assert len(open_campaign(path).sample_rows(1)) == 10
+    assert len(read_campaign(path).sample_rows(1)) == 10
 
 
 def test_only_raw_data_changes(path):

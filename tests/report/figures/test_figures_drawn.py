@@ -15,6 +15,7 @@ from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.storage.reader import read_campaign
 
 PLOTS = ("convergence", "cost", "radii", "best", "ensembles", "finalists", "samples", "busy")
 
@@ -99,7 +100,7 @@ def empty_data(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL)
     experiment = InversionExperiment(load_campaign(tmp_path / "small.yaml"))
     prepare(tmp_path / "small.h5", experiment, accept_code_change=False)
-    return open_campaign(tmp_path / "small.h5").snapshot()
+    return read_campaign(tmp_path / "small.h5")
 
 
 @pytest.mark.parametrize("name", [name for name in FIGURES if name != "cloud"])
@@ -117,7 +118,7 @@ def test_a_cloud_of_nothing_cannot_be_drawn(empty_data):
 
 
 def test_no_label_of_a_figure_is_clipped(finished):
-    data, outside = open_campaign(finished).snapshot(), []
+    data, outside = read_campaign(finished), []
     drawn = [f for f in FIGURES.values() if not f.on_request]
     for drawing in (figure.drawing(data, FigureOptions()) for figure in drawn):
         figure = Figure(figsize=drawing.size, layout="constrained")

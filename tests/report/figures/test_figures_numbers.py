@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.report import sample_particles
@@ -19,11 +18,12 @@ from agglom_mpi.report.figures.utilisation import (
 )
 from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION, matching_paper
 from agglom_mpi.statistics import t_95
+from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.fixture(scope="module")
 def data(finished):
-    return open_campaign(finished).snapshot()
+    return read_campaign(finished)
 
 
 def test_the_history_is_that_of_the_generations(data):
