@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from displaced_starts import expected_collisions
 from event_reference import run_reference
 from event_runs import ESCAPES, bouncing, recorded, same_place, size_ratio
 from plain_python import cases
@@ -363,13 +364,20 @@ def test_small_steps_find_the_same_collisions_of_large_spheres(seed):
     positions = generator.uniform(-HALF, HALF, (3, 3))
     velocities = generator.normal(size=(3, 3))
     step, end_time = 1e-6, 0.012
-    found = small_steps(positions, velocities, radii, 0.6, end_time, step)
     scene = scene_of(0.6, 3)._replace(end_time=end_time)
-    out = recorded(scene, state(scene, positions, velocities, radii))
-    assert len(found) >= 3
-    assert out.pairs.tolist() == [[i, j] for _, i, j in found]
-    # The first is late by up to a step; a few collisions may make that tenfold.
-    np.testing.assert_allclose(out.times, [time for time, *_ in found], atol=10.0 * step)
+
+    def exact(start):
+        out = recorded(scene, state(scene, start, velocities, radii))
+        return [(time, *pair) for time, pair in zip(out.times, out.pairs.tolist(), strict=True)]
+
+    found = small_steps(positions, velocities, radii, 0.6, end_time, step)
+    reach = 2.0 * step * np.abs(velocities).max()
+    expected = expected_collisions(exact, positions, reach)
+    assert len(expected.collisions) >= 3
+    found = found[: len(expected.collisions)]
+    assert [pair for _, *pair in found] == [list(pair) for _, *pair in expected.collisions]
+    late = [f[0] - e[0] for f, e in zip(found, expected.collisions, strict=True)]
+    assert np.all(np.abs(late) <= step + expected.changes)
 
 
 def test_oversize_spheres_find_their_neighbours_however_often_they_crossed_the_box():

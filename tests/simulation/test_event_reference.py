@@ -2,10 +2,12 @@
 
 import itertools
 import math
+from functools import partial
 
 import kinetic_theory as theory
 import numpy as np
 import pytest
+from displaced_starts import expected_collisions
 from event_reference import Collision, run_reference
 
 from agglom_mpi.physics.kinetic_theory import volume_fraction
@@ -363,18 +365,26 @@ def stepped(position, velocity, radius, step, most):
     return found
 
 
-@pytest.mark.parametrize("seed", [13, 15, 18])
-def test_small_steps_find_the_same_collisions_late_by_a_few_steps(seed):
-    start, velocity = gas(6, seed)
-    radius, most = 0.3, 6
-    exact = run(start, velocity, 1e9, radius=radius, most=most).collisions
-    for step in (1e-3, 1e-4):
-        found = stepped(start, velocity, radius, step, most)
-        assert [c[1:] for c in found] == [c[1:3] for c in exact]
-        late = np.array([c[0] for c in found]) - [c.time for c in exact]
-        assert 0.0 <= late[0] <= step
-        # The first is late by up to a step; two per sphere may make that tenfold.
-        assert np.max(np.abs(late)) <= 10.0 * step
+def test_small_steps_find_the_same_collisions_late_by_as_much_as_displaced_spheres():
+    radius, most, compared = 0.3, 6, {}
+    seeds = range(6)
+
+    def exact(start, velocity):
+        found = run(start, velocity, 1e9, radius=radius, most=most).collisions
+        return [tuple(collision[:3]) for collision in found]
+
+    for seed, step in itertools.product(seeds, (1e-3, 1e-4)):
+        start, velocity = gas(6, seed)
+        reach = 2.0 * step * np.abs(velocity).max()
+        expected = expected_collisions(partial(exact, velocity=velocity), start, reach)
+        found = stepped(start, velocity, radius, step, most)[: len(expected.collisions)]
+        assert [c[1:] for c in found] == [c[1:] for c in expected.collisions]
+        late = np.array([f[0] - e[0] for f, e in zip(found, expected.collisions, strict=True)])
+        assert np.all((late[:1] >= 0.0) & (late[:1] <= step))
+        assert np.all(np.abs(late) <= step + expected.changes)
+        compared[seed, step] = len(found)
+    fine = [compared[seed, 1e-4] for seed in seeds]
+    assert np.mean(fine) >= 0.5 * most
 
 
 def test_an_elastic_gas_collides_at_enskogs_rate():
