@@ -77,7 +77,7 @@ def begin(path, failed=0):
             rows = np.zeros(10, sample_dtype)
             rows["string"], rows["sample"], rows["state"] = string, np.arange(10), 1
             rows["mean_radius_ratio"], rows["particles"] = 1.5 + 0.1 * np.arange(10), 20
-            rows["seconds"], rows["energy_error"] = 0.25, 1e-12
+            rows["seconds"], rows["cpu_seconds"], rows["energy_error"] = 0.25, 0.2, 1e-12
             if string == 0:
                 rows["state"][:failed], rows["reason"][:failed] = 2, 3
             writer.put_samples(rows)
