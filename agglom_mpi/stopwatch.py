@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 BUSY_RATIO: Final = 1.3
 """Ratio of wall-clock to processor time of simulations above which a machine counts as busy.
 
-The threads of an otherwise idle machine that serve messages bring it to at most 1.1.
+Where every rank has a core, the thread that serves messages takes up to 6 % of it.
 """
 
 

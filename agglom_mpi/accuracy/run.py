@@ -28,7 +28,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.display import Display
 from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import format_duration
+from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
@@ -261,11 +261,11 @@ def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
             for variable in VARIABLES
             if variable.name in plan.campaign.variables.used
         )
-    legs, rows = file.legs(), file.all_sample_rows()
+    ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()
     time = format_duration(float(time_on_free_core(rows).sum()))
     yield (
         f"{'quick' if plan.quick else 'full'} study: {len(plan.study.setups)} set-ups, "
-        f"{len(rows)} samples, {time} of processor time on {int(legs['ranks'].max())} ranks"
+        f"{len(rows)} samples, {time} of processor time on {pluralise(ranks, 'rank')}"
     )
 
 

@@ -245,7 +245,7 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost:
     bottom = axes.get_xaxis_transform()
     event = "event, no error in time"
     axes.plot([cost], [0.0], "k*", markersize=9, label=event, transform=bottom, clip_on=False)
-    axes.legend(frameon=False, fontsize="small")
+    axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
 
 
 def _curve(family: str, rows: "pd.DataFrame", error: "pd.Series") -> Curve:

@@ -274,9 +274,9 @@ def _heading(report: ForecastReport) -> list[str]:
     return [
         f"{campaign.title or campaign.name}: at most {campaign.stopping.generations} generations, "
         f"{campaign.max_strings} strings",
-        f"{pilot.samples} samples of {pilot.strings} strings {where}: {_clock(pilot)}, mean "
-        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)}"
-        f"{failed}",
+        f"{pilot.samples} samples of {pilot.strings} strings {where}: mean "
+        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)} "
+        f"of {_clock(pilot)}{failed}",
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
@@ -293,10 +293,8 @@ def _busy(pilot: PilotSummary) -> list[str]:
     """Return a line on a machine that was busy with something else, if it was."""
     if not pilot.wall_over_cpu > BUSY_RATIO:
         return []
-    return [
-        f"on a busy machine: samples took {pilot.wall_over_cpu:.2g} times their processor time; "
-        "the forecasts are for ranks that have a core each"
-    ]
+    ratio = f"{pilot.wall_over_cpu:.2g}"
+    return [f"busy machine: samples took {ratio} times their processor time, which forecasts use"]
 
 
 def _footer(report: ForecastReport) -> list[str]:
