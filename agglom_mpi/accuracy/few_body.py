@@ -35,6 +35,7 @@ from agglom_mpi.accuracy.few_body_study import (
     study,
 )
 from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name, time_text
+from agglom_mpi.accuracy.work_precision import cost_at
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate
 
@@ -153,20 +154,10 @@ def _costs(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
 def seconds_at(rows: "pd.DataFrame", goal: float) -> float:
     """Return the time of a run in s at which an engine reaches an error; inf if it never does.
 
-    The errors are the upper ends of their 95 % intervals, and one counts as reached if those of all
-    finer steps are below it, too. Between steps the logarithm of the time is interpolated in that
-    of the error.
+    The errors are the upper ends of their 95 % intervals, and those of all finer steps count.
     """
     ordered = rows.sort_values("step (s)", ascending=False)
-    error = _upper(ordered).to_numpy()
-    seconds = ordered[TIME].to_numpy()
-    k = len(error) - int(np.logical_and.accumulate(error[::-1] <= goal).sum())
-    if k == len(error):
-        return math.inf
-    if k == 0:
-        return float(seconds[0])
-    share = math.log(error[k - 1] / goal) / math.log(error[k - 1] / error[k])
-    return float(seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share)
+    return cost_at(_upper(ordered), ordered[TIME], goal)
 
 
 def _unconverged(frame: "pd.DataFrame", fits: "pd.DataFrame") -> Iterator[dict[str, Any]]:

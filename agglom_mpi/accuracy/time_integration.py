@@ -15,6 +15,7 @@ from agglom_mpi.accuracy.run_times import (
     time_text,
 )
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
+from agglom_mpi.accuracy.work_precision import lasting
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
@@ -271,15 +272,12 @@ def _reached(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]
     """Yield of each method the cheapest set-up that is shown to reach a tolerance, or None.
 
     A set-up reaches it if the 95 % interval of its bias and those of all finer steps of its method
-    lie within. A bias that changes its sign passes through zero at some step by accident, and one
-    that is small there but not shown to be small at finer steps is no accuracy. `outside` is
-    whether the finest steps are shown to be outside, `bound` the error that they are shown to be
-    within.
+    lie within. `outside` is whether the finest steps are shown to be outside, `bound` the error
+    that they are shown to be within.
     """
     for method, rows in frame.groupby("method", sort=False):  # the coarsest steps first
         bound = _bound(rows)
-        lasting = np.logical_and.accumulate(bound.to_numpy()[::-1] <= tolerance)[::-1]
-        reached = rows[lasting].sort_values(TIME)
+        reached = rows[lasting(bound, tolerance)].sort_values(TIME)
         finest = rows.iloc[-1]
         yield {
             "method": method,
