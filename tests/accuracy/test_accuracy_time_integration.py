@@ -20,14 +20,22 @@ def campaign():
 
 
 def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> Section:
-    """Section of steppers whose growth is 2 + bias(shortest step over the end time) + noise."""
+    """Section of steppers whose growth is 2 + bias(shortest step over the end time) + noise.
+
+    Means and deviations are exactly these, whatever random numbers are drawn.
+    """
     parameters = campaign.parameters()
     random = np.random.default_rng(5)
-    shared = 2.0 + 0.3 * random.normal(size=COUNT)
+
+    def normal():
+        drawn = random.normal(size=COUNT)
+        return (drawn - drawn.mean()) / drawn.std(ddof=1)
+
+    shared = 2.0 + 0.3 * normal()
     samples = {module.EVENT: made_up(shared, seconds)}
     end_time = module.end_time_of(campaign, parameters)
     for stepper in module.steppers(end_time, quick=False):
-        own = shared + bias(stepper.step / end_time) + noise * random.normal(size=COUNT)
+        own = shared + bias(stepper.step / end_time) + noise * normal()
         cost = seconds * (0.1 + 1e-3 * end_time / stepper.step)
         samples[module.name_of(stepper)] = made_up(own, cost, **extra)
     return module.time_integration_section(campaign, parameters, samples, quick=False)

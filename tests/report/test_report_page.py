@@ -171,7 +171,7 @@ def test_the_starts_show_how_much_of_their_busy_time_ranks_were_on_a_core(waitin
         leg = writer.begin_leg(**leg_fields(2, "") | {"started": 1e9})
         writer.end_leg(leg, stopped=1e9 + 5.0, exit_code=0, samples=30, **times)
         writer.begin_leg(**leg_fields(2, ""))
-    table = page_tables.legs(open_campaign(waiting).snapshot())
+    table = page_tables.legs(read_campaign(waiting))
     places = [table.headings.index(name) for name in ("busy", "on a core", "writing")]
     ended, running = table.rows
     assert [ended[place] for place in places] == ["80.0%", "75.0%", "5.00%"]
@@ -180,7 +180,7 @@ def test_the_starts_show_how_much_of_their_busy_time_ranks_were_on_a_core(waitin
 
 def test_a_string_is_shown_with_its_processor_time_or_else_its_wall_clock_time(waiting):
     def shown():
-        return {row[0]: row[1:] for row in best_strings(open_campaign(waiting).snapshot()).rows}
+        return {row[0]: row[1:] for row in best_strings(read_campaign(waiting)).rows}
 
     begin(waiting)
     assert shown()["processor time"] == ["2 s", "2 s", "2 s"]
