@@ -88,7 +88,7 @@ class CampaignFile(metaclass=PublicFace):
 
     @property
     def strings(self) -> "pd.DataFrame":
-        """One row for each string: origin, parameters, judgement and processor time.
+        """One row for each string: origin, parameters, judgement and times of its samples.
 
         Examples
         --------

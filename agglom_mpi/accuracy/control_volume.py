@@ -7,10 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_mean, format_seconds
+from agglom_mpi.formatting import format_mean
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -165,7 +167,7 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
         "spread of samples": float(np.std(ratios, ddof=1)) if len(ratios) > 1 else np.nan,
         "objective": value,
         "standard error of the objective": error,
-        "seconds per sample (s)": float(np.mean(rows["seconds"])),
+        **time_columns("sample", time_on_free_core(rows)),
     }
 
 
@@ -186,7 +188,7 @@ COLUMNS: Final = (
             MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
         ),
     ),
-    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    shown_time("sample"),
 )
 
 
@@ -220,7 +222,7 @@ def _changes(
             "beyond": abs(change.value) > change.half_width,
             "own_objective": home["objective"],
             "objective": row["objective"],
-            "cost": row["seconds per sample (s)"] / home["seconds per sample (s)"],
+            "cost": row[time_name("sample")] / home[time_name("sample")],
         }
 
 

@@ -13,10 +13,17 @@ from agglom_mpi.accuracy.cooling_methods import (
     grain_of,
     least_step,
     linear_limit,
-    seconds_of_exact,
-    seconds_per_step,
+    times_of_exact,
+    times_per_step,
 )
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.run_times import (
+    WALL_OVER_CPU,
+    ratio_of_clocks,
+    shown_time,
+    time_columns,
+    time_name,
+)
 from agglom_mpi.formatting import format_seconds
 from agglom_mpi.physics.cooling import QuarticCooling
 from agglom_mpi.report.drawing import Drawing
@@ -36,6 +43,10 @@ STIFF: Final = 10.0
 """End of the runs in which grains cool noticeably, over the longest step of the start."""
 PUBLISHED: Final = 200
 """Steps that [A] takes to the end time."""
+EULER_STEP: Final = "Euler step"
+TO_END: Final = "exact run to the end time"
+IN_STIFF: Final = "exact stiff run"
+"""What is timed, as the columns name it."""
 FLOOR: Final = 1e-17
 """Relative error at which a logarithmic axis shows none."""
 
@@ -105,9 +116,9 @@ def _findings(
             "error": stiff[stiff["steps"] == most]["relative error"].max(),
         },
         "seconds": {
-            "step": limits["seconds per Euler step (s)"].median(),
-            "end_time": limits["seconds exactly to end time (s)"].median(),
-            "stiff": limits["seconds exactly, stiff (s)"].median(),
+            "step": limits[time_name(EULER_STEP)].median(),
+            "end_time": limits[time_name(TO_END)].median(),
+            "stiff": limits[time_name(IN_STIFF)].median(),
         },
         "flaws": list(_flaws(errors)),
         "ceil": math.ceil,
@@ -148,6 +159,9 @@ def measure_limits(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
     rows = []
     for start in starts(grain, scene, quick):
         limit = linear_limit(grain, start)
+        step = times_per_step(grain, start, 1e-3 * limit)
+        to_end = times_of_exact(grain, start, scene.end_time)
+        in_stiff = times_of_exact(grain, start, STIFF * limit)
         rows.append(
             {
                 "start (K)": start,
@@ -155,9 +169,10 @@ def measure_limits(grain: Grain, scene: Scene, quick: bool) -> "pd.DataFrame":
                 "overshoots from (s)": least_step(grain, start, "overshoots", limit),
                 "negative from (s)": least_step(grain, start, "negative", limit),
                 "end time over limit": scene.end_time / limit,
-                "seconds per Euler step (s)": seconds_per_step(grain, start, 1e-3 * limit),
-                "seconds exactly to end time (s)": seconds_of_exact(grain, start, scene.end_time),
-                "seconds exactly, stiff (s)": seconds_of_exact(grain, start, STIFF * limit),
+                **time_columns(EULER_STEP, [spent.cpu for spent in step]),
+                **time_columns(TO_END, [spent.cpu for spent in to_end]),
+                **time_columns(IN_STIFF, [spent.cpu for spent in in_stiff]),
+                WALL_OVER_CPU: ratio_of_clocks([*step, *to_end, *in_stiff]),
             }
         )
     return pd.DataFrame(rows)
@@ -211,11 +226,9 @@ LIMIT_COLUMNS: Final = (
     TableColumn("overshoots from (× limit)", lambda row: _ratio(row, "overshoots from (s)")),
     TableColumn("below 0 K from (× limit)", lambda row: _ratio(row, "negative from (s)")),
     TableColumn("end time over limit", lambda row: f"{row['end time over limit']:.2g}"),
-    TableColumn("Euler step", lambda row: format_seconds(row["seconds per Euler step (s)"])),
-    TableColumn(
-        "exact, end time", lambda row: format_seconds(row["seconds exactly to end time (s)"])
-    ),
-    TableColumn("exact, stiff", lambda row: format_seconds(row["seconds exactly, stiff (s)"])),
+    shown_time(EULER_STEP),
+    shown_time(TO_END),
+    shown_time(IN_STIFF),
 )
 
 

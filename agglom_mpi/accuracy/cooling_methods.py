@@ -1,8 +1,6 @@
 """Cooling of single grains by Euler steps and exactly: many in one compiled loop, timed."""
 
 import math
-import statistics
-import time
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -18,6 +16,7 @@ from agglom_mpi.physics.cooling import (
     exact_temperature,
 )
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
 EXAMPLE_CAPACITY: Final = 1000.0
 """J/(kg K), where a scene has no heat."""
@@ -26,7 +25,7 @@ STEPS: Final = 200
 TIMED: Final = 2000
 """Grains of a timed loop."""
 REPEATS: Final = 5
-"""Timed loops, of which the median counts."""
+"""Timed loops, of which median and quartiles count."""
 
 
 class Grain(NamedTuple):
@@ -155,24 +154,27 @@ def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> flo
     return high
 
 
-def seconds_per_step(grain: Grain, temperature: float, step: float) -> float:
-    """Return the median time in s of one Euler step of one grain."""
-    return _median_time(loop_of_steps, grain, temperature, step, 10)
+def times_per_step(grain: Grain, temperature: float, step: float) -> list[TimeSpent]:
+    """Return the times in s of one Euler step of one grain, of several loops."""
+    return _times(loop_of_steps, grain, temperature, step, 10)
 
 
-def seconds_of_exact(grain: Grain, temperature: float, duration: float) -> float:
-    """Return the median time in s of cooling one grain exactly for `duration` in s."""
-    return _median_time(loop_of_exact, grain, temperature, duration, 1)
+def times_of_exact(grain: Grain, temperature: float, duration: float) -> list[TimeSpent]:
+    """Return the times in s of cooling one grain exactly for `duration` in s, of several loops."""
+    return _times(loop_of_exact, grain, temperature, duration, 1)
 
 
-def _median_time(loop: Any, grain: Grain, temperature: float, span: float, repeats: int) -> float:
-    """Return the median time in s that a loop takes for one grain and one time span."""
+def _times(
+    loop: Any, grain: Grain, temperature: float, span: float, repeats: int
+) -> list[TimeSpent]:
+    """Return the times in s that a loop takes for one grain and one time span."""
     radius = np.full(TIMED, math.sqrt(grain.surface / (4.0 * math.pi)))
     mass = np.full(TIMED, grain.capacity)
     times = []
     for _ in range(REPEATS + 1):  # the first one compiles
         temperatures = np.full(TIMED, temperature)
-        begin = time.perf_counter()
+        stopwatch = Stopwatch()
         loop(grain.law, radius, mass, 1.0, temperatures, span, repeats)
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times[1:]) / (TIMED * repeats)
+        wall, cpu = stopwatch.read()
+        times.append(TimeSpent(wall / (TIMED * repeats), cpu / (TIMED * repeats)))
+    return times[1:]

@@ -204,13 +204,25 @@ def _processor() -> str:
 
 
 class Curve(NamedTuple):
-    """Points of one method: cost, error, and a confidence band of the error (same shapes)."""
+    """Points of one method, all of the same shape: cost, error, and what surrounds them.
+
+    Attributes
+    ----------
+    label
+    cost, error
+    low, high
+        Confidence band of the error.
+    cost_low, cost_high
+        Spread of the cost.
+    """
 
     label: str
     cost: ArrayLike
     error: ArrayLike
     low: ArrayLike | None = None
     high: ArrayLike | None = None
+    cost_low: ArrayLike | None = None
+    cost_high: ArrayLike | None = None
 
 
 def draw_curves(
@@ -223,6 +235,9 @@ def draw_curves(
     zero: bool = False,
 ) -> Any:
     """Draw work-precision curves and return the axes.
+
+    Points are joined in the order of their cost: measured times of steps that cost about the same
+    come in any order, and a curve through these in another order would turn back.
 
     Parameters
     ----------
@@ -253,7 +268,13 @@ def draw_curves(
 def _add_curve(axes: Any, curve: Curve, index: int) -> None:
     """Add one curve with its band to axes; `index` picks colour and marker."""
     colour = COLOURS[index % len(COLOURS)]
-    cost, error = np.asarray(curve.cost, float), np.asarray(curve.error, float)
+    order = np.argsort(np.asarray(curve.cost, float), kind="stable")
+    cost, error, *around = (
+        None if values is None else np.asarray(values, float)[order] for values in curve[1:]
+    )
+    assert cost is not None
+    assert error is not None
+    low, high, cost_low, cost_high = around
     axes.plot(
         cost,
         error,
@@ -263,6 +284,7 @@ def _add_curve(axes: Any, curve: Curve, index: int) -> None:
         linewidth=1.2,
         label=curve.label,
     )
-    if curve.low is not None and curve.high is not None:
-        low, high = np.asarray(curve.low, float), np.asarray(curve.high, float)
+    if low is not None and high is not None:
         axes.fill_between(cost, low, high, color=colour, alpha=0.15, linewidth=0)
+    if cost_low is not None and cost_high is not None:
+        axes.hlines(error, cost_low, cost_high, color=colour, linewidth=0.8)

@@ -168,7 +168,7 @@ def _costs(rules: "pd.DataFrame", goal: float) -> Iterator[dict[str, Any]]:
         samples = samples_needed(rows, goal)
         yield {
             "rule": rule,
-            "reached": not math.isnan(samples),
+            "reached": math.isfinite(samples),
             "samples": samples,
             "best": rows["rms error"].min(),
         }

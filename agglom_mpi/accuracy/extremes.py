@@ -8,11 +8,13 @@ import numpy as np
 
 from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
 from agglom_mpi.accuracy.published_method import as_published
+from agglom_mpi.accuracy.run_times import time_columns, time_text
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.formatting import format_mean, format_percent, format_seconds
+from agglom_mpi.formatting import format_mean, format_percent
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -88,7 +90,7 @@ def _summary(rows: Rows) -> dict[str, Any]:
         "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
         "energy error": float(np.max(np.abs(good["energy_error"]))) if len(good) else np.nan,
         "momentum error": float(np.max(good["momentum_error"])) if len(good) else np.nan,
-        "seconds per sample (s)": float(np.mean(rows["seconds"])),
+        **time_columns("sample", time_on_free_core(rows)),
     }
 
 
@@ -122,13 +124,19 @@ def _growth(row: Any, method: str) -> str:
     )
 
 
+def _time(row: Any, method: str) -> str:
+    prefix = f"{method}: "
+    own = {name.removeprefix(prefix): row[name] for name in row.index if name.startswith(prefix)}
+    return time_text(own, "sample")
+
+
 COLUMNS: Final = (
     TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
     TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
     TableColumn("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
     TableColumn("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
     TableColumn("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
-    TableColumn("time", lambda row: format_seconds(row["ours: seconds per sample (s)"])),
+    TableColumn("processor time", lambda row: _time(row, "ours")),
     TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
     TableColumn("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
 )

@@ -34,6 +34,8 @@ from agglom_mpi.accuracy.few_body_study import (
     orders,
     study,
 )
+from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name, time_text
+from agglom_mpi.accuracy.work_precision import cost_at
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate
 
@@ -56,6 +58,7 @@ LEAST_ORDER: Final = 0.5
 """Order of convergence above which a stepper counts as converging."""
 
 ERROR: Final = "position error (box edges)"
+TIME: Final = time_name("run")
 
 
 def few_body_section(quick: bool = False) -> Section:
@@ -100,6 +103,7 @@ def _sentences(
         digits=float(np.finfo(np.longdouble).eps),
         goal=GOAL,
         event=frame[frame["engine"] == "event"],
+        event_time=time_text(time_columns("run", frame[frame["engine"] == "event"][TIME]), "run"),
         orders=[_range_of_orders(fits, engine) for engine in ("fixed", "adaptive")],
         head_on=_measured_over_predicted(frame),
         costs=list(_costs(frame)),
@@ -135,7 +139,7 @@ def _measured_over_predicted(frame: "pd.DataFrame") -> MeanEstimate:
 
 
 def _costs(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
-    """Yield for each engine the median of the seconds a run takes at the goal, over the scenes."""
+    """Yield for each engine the median time of a run at the goal, in s, over the scenes."""
     for engine, rows in frame.groupby("engine", sort=False):
         seconds = [seconds_at(points, GOAL) for _, points in rows.groupby("scene")]
         reached = [second for second in seconds if second < math.inf]
@@ -148,21 +152,12 @@ def _costs(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
 
 
 def seconds_at(rows: "pd.DataFrame", goal: float) -> float:
-    """Return the seconds of a run at which an engine reaches an error; inf if it never does.
+    """Return the time of a run in s at which an engine reaches an error; inf if it never does.
 
-    Between its steps the logarithm of the seconds is interpolated in that of the error.
+    The errors are the upper ends of their 95 % intervals, and those of all finer steps count.
     """
     ordered = rows.sort_values("step (s)", ascending=False)
-    error = ordered["position error"].to_numpy()
-    seconds = ordered["seconds per run (s)"].to_numpy()
-    reached = np.flatnonzero(error <= goal)
-    if not len(reached):
-        return math.inf
-    k = int(reached[0])
-    if k == 0:
-        return float(seconds[0])
-    share = math.log(error[k - 1] / goal) / math.log(error[k - 1] / error[k])
-    return float(seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share)
+    return cost_at(_upper(ordered), ordered[TIME], goal)
 
 
 def _unconverged(frame: "pd.DataFrame", fits: "pd.DataFrame") -> Iterator[dict[str, Any]]:
@@ -201,10 +196,10 @@ def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Drawing, ...]
     def cost(figure: "matplotlib.figure.Figure") -> None:
         shown = frame[frame["scene"].isin((TYPICAL, UNSEEN))]
         curves = [
-            _curve(f"{engine}: {scene}", points, "seconds per run (s)")
+            _curve(f"{engine}: {scene}", points, TIME)
             for (scene, engine), points in shown.groupby(["scene", "engine"], sort=False)
         ]
-        draw_curves(figure, curves, "seconds per run (s)", ERROR)
+        draw_curves(figure, curves, TIME, ERROR)
 
     return (
         against_step("fixed", "time step (s)"),
@@ -214,10 +209,14 @@ def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Drawing, ...]
 
 
 def _curve(label: str, rows: "pd.DataFrame", cost: str) -> Curve:
-    error = rows["position error"]
-    half = 1.96 * rows["position error, standard error"]
-    low = np.maximum(error - half, 1e-3 * error)  # a band that reaches zero has no logarithm
-    return Curve(label, rows[cost], error, low, error + half)
+    error, upper = rows["position error"], _upper(rows)
+    low = np.maximum(2.0 * error - upper, 1e-3 * error)  # a band that reaches zero has no logarithm
+    return Curve(label, rows[cost], error, low, upper)
+
+
+def _upper(rows: "pd.DataFrame") -> "pd.Series":
+    """Return the upper end of the 95 % interval of each error."""
+    return rows["position error"] + 1.96 * rows["position error, standard error"]
 
 
 def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences) -> tuple[Table, ...]:
@@ -249,11 +248,13 @@ def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences) -
         exponent("position error"),
         exponent("position error, largest"),
         exponent("velocity error, largest"),
-        exponent("seconds per run (s)"),
+        shown_time("run"),
     )
     event = frame[frame["engine"] == "event"]
     return (
         Table("few_orders", sentences.paragraph("orders_caption"), fits, of_orders),
         Table("few_event", sentences.paragraph("event_caption"), event, of_event),
-        Table("few_runs", "Every scene, engine and step: errors and seconds per run.", frame),
+        Table(
+            "few_runs", "Every scene, engine and step: errors and processor time per run.", frame
+        ),
     )

@@ -1,7 +1,6 @@
-"""Engines against exact trajectories: error and seconds of each case, engine and step."""
+"""Engines against exact trajectories: error and run time of each case, engine and step."""
 
 import math
-import time
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from agglom_mpi.accuracy.few_body_reference import (
     hardness,
     initial_states,
 )
+from agglom_mpi.accuracy.run_times import WALL_OVER_CPU, ratio_of_clocks, time_columns
 from agglom_mpi.kernels import inlined, kernel
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
 from agglom_mpi.physics.friction import ConstantFriction
@@ -54,6 +54,7 @@ from agglom_mpi.simulation.scene import (
     run_to_end,
 )
 from agglom_mpi.statistics import mean_of
+from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +70,7 @@ ROUNDING: Final = 1e-12
 """Errors below this are no part of a fit: the step does not decide them."""
 
 REPETITIONS = 5
-"""Times that a batch runs; its seconds are the median."""
+"""Times that a batch runs, of which median and quartiles count."""
 
 
 class FinalStates(NamedTuple):
@@ -81,14 +82,14 @@ class FinalStates(NamedTuple):
         Of the particles left, in the order of their slots, shape (runs, 3, grains), m and m/s.
     left
         Particles left, shape (runs,).
-    seconds
-        Seconds per run.
+    times
+        Time spent per run, of one batch or of several.
     """
 
     position: Floats
     velocity: Floats
     left: NDArray[np.int64]
-    seconds: float
+    times: tuple[TimeSpent, ...]
 
 
 @inlined
@@ -130,7 +131,7 @@ def run_all(scene: Scene, starts: InitialStates) -> FinalStates:
     """Run a scene without fragmentation from all starts, timed after its compilation."""
     _run(scene, InitialStates(starts.position[:1], starts.velocity[:1]))
     ends = [_run(scene, starts) for _ in range(REPETITIONS)]
-    return ends[0]._replace(seconds=float(np.median([end.seconds for end in ends])))
+    return ends[0]._replace(times=tuple(spent for end in ends for spent in end.times))
 
 
 def _run(scene: Scene, starts: InitialStates) -> FinalStates:
@@ -140,10 +141,11 @@ def _run(scene: Scene, starts: InitialStates) -> FinalStates:
     count = scene.particles
     grains, particles = new_particles(scene, count), new_particles(scene, count)
     state = grains, particles, new_engine_state(scene.engine, scene, count), new_ledger()
-    begin = time.perf_counter()
+    stopwatch = Stopwatch()
     run_batch(scene, *state, position, velocity, abort, left)
-    seconds = time.perf_counter() - begin
-    return FinalStates(position, velocity, left, seconds / len(position))
+    spent, runs = stopwatch.read(), len(position)
+    times = (TimeSpent(spent.wall / runs, spent.cpu / runs),)
+    return FinalStates(position, velocity, left, times)
 
 
 def scene_of(case: FewBodyCase, engine: Any) -> Scene:
@@ -271,7 +273,8 @@ def measure(case: FewBodyCase, engine: Any, delays: Floats) -> dict[str, float]:
         "velocity error": speed_error.value,
         "velocity error, standard error": speed_error.error,
         "velocity error, largest": max(velocity, default=math.nan),
-        "seconds per run (s)": ends.seconds,
+        **time_columns("run", [spent.cpu for spent in ends.times]),
+        WALL_OVER_CPU: ratio_of_clocks(ends.times),
     }
 
 

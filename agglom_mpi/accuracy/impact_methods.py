@@ -5,8 +5,6 @@ Many impacts run in one compiled loop; a frame has a row for each impact and met
 
 import itertools
 import math
-import statistics
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -14,6 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.impact_reference import Exact, Material, exact_impact
+from agglom_mpi.accuracy.run_times import (
+    WALL_OVER_CPU,
+    ratio_of_clocks,
+    time_columns,
+    time_name,
+)
 from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
@@ -28,6 +32,7 @@ from agglom_mpi.physics.restitution import (
     log_pressure_scale,
     solve_restitution,
 )
+from agglom_mpi.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +59,9 @@ PAIR: Final = ContactPair(
 
 REPEATS: Final = 3
 """Timed loops, of which the median counts."""
+
+TIME: Final = time_name("impact")
+"""Column of the median time of an impact."""
 
 ROOT: Final = "root finder"
 """Name of the package's method."""
@@ -178,16 +186,17 @@ def published_iterations(laws: ImpactLaws, hardness: NDArray[np.float64]) -> NDA
     return count
 
 
-def seconds_per_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> float:
-    """Return the median time of an impact in s, of loops over at least `least` impacts."""
+def time_of_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> dict[str, float]:
+    """Return the processor time of an impact as columns, of loops over at least `least` impacts."""
     repeats = -(-least // len(hardness))
     found = solve_all(laws, hardness)
     times = []
     for _ in range(REPEATS):
-        begin = time.perf_counter()
+        stopwatch = Stopwatch()
         solve_repeatedly(laws, PAIR, hardness, repeats, *found)
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times) / (repeats * len(hardness))
+        times.append(stopwatch.read())
+    seconds = np.array([spent.cpu for spent in times]) / (repeats * len(hardness))
+    return time_columns("impact", seconds) | {WALL_OVER_CPU: ratio_of_clocks(times)}
 
 
 class Method(NamedTuple):
@@ -241,7 +250,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
     published = isinstance(method.solver, FixedPointIteration)
     bouncing = np.array([not one.bonds for one in exact])
     counts = published_iterations(laws, hardness) if published else np.full(len(x), math.nan)
-    seconds = seconds_per_impact(laws, hardness[bouncing], LEAST_TIMED)
+    seconds = time_of_impact(laws, hardness[bouncing], LEAST_TIMED)
     return pd.DataFrame(
         {
             "method": method.name,
@@ -259,7 +268,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
             "error of e": np.abs(found.deficit - [one.deficit for one in exact]),
             "capped": found.capped,
             "iterations": counts,
-            "seconds per impact (s)": seconds,
+            **seconds,
         }
     )
 
@@ -281,7 +290,7 @@ def summary(impacts: "pd.DataFrame") -> "pd.DataFrame":
     for name, own in impacts.groupby("method", sort=False):
         bounces = own[~own["bonds"]]
         error, became = bounces["error of e"], outcomes(bounces)
-        seconds = bounces.groupby(["paper", "a0", "softening"])["seconds per impact (s)"].first()
+        materials = bounces.groupby(["paper", "a0", "softening"])[[TIME, WALL_OVER_CPU]].first()
         rows.append(
             {
                 "method": name,
@@ -295,8 +304,9 @@ def summary(impacts: "pd.DataFrame") -> "pd.DataFrame":
                 "median error of e": float(error.median()),
                 "worst error of e": float(error.max()),
                 "median iterations": float(bounces["iterations"].median()),
-                "seconds per impact (s)": float(seconds.median()),
-                "longest of a material (s)": float(seconds.max()),
+                **time_columns("impact", materials[TIME]),
+                "longest of a material (s)": float(materials[TIME].max()),
+                WALL_OVER_CPU: float(materials[WALL_OVER_CPU].median()),
             }
         )
     return pd.DataFrame(rows)

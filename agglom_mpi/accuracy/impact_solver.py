@@ -22,12 +22,14 @@ from agglom_mpi.accuracy.impact_methods import (
     OUTCOMES,
     ROOT,
     SOFTENINGS,
+    TIME,
     TOLERANCES,
     measure,
     name_of,
     outcomes,
     summary,
 )
+from agglom_mpi.accuracy.run_times import shown_time
 from agglom_mpi.formatting import format_seconds
 from agglom_mpi.report.drawing import COLOURS, Drawing
 
@@ -90,6 +92,7 @@ def _findings(impacts: "pd.DataFrame", frame: "pd.DataFrame") -> dict[str, Any]:
             for name in own["softening"].unique()
         ],
         "least_timed": LEAST_TIMED,
+        "time": TIME,
         "demanded": DEMANDED,
         "tolerance": TOLERANCES[1],
         "caps": CAPS,
@@ -144,8 +147,8 @@ COLUMNS: Final = (
         "median iterations",
         lambda row: "–" if math.isnan(row["cap"]) else f"{row['median iterations']:.0f}",
     ),
-    TableColumn("time", lambda row: format_seconds(row["seconds per impact (s)"])),
-    TableColumn("at most", lambda row: format_seconds(row["longest of a material (s)"])),
+    shown_time("impact"),
+    TableColumn("slowest material", lambda row: format_seconds(row["longest of a material (s)"])),
 )
 
 
@@ -154,12 +157,12 @@ def _draw_work(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> Non
     groups += [(f"published, cap {cap:g}", own) for cap, own in frame.groupby("cap")]
     curves = []
     for name, own in groups:
-        cost = 1e9 * own["seconds per impact (s)"]
+        cost = 1e9 * own[TIME]
         curves.append(Curve(name, cost, own["median error of e"].clip(lower=FLOOR)))
-    axes = draw_curves(figure, curves, "time of an impact (ns)", "error of e")
+    axes = draw_curves(figure, curves, "processor time of an impact (ns)", "error of e")
     for index, (_, own) in enumerate(groups):
         axes.plot(
-            1e9 * own["seconds per impact (s)"],
+            1e9 * own[TIME],
             own["worst error of e"].clip(lower=FLOOR),
             color=COLOURS[index],
             marker=MARKERS[index],
@@ -167,7 +170,7 @@ def _draw_work(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> Non
             fillstyle="none",
             linestyle="none",
         )
-    decades = np.log10(1e9 * frame["seconds per impact (s)"])
+    decades = np.log10(1e9 * frame[TIME])
     axes.set_xlim(10.0 ** np.floor(decades.min()), 10.0 ** np.ceil(decades.max()))
     axes.legend(frameon=False, fontsize="small", loc="lower right")
 

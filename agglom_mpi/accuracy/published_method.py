@@ -7,12 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
+from agglom_mpi.accuracy.run_times import shown_time, time_columns
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, FixedEngine, SceneSection
 from agglom_mpi.config.submodels import IterationSolver
-from agglom_mpi.formatting import format_mean, format_percent, format_seconds
+from agglom_mpi.formatting import format_mean, format_percent
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -121,7 +123,7 @@ def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
                 "half width": bias.half_width,
                 "pairs": bias.samples,
                 "unsolved impacts": float(np.sum(good["capped_iterations"])) / collisions,
-                "seconds per sample (s)": float(np.mean(own["seconds"])),
+                **time_columns("sample", time_on_free_core(own)),
             }
         )
     return pd.DataFrame(rows)
@@ -137,5 +139,5 @@ COLUMNS: Final = (
         ),
     ),
     TableColumn("unsolved impacts", lambda row: format_percent(row["unsolved impacts"])),
-    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    shown_time("sample"),
 )

@@ -20,13 +20,15 @@ from agglom_mpi.accuracy.document import Chapter, Header, Section, write_documen
 from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.few_body import few_body_section
 from agglom_mpi.accuracy.impact_solver import impact_solver_section
+from agglom_mpi.accuracy.run_times import busy_lines
 from agglom_mpi.accuracy.study import Rows, Setup, Study, completed, scene_error
+from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.display import Display
 from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import format_duration
+from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
@@ -208,7 +210,7 @@ def write_report(plan: StudyPlan, options: Options, file: CampaignData) -> Path:
         if plan.campaign
         else "Accuracy: stiff and extreme scenes",
         _command(options),
-        tuple(_facts(plan, file)),
+        (*_facts(plan, file), *_busy(file, chapters)),
     )
     return write_document(Path(options.out), header, chapters)
 
@@ -259,9 +261,14 @@ def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
             for variable in VARIABLES
             if variable.name in plan.campaign.variables.used
         )
-    legs, rows = file.legs(), file.all_sample_rows()
-    time = format_duration(float(rows["seconds"].sum()))
+    ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()
+    time = format_duration(float(time_on_free_core(rows).sum()))
     yield (
         f"{'quick' if plan.quick else 'full'} study: {len(plan.study.setups)} set-ups, "
-        f"{len(rows)} samples, {time} of processor time on {int(legs['ranks'].max())} ranks"
+        f"{len(rows)} samples, {time} of processor time on {pluralise(ranks, 'rank')}"
     )
+
+
+def _busy(file: CampaignData, chapters: list[Chapter]) -> list[str]:
+    sections = [section for chapter in chapters for section in chapter.sections]
+    return busy_lines(wall_over_cpu(file.all_sample_rows()), sections)

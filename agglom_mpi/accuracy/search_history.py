@@ -141,7 +141,7 @@ def _again(row: Any) -> MeanEstimate:
 
 COLUMNS: Final = (
     TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
-    TableColumn("seconds", lambda row: format_digits(row["seconds (s)"])),
+    TableColumn("wall-clock s", lambda row: format_digits(row["seconds (s)"])),
     TableColumn("string", lambda row: f"{row['string']:.0f}"),
     TableColumn("its samples", lambda row: f"{row['its samples']:.0f}"),
     TableColumn(

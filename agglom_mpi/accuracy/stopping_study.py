@@ -18,6 +18,7 @@ from agglom_mpi.accuracy.resampling import (
     run_paths,
     stop,
 )
+from agglom_mpi.accuracy.work_precision import cost_at, lasting
 from agglom_mpi.search.objectives import RadiusObjective
 from agglom_mpi.search.stopping import STUDIED_RULES, StoppingRule
 from agglom_mpi.statistics import t_95
@@ -217,28 +218,20 @@ def of_rules(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def at_goal(frame: "pd.DataFrame", goal: float) -> "pd.DataFrame":
-    """Return of each rule the loosest tolerance that reaches a relative error, or the tightest."""
+    """Return of each rule the loosest tolerance that reaches a relative error, or the tightest.
+
+    All tighter ones reach it, too.
+    """
     picked = []
     for _, rows in frame.groupby("rule", sort=False):
-        reached = np.flatnonzero(rows["rms error"] <= goal)
+        reached = np.flatnonzero(lasting(rows["rms error"], goal))
         picked.append(rows.index[reached[0] if len(reached) else -1])
     return frame.loc[picked]
 
 
 def samples_needed(rows: "pd.DataFrame", goal: float) -> float:
-    """Return the mean number of samples at which a rule reaches a relative error; nan if never.
-
-    Between its tolerances the logarithm of the samples is interpolated in that of the error.
-    """
-    error, spent = rows["rms error"].to_numpy(), rows["samples, mean"].to_numpy()
-    reached = np.flatnonzero(error <= goal)
-    if not len(reached):
-        return math.nan
-    k = int(reached[0])
-    if k == 0:
-        return float(spent[0])
-    portion = math.log(error[k - 1] / goal) / math.log(error[k - 1] / error[k])
-    return float(spent[k - 1] * (spent[k] / spent[k - 1]) ** portion)
+    """Return the mean number of samples at which a rule reaches a relative error; inf if never."""
+    return cost_at(rows["rms error"], rows["samples, mean"], goal)
 
 
 def covers_too_little(rows: "pd.DataFrame") -> "pd.Series[bool]":

@@ -7,10 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.run_times import (
+    quartile_names,
+    shown_time,
+    time_columns,
+    time_name,
+    time_text,
+)
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
+from agglom_mpi.accuracy.work_precision import lasting
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
-from agglom_mpi.formatting import format_mean, format_seconds
+from agglom_mpi.formatting import format_mean
 from agglom_mpi.outcome import summaries
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -29,6 +38,9 @@ FLOORS: Final = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 QUICK_FLOORS: Final = (1e-2, 1e-3)
 CAPS: Final = (1000.0, 10.0, 1.0)
 """Longest over shortest adaptive step; the first is published [B 6.14]."""
+TIME: Final = time_name("sample")
+"""Column of the median time."""
+AXIS: Final = "processor time of a sample (s)"
 TOLERANCES: Final = (0.05, 0.01, 0.002)
 """Relative errors of growth that the conclusions speak of."""
 
@@ -97,11 +109,14 @@ def time_integration_section(
     """
     frame = measure(campaign, parameters, samples, quick)
     reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
-    cost = float(np.mean(samples[EVENT]["seconds"]))
+    cost = time_columns("sample", time_on_free_core(samples[EVENT]))
     sentences = Sentences(
         "time_integration",
         growth=reference,
-        cost=cost,
+        cost=cost[TIME],
+        cost_text=time_text(cost, "sample"),
+        time=TIME,
+        time_text=time_text,
         end_time=end_time_of(campaign, parameters),
         reached=[(tolerance, list(_reached(frame, tolerance))) for tolerance in TOLERANCES],
         finest=[rows.iloc[-1] for _, rows in frame.groupby("method", sort=False)],
@@ -117,12 +132,12 @@ def time_integration_section(
             Drawing(
                 "time_integration",
                 sentences.paragraph("bias_caption"),
-                lambda figure: _draw_signed(figure, frame, cost),
+                lambda figure: _draw_signed(figure, frame, cost[TIME]),
             ),
             Drawing(
                 "time_integration_error",
                 sentences.paragraph("error_caption"),
-                lambda figure: _draw_error(figure, frame),
+                lambda figure: _draw_error(figure, frame, cost[TIME]),
             ),
         ),
         tables=(Table("time_integration", "One row is one set-up.", frame, COLUMNS),),
@@ -154,7 +169,7 @@ def measure(
                 "shortest step (s)": stepper.step,
                 "samples": len(own),
                 "failed": len(own) - len(good),
-                "seconds per sample (s)": float(np.mean(own["seconds"])),
+                **time_columns("sample", time_on_free_core(own)),
                 "bias of b/b0": bias.value,
                 "standard error": bias.error,
                 "relative bias": bias.value / growth,
@@ -185,7 +200,7 @@ COLUMNS: Final = (
     TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
     TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
     TableColumn("failed", lambda row: f"{row['failed']:.0f}"),
-    TableColumn("time per sample", lambda row: format_seconds(row["seconds per sample (s)"])),
+    shown_time("sample"),
     TableColumn(
         "bias of b/b⁰",
         lambda row: format_mean(
@@ -207,13 +222,11 @@ def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost
     curves = []
     for family, rows in frame.groupby("method", sort=False):
         bias, half = 100.0 * rows["relative bias"], 100.0 * rows["relative half width"]
-        curves.append(
-            Curve(str(family), rows["seconds per sample (s)"], bias, bias - half, bias + half)
-        )
+        curves.append(_curve(str(family), rows, bias)._replace(low=bias - half, high=bias + half))
     axes = draw_curves(
         figure,
         curves,
-        "time of a sample (s)",
+        AXIS,
         "bias of mean b/b⁰ (%)",
         scales=("log", "linear"),
         zero=True,
@@ -222,11 +235,24 @@ def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost
     axes.legend(frameon=False, fontsize="small")
 
 
-def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
-    curves = []
-    for family, rows in frame.groupby("method", sort=False):
-        curves.append(Curve(str(family), rows["seconds per sample (s)"], 100.0 * _bound(rows)))
-    draw_curves(figure, curves, "time of a sample (s)", "|bias| of mean b/b⁰, at most (%)")
+def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
+    curves = [
+        _curve(str(family), rows, 100.0 * _bound(rows))
+        for family, rows in frame.groupby("method", sort=False)
+    ]
+    axes = draw_curves(figure, curves, AXIS, "|bias| of mean b/b⁰, at most (%)")
+    # No error has no place on a logarithmic axis: the star stands on its lower end.
+    axes.axvline(cost, color="k", linewidth=0.8, linestyle=":")
+    bottom = axes.get_xaxis_transform()
+    event = "event, no error in time"
+    axes.plot([cost], [0.0], "k*", markersize=9, label=event, transform=bottom, clip_on=False)
+    axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
+
+
+def _curve(family: str, rows: "pd.DataFrame", error: "pd.Series") -> Curve:
+    """Return the curve of a method's errors against the time of a sample."""
+    low, high = (rows[name] for name in quartile_names("sample"))
+    return Curve(family, rows[TIME], error, cost_low=low, cost_high=high)
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
@@ -243,18 +269,19 @@ def _overlaps(frame: "pd.DataFrame") -> Iterator[tuple[str, float]]:
 
 
 def _reached(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]]:
-    """Yield of each method the cheapest set-up that is shown to be within a tolerance, or None.
+    """Yield of each method the cheapest set-up that is shown to reach a tolerance, or None.
 
-    One whose finer steps are shown to be outside is there by accident and does not count. `outside`
-    is whether the finest steps are shown to be outside, `bound` the least error that is shown.
+    A set-up reaches it if the 95 % interval of its bias and those of all finer steps of its method
+    lie within. `outside` is whether the finest steps are shown to be outside, `bound` the error
+    that they are shown to be within.
     """
-    for method, rows in frame.groupby("method", sort=False):
-        outside = rows["relative bias"].abs() - rows["relative half width"] > tolerance
-        lasting = ~outside[::-1].cummax()[::-1].shift(-1, fill_value=False)
-        within = rows[(_bound(rows) <= tolerance) & lasting].sort_values("seconds per sample (s)")
+    for method, rows in frame.groupby("method", sort=False):  # the coarsest steps first
+        bound = _bound(rows)
+        reached = rows[lasting(bound, tolerance)].sort_values(TIME)
+        finest = rows.iloc[-1]
         yield {
             "method": method,
-            "setup": within.iloc[0] if len(within) else None,
-            "outside": outside.iloc[-1],
-            "bound": float(_bound(rows).min()),
+            "setup": reached.iloc[0] if len(reached) else None,
+            "outside": abs(finest["relative bias"]) - finest["relative half width"] > tolerance,
+            "bound": float(bound.iloc[-1]),
         }

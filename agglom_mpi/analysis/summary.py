@@ -15,7 +15,7 @@ from agglom_mpi.analysis.comparison import PairedSamples, significant_difference
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
-from agglom_mpi.analysis.tables import processor_seconds
+from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.search.moment_targets import MomentTargets
@@ -182,7 +182,8 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
     rows, estimates, order = rank_strings(file)
     again = {estimate.string: estimate for estimate in estimates}
     fresh = int((samples["sample"] >= file.fresh_from).sum())
-    cost = processor_seconds(samples, max(parameters, default=-1) + 1)
+    room = max(parameters, default=-1) + 1
+    wall, cpu = (time_of_strings(samples, room, name) for name in ("seconds", "cpu_seconds"))
     generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
     seconds = float((whole["stopped"] - whole["started"]).sum())
@@ -205,7 +206,8 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         derived={column.name: column.unit for column in derived_columns(file)},
         best=[
-            _entry(rows[string], parameters[string], float(cost[string]), again.get(string))
+            _entry(rows[string], parameters[string], again.get(string))
+            | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
             | _moments(file, string)
             | {
                 column.name: float(values_of(file, [string], column.name)[0])
@@ -217,9 +219,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
     )
 
 
-def _entry(
-    result: np.void, string: np.void, seconds: float, again: Estimate | None
-) -> dict[str, Any]:
+def _entry(result: np.void, string: np.void, again: Estimate | None) -> dict[str, Any]:
     entry: dict[str, Any] = {"string": int(result["string"])}
     for name in NAMES:
         if not np.isnan(string[name]):
@@ -228,7 +228,6 @@ def _entry(
         entry[name] = float(result[name])
     entry["mean_grains"] = float(result["mean_grains"])
     entry["samples"] = int(result["samples_used"])
-    entry["processor_seconds"] = seconds
     entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
     return entry
 
@@ -308,10 +307,17 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
         ("growth_number", "(mean b/b0)^3", ".4g"),
         ("mean_grains", "grains per particle", ".4g"),
         ("samples", "samples", "d"),
-        ("processor_seconds", "processor s", ".3g"),
+        _time_row(best),
     ):
         _add_row(table, label, best, name, style)
     return table
+
+
+def _time_row(best: list[dict[str, Any]]) -> tuple[str, str, str]:
+    """Return key, label and style of the time of strings: on a processor, if that was recorded."""
+    if all(math.isfinite(entry["processor_seconds"]) for entry in best):
+        return "processor_seconds", "processor s", ".3g"
+    return "seconds", "wall-clock s", ".3g"
 
 
 def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, style: str) -> None:

@@ -42,7 +42,8 @@ def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
 def strings(data: "CampaignData") -> "pd.DataFrame":
     """Tabulate strings, variables in use, derived columns and results: nan or 0 if there is none.
 
-    `seconds` is the processor time of all samples of a string.
+    `seconds` and `cpu_seconds` are the wall-clock and the processor time of all samples of a
+    string; the latter is nan in files of format versions 1 and 2.
     """
     pandas, rows, results = _pandas(), data.string_rows(), data.result_rows()
     variables, samples = data.variable_rows(), data.all_sample_rows()
@@ -60,16 +61,36 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     for name in ("samples_used", "failed"):
         second[name] = second[name].fillna(0).astype(np.int64)
     room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
-    second["seconds"] = processor_seconds(samples, room)[rows["string"]]
+    for name in ("seconds", "cpu_seconds"):
+        second[name] = time_of_strings(samples, room, name)[rows["string"]]
     fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
     table = _with_units(pandas.concat([first, second], axis=1), fields)
     table.attrs["units"] |= {column.name: column.unit for column in derived}
     return table
 
 
-def processor_seconds(samples: np.ndarray, strings: int) -> np.ndarray:
-    """Return the processor time, s, of all samples of each string, used or not, (strings,)."""
-    return np.bincount(samples["string"], samples["seconds"], minlength=strings)
+def time_of_strings(samples: np.ndarray, strings: int, column: str) -> np.ndarray:
+    """Return the time, s, of all samples of each string, used or not, (strings,).
+
+    `column` is `seconds` for wall-clock time, `cpu_seconds` for processor time, which is nan where
+    it was not recorded.
+    """
+    return np.bincount(samples["string"], samples[column], minlength=strings)
+
+
+def time_on_free_core(samples: np.ndarray) -> np.ndarray:
+    """Return the time, s, that each sample takes on a core that does nothing else, (n,).
+
+    This is its processor time, or its wall-clock time where the former was not recorded.
+    """
+    cpu = samples["cpu_seconds"]
+    return np.where(np.isnan(cpu), samples["seconds"], cpu)
+
+
+def wall_over_cpu(samples: np.ndarray) -> float:
+    """Return the ratio of wall-clock to processor time of all samples; nan if it is unknown."""
+    cpu = float(samples["cpu_seconds"].sum())
+    return float(samples["seconds"].sum()) / cpu if cpu > 0.0 else float("nan")
 
 
 def samples(data: "CampaignData") -> "pd.DataFrame":

@@ -30,6 +30,7 @@ MEASURED: Final = {
     "breakups": "breakups",
     "steps": "steps",
     "seconds": "seconds",
+    "cpu_seconds": "cpu_seconds",
 }
 """Attributes of a `StringEstimate` that are means over samples, and their names in JSON."""
 
@@ -62,8 +63,10 @@ class StringEstimate(metaclass=PublicFace):
         Of each sample the mean and the standard deviation of b/b⁰ over the particles left.
     particles_left, temperature : MeanEstimate
         Number of particles left, and their mean temperature by mass in K.
-    collisions, merges, breakups, steps, seconds : MeanEstimate
-        Counts of a sample, and its run time in s.
+    collisions, merges, breakups, steps : MeanEstimate
+        Counts of a sample.
+    seconds, cpu_seconds : MeanEstimate
+        Wall-clock and processor time of a sample, s.
     moments : tuple of ReachedMoment
         Where the objective has targets for moments: each with what was reached.
     ledger : dict
@@ -84,6 +87,7 @@ class StringEstimate(metaclass=PublicFace):
     breakups: MeanEstimate
     steps: MeanEstimate
     seconds: MeanEstimate
+    cpu_seconds: MeanEstimate
     moments: tuple[ReachedMoment, ...]
     ledger: dict[str, float]
 
@@ -188,6 +192,7 @@ def estimate_of(
         breakups=mean("breakups"),
         steps=mean("steps"),
         seconds=mean_of([outcome.seconds for outcome in outcomes]),
+        cpu_seconds=mean_of([outcome.cpu_seconds for outcome in outcomes]),
         moments=objective.reached(summaries),
         ledger={name: max((o.ledger[name] for o in outcomes), key=abs) for name in LEDGER},
     )

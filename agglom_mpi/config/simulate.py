@@ -1,7 +1,6 @@
 """Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
 
 import math
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.sample import Outcome, simulate_scene
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -54,9 +54,9 @@ def simulate(
     frames = None if times is None else new_frames(times, scene.particles)
     random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
     ensure_compiled(scene, frames is not None)
-    begin = time.perf_counter()
+    stopwatch = Stopwatch()
     record, particles = simulate_scene(scene, random, frames=frames)
-    seconds = time.perf_counter() - begin
+    spent = stopwatch.read()
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
     ratio = float(record["mean_radius_ratio"])
@@ -78,7 +78,8 @@ def simulate(
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),
         steps=int(record["steps"]),
-        seconds=seconds,
+        seconds=spent.wall,
+        cpu_seconds=spent.cpu,
         record=record,
         final=final,
         frames=frames,

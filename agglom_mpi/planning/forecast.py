@@ -13,6 +13,7 @@ from agglom_mpi.formatting import format_duration
 from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.stopwatch import BUSY_RATIO
 
 if TYPE_CHECKING:
     from agglom_mpi.planning.cluster_simulator import MessageCosts
@@ -112,7 +113,9 @@ class PilotSummary(NamedTuple):
     samples, strings, failed
         Numbers of samples, of their strings, and of samples that failed.
     mean_seconds, longest_seconds
-        Mean and longest time of a sample, s.
+        Mean and longest time of a sample, s: processor time, where it was recorded.
+    wall_over_cpu
+        Ratio of wall-clock to processor time of all samples; nan if it was not recorded.
     differences
         Entries in which the file's campaign differs.
     """
@@ -123,6 +126,7 @@ class PilotSummary(NamedTuple):
     failed: int
     mean_seconds: float
     longest_seconds: float
+    wall_over_cpu: float
     differences: tuple[str, ...]
 
 
@@ -222,7 +226,7 @@ def to_json(report: ForecastReport) -> str:
         "campaign": report.campaign.name,
         "generations": report.campaign.stopping.generations,
         "most_strings": report.campaign.max_strings,
-        "samples": report.pilot._asdict(),
+        "samples": report.pilot._asdict() | {"wall_over_cpu": _finite(report.pilot.wall_over_cpu)},
         "costs": report.costs._asdict(),
         "forecasts": forecasts,
         "not_forecast": report.not_forecast,
@@ -230,6 +234,10 @@ def to_json(report: ForecastReport) -> str:
         "advice": report.advice and report.advice._asdict(),
     }
     return json.dumps(content, indent=2)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def forecast_table(report: ForecastReport) -> RenderableType:
@@ -267,13 +275,26 @@ def _heading(report: ForecastReport) -> list[str]:
         f"{campaign.title or campaign.name}: at most {campaign.stopping.generations} generations, "
         f"{campaign.max_strings} strings",
         f"{pilot.samples} samples of {pilot.strings} strings {where}: mean "
-        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)}"
-        f"{failed}",
+        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)} "
+        f"of {_clock(pilot)}{failed}",
+        *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
         f"rank 0 takes {format_duration(costs.message)} for each and "
         f"{format_duration(costs.sample)} for a sample",
     ]
+
+
+def _clock(pilot: PilotSummary) -> str:
+    return "processor time" if math.isfinite(pilot.wall_over_cpu) else "wall-clock time"
+
+
+def _busy(pilot: PilotSummary) -> list[str]:
+    """Return a line on a machine that was busy with something else, if it was."""
+    if not pilot.wall_over_cpu > BUSY_RATIO:
+        return []
+    ratio = f"{pilot.wall_over_cpu:.2g}"
+    return [f"busy machine: samples took {ratio} times their processor time, which forecasts use"]
 
 
 def _footer(report: ForecastReport) -> list[str]:

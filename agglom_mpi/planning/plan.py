@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
+from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.analysis.warm_start import warm_start_strings
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
@@ -104,7 +105,7 @@ def reestimation_seconds(
 def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:
     """Return number and times of pilot samples; `source` is the file they were read from."""
     rows = pilot.rows
-    seconds = rows["seconds"]
+    seconds = time_on_free_core(rows)
     return PilotSummary(
         source,
         len(rows),
@@ -112,5 +113,6 @@ def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:
         int((rows["state"] == FAILED).sum()),
         float(seconds.mean()),
         float(seconds.max()),
+        wall_over_cpu(rows),
         pilot.differences,
     )

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
@@ -51,6 +52,8 @@ class _Pool(NamedTuple):
 class EmpiricalWorkload:
     """A `Workload` drawn from simulated samples.
 
+    A sample takes its processor time: a batch system gives every rank a core of its own.
+
     Parameters
     ----------
     recorded
@@ -66,7 +69,7 @@ class EmpiricalWorkload:
         self._width = (upper - lower)[self._searched]
         rows = recorded.rows
         rows = rows[np.lexsort((rows["sample"], rows["string"]))]
-        self._rows, self._seconds = rows, rows["seconds"].tolist()
+        self._rows, self._seconds = rows, time_on_free_core(rows).tolist()
         self._samples = rows["sample"].tolist()
         counts = np.bincount(rows["string"], minlength=len(recorded.parameters))
         self._first = np.concatenate(([0], np.cumsum(counts)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
-from agglom_mpi.analysis.tables import processor_seconds
+from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.formatting import format_duration, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
@@ -73,7 +73,6 @@ def _variable_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
 
 def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     results = [rank_strings(data).results[string] for string in shown]
-    cost = processor_seconds(data.all_sample_rows(), max(shown) + 1)
     yield _row(
         "objective, as searched",
         results,
@@ -83,7 +82,16 @@ def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     yield _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}")
     yield _row("grains per particle (1)", results, lambda r: f"{r['mean_grains']:.4g}")
     yield _row("samples used", results, lambda r: str(r["samples_used"]))
-    yield ["processor time", *(format_duration(float(cost[string])) for string in shown)]
+    yield _time_row(data, shown)
+
+
+def _time_row(data: CampaignData, shown: list[int]) -> list[str]:
+    """Return the processor time of strings; the wall-clock time where that was not recorded."""
+    rows, room = data.all_sample_rows(), max(shown) + 1
+    label, cost = "processor time", time_of_strings(rows, room, "cpu_seconds")[shown]
+    if not np.isfinite(cost).all():
+        label, cost = "wall-clock time", time_of_strings(rows, room, "seconds")[shown]
+    return [label, *(format_duration(seconds) for seconds in cost.tolist())]
 
 
 def _estimate_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
@@ -111,6 +119,7 @@ def legs(data: CampaignData) -> Table:
         "machines",
         "samples",
         "busy",
+        "on a core",
         "writing",
         "written by",
         "exit code",
@@ -118,7 +127,7 @@ def legs(data: CampaignData) -> Table:
         "agglom_mpi",
     )
     lines = [[str(first + i), *_leg(row)] for i, row in enumerate(rows, 1)]
-    return Table(headings, lines, "Starts of the program", text_columns=(1, 8, 10, 11))
+    return Table(headings, lines, "Starts of the program", text_columns=(1, 9, 11, 12))
 
 
 def _leg(row: np.void) -> Iterator[str]:
@@ -131,11 +140,17 @@ def _leg(row: np.void) -> Iterator[str]:
     yield str(row["nodes"])
     yield str(row["samples"]) if ended else ""
     yield f"{row['busy_seconds'] / available:.1%}" if ended else ""
+    yield _share(row["cpu_seconds"], row["busy_seconds"]) if ended else ""
     yield f"{row['database_seconds'] / available:.2%}" if ended else ""
     yield _text(row["database"])
     yield str(row["exit_code"]) if ended else ""
     yield f"{_text(row['host'])}, {_text(row['processor'])}"
     yield f"{_text(row['code_version'])} {_text(row['git_revision'])[:10]}".strip()
+
+
+def _share(part: float, whole: float) -> str:
+    """Return a part of a whole as a percentage; empty where either is unknown."""
+    return f"{part / whole:.1%}" if whole > 0.0 and np.isfinite(part) else ""
 
 
 def _date(seconds: float) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.resimulation import is_same, recorded_campaign
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.physics.scales import end_time, grain_radius, half_width
@@ -18,7 +19,7 @@ from agglom_mpi.variables import NAMES
 Floats = NDArray[np.float64]
 
 RESIMULATION_SECONDS: Final = 1.0
-"""Processor time for resimulating samples, judged by what they took when they were recorded, s."""
+"""Processor time for resimulating samples, estimated from the recorded times, s."""
 
 MAX_SAMPLES: Final = 200
 """Samples whose particles are shown at most."""
@@ -178,10 +179,10 @@ def _scene_and_value(data: CampaignData, string: int) -> tuple[Any, dict[str, fl
 
 
 def _affordable_samples(data: CampaignData, rows: np.ndarray, seconds: float) -> int:
-    """Return how many of these samples can be resimulated within some processor time."""
+    """Return how many of these samples can be resimulated within some processor time, s."""
     if int(data.identity["scene.particles"]) > MAX_GRAINS:
         return 0
-    count = seconds / max(float(rows["seconds"].mean()), 1e-9)
+    count = seconds / max(float(time_on_free_core(rows).mean()), 1e-9)
     return int(min(len(rows), MAX_SAMPLES, count))
 
 

@@ -128,8 +128,9 @@ class RunRecorder:
 
     Attributes
     ----------
-    samples, busy_seconds
-        Samples of this leg, and the time that they took, in s.
+    samples, busy_seconds, cpu_seconds
+        Samples of this leg, and the wall-clock and the processor time of their simulation, in s. A
+        rank is busy while it simulates, so that the busy share is one of wall-clock time.
     generation_times, fresh_times
         How long generations and fresh samples of this leg took, in s.
     synced
@@ -145,7 +146,7 @@ class RunRecorder:
         generations: int,
     ) -> None:
         self.samples = 0
-        self.busy_seconds = 0.0
+        self.busy_seconds = self.cpu_seconds = 0.0
         rows, searched = stored.all_sample_rows(), stored.searched_samples
         judged = stored.judged_timed_out
         timed_out = len(judged) + len(stored.fresh_timed_out)
@@ -230,12 +231,16 @@ class RunRecorder:
 
     def _count(self, results: NDArray[np.void]) -> None:
         self.samples += len(results)
-        self.busy_seconds += sum(results["seconds"].tolist())
+        self._add_times(results)
         self._failed += results["state"].tolist().count(FAILED)
 
     def count_skipped(self, results: NDArray[np.void]) -> None:
         """Count the time of samples, (n,), that were begun at most, being unnecessary."""
+        self._add_times(results)
+
+    def _add_times(self, results: NDArray[np.void]) -> None:
         self.busy_seconds += sum(results["seconds"].tolist())
+        self.cpu_seconds += sum(results["cpu_seconds"].tolist())
 
     def record(self, decisions: Iterable[Decision]) -> None:
         """Store decisions in their order, each before the next one is made."""

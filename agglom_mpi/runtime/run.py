@@ -303,6 +303,7 @@ def run_leg(
         exit_code=end.code,
         samples=recorder.samples,
         busy_seconds=recorder.busy_seconds,
+        cpu_seconds=recorder.cpu_seconds,
         database_seconds=writer.clock.seconds + pool.database_seconds,
     )
     writer.set_status(end.state, end.reason)

@@ -4,6 +4,7 @@ import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,12 @@ from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import frame_times, new_frames
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import TOOK_TOO_LONG
 from agglom_mpi.storage.table import concatenated
+
+_NO_TIME: Final = TimeSpent(0.0, 0.0)
 
 
 class SampleRunner:
@@ -160,16 +164,17 @@ class Task(ABC):
         self._frames = int(task["frames"])
         self._parameters = np.array(task["parameters"])
         self._done = 0
-        self._wasted = 0.0  # time of a sample that was interrupted, s
+        self._wasted = _NO_TIME  # of a sample that was interrupted
         self._failures: list[NDArray[np.void]] = []
 
     def simulate_next(self) -> bool:
         """Simulate the next sample; return whether there is another one to simulate.
 
         One that is ended by `AbortFlag.stop` leaves nothing. One that is ended by an interrupt, or
-        by a check of the time that was meant for the sample before, is simulated again.
+        by a check of the time that was meant for the sample before, is simulated again. Times are
+        those of the thread that calls this.
         """
-        begin, text, reason = time.perf_counter(), "", 0
+        stopwatch, text, reason = Stopwatch(), "", 0
         self._abort_flag.begin()
         try:
             self._simulate(self._first + self._done)
@@ -182,12 +187,12 @@ class Task(ABC):
             text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
             reason = FailureReason.TIMED_OUT
         elif interrupted:
-            self._wasted = time.perf_counter() - begin
+            self._wasted = stopwatch.read()
             return True
         if reason:
             sample, rank = self._first + self._done, self._runner.rank
             self._failures.append(failed_sample(self._string, sample, rank, text, self._frames))
-        self._keep(reason, time.perf_counter() - begin)
+        self._keep(reason, stopwatch.read())
         self._done += 1
         return self._done < self._count
 
@@ -195,7 +200,7 @@ class Task(ABC):
         """Leave out the samples that are not simulated yet: they are not needed any more."""
         while self._done < self._count:
             self._keep(NOT_NEEDED, self._wasted)
-            self._wasted = 0.0
+            self._wasted = _NO_TIME
             self._done += 1
 
     def collect(self) -> RankMessage:
@@ -208,7 +213,7 @@ class Task(ABC):
         """Simulate a sample."""
 
     @abstractmethod
-    def _keep(self, reason: int, seconds: float) -> None:
+    def _keep(self, reason: int, spent: TimeSpent) -> None:
         """Keep what `_simulate` has made in that time, unless there is a reason for its failure."""
 
     @abstractmethod
@@ -233,7 +238,7 @@ class SampleTask(Task):
         self._records = self._rows[list(OUTCOME.names or ())]  # a view
         self._rows["string"], self._rows["rank"] = self._string, runner.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
-        self._seconds, self._end_times = self._rows["seconds"], self._rows["finished"]
+        self._times = self._rows[["seconds", "cpu_seconds", "finished"]]  # a view
         self._final: NDArray[np.void] | None = None
         self._finals: list[NDArray[np.void]] = []
 
@@ -264,7 +269,7 @@ class SampleTask(Task):
             seen = finished_sample(scene, self._parameters, record, final)
             self._rows["objective"][self._done] = evaluate(code, seen)
 
-    def _keep(self, reason: int, seconds: float) -> None:
+    def _keep(self, reason: int, spent: TimeSpent) -> None:
         at = self._done
         if reason:
             self._records[at] = np.zeros((), OUTCOME)
@@ -272,7 +277,7 @@ class SampleTask(Task):
             self._rows["objective"][at] = 0.0
         elif self._final is not None:
             self._finals.append(self._final)
-        self._seconds[at], self._end_times[at] = seconds, time.time()
+        self._times[at] = *spent, time.time()
 
 
 class FrameTask(Task):
@@ -295,6 +300,6 @@ class FrameTask(Task):
         simulate_scene(scene, random, self._abort_flag.abort, frames)
         self._sample_rows = frame_rows(self._string, sample, frames)
 
-    def _keep(self, reason: int, seconds: float) -> None:
+    def _keep(self, reason: int, spent: TimeSpent) -> None:
         if not reason and self._sample_rows is not None:
             self._kept.append(self._sample_rows)

@@ -59,8 +59,8 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
     ledger : dict
         Closure errors and counts of everything that was capped or refused.
     collisions, merges, breakups, steps : int
-    seconds : float
-        Run time of this sample.
+    seconds, cpu_seconds : float
+        Wall-clock and processor time of the simulation, s.
     record : numpy.void
         The row that a campaign file stores.
     final : FinalParticles
@@ -81,13 +81,14 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
     breakups: int
     steps: int
     seconds: float
+    cpu_seconds: float
     record: Any
     final: FinalParticles
     frames: Frames | None
 
     def __repr__(self) -> str:
         """Return the numbers in full and arrays in a few words, without record and particles."""
-        brief = [field.name for field in fields(self)[:12]]
+        brief = [field.name for field in fields(self)[:13]]
         shown = {name: getattr(self, name) for name in brief}
         frames = {} if self.frames is None else {"frames": f"<{len(self.frames.times)} frames>"}
         return result.brief("Outcome", shown | frames)

@@ -10,7 +10,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 3
 """What is written; files of any version from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
@@ -142,7 +142,14 @@ SAMPLES: Final = TableSchema(
         Column("sample", "i8", "", "number of the sample in its string, from 0"),
         *(Column(c.name, c.dtype, c.unit, c.meaning, since=c.since) for c in COLUMNS),
         Column("objective", "f8", "1", "objective of this sample alone"),
-        Column("seconds", "f8", "s", "time that the simulation took"),
+        Column("seconds", "f8", "s", "wall-clock time of its simulation"),
+        Column(
+            "cpu_seconds",
+            "f8",
+            "s",
+            "processor time of its simulation, of the thread that simulates",
+            since=3,
+        ),
         Column("finished", "f8", "s", "Unix time of its end"),
         Column("rank", "i4", "", "MPI rank that simulated it"),
         CRC,
@@ -190,8 +197,20 @@ LEGS: Final = TableSchema(
         Column("sources_sha256", "S64", "", "SHA-256 of the sources that decide results"),
         Column("git_revision", "S64", "", "commit of the sources, empty if they are no checkout"),
         Column("samples", "i8", "1", "samples simulated in this leg"),
-        Column("busy_seconds", "f8", "s", "sum of the time that they took"),
-        Column("database_seconds", "f8", "s", "time spent on writing this file, sum over ranks"),
+        Column("busy_seconds", "f8", "s", "wall-clock time of their simulation, sum over ranks"),
+        Column(
+            "cpu_seconds",
+            "f8",
+            "s",
+            "processor time of their simulation, sum over ranks",
+            since=3,
+        ),
+        Column(
+            "database_seconds",
+            "f8",
+            "s",
+            "wall-clock time spent on writing this file, sum over ranks",
+        ),
         CRC,
     ),
 )
@@ -213,8 +232,9 @@ STATUS: Final = TableSchema(
 DIGEST_MEANING: Final = (
     "BLAKE2b (digest_size 8, read as little-endian) of what the generation rests on: of strings "
     "proposed for it, by number, the ten parameters; then of their /results all columns but crc; "
-    "then of their used /samples, by string and sample, all columns but seconds, finished, rank "
-    "and crc; row after row, the columns in their order here, little-endian and without padding"
+    "then of their used /samples, by string and sample, all columns but seconds, cpu_seconds, "
+    "finished, rank and crc; row after row, the columns in their order here, little-endian and "
+    "without padding"
 )
 
 

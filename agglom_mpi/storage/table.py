@@ -228,7 +228,7 @@ def checksums(rows: np.ndarray) -> np.ndarray:
     )
 
 
-NOT_DETERMINED: Final = ("seconds", "finished", "rank", "crc")
+NOT_DETERMINED: Final = ("seconds", "cpu_seconds", "finished", "rank", "crc")
 """Columns that may differ between two runs of the same campaign."""
 
 

@@ -274,18 +274,20 @@ class CampaignWriter:
         exit_code: int,
         samples: int,
         busy_seconds: float,
+        cpu_seconds: float,
         database_seconds: float,
     ) -> None:
         """Write the end of a leg.
 
-        `stopped` is Unix time, s; `busy_seconds` is summed over samples, `database_seconds` over
-        ranks.
+        `stopped` is Unix time, s; `busy_seconds`, wall-clock time, and `cpu_seconds` are summed
+        over samples, `database_seconds` over ranks. A file of format version 1 or 2 has no
+        `cpu_seconds`.
         """
         legs = self._tables["legs"]
         row = fitted(legs.rows.read(index, 1), legs.dtype)
         row["stopped"], row["exit_code"] = stopped, exit_code
-        row["samples"], row["busy_seconds"] = samples, busy_seconds
-        row["database_seconds"] = database_seconds
+        row["samples"], row["database_seconds"] = samples, database_seconds
+        row["busy_seconds"], row["cpu_seconds"] = busy_seconds, cpu_seconds
         with self.clock:
             legs.write(index, row)
 

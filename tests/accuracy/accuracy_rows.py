@@ -6,13 +6,16 @@ from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.storage.schema import sample_dtype
 
 
-def made_up(ratios, seconds=1e-3, failed=(), **columns):
-    """Rows of samples 0, 1, 2, … with given growth; those in `failed` did not complete."""
+def made_up(ratios, cost=1e-3, failed=(), **columns):
+    """Rows of samples 0, 1, 2, … with given growth; those in `failed` did not complete.
+
+    `cost` is their time in s, by the clock and on the processor.
+    """
     rows = np.zeros(len(ratios), sample_dtype)
     rows["sample"] = np.arange(len(ratios))
     rows["state"] = COMPLETED
     rows["mean_radius_ratio"] = ratios
-    rows["seconds"] = seconds
+    rows["seconds"] = rows["cpu_seconds"] = cost
     rows["particles"] = 10
     for name, values in columns.items():
         rows[name] = values

@@ -46,5 +46,5 @@ def test_differences_are_judged_by_their_errors(campaign):
     changes = {text.split(" times ")[0]: text for text in found.conclusions[2:]}
     assert "within the error" in changes["0.5"]
     assert "beyond the error" in changes["2"]
-    assert "at 3.0 times the time of a sample" in changes["2"]
+    assert "at 3.0 times the processor time of a sample" in changes["2"]
     assert [len(table.frame) for table in found.tables] == [3, 3]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from accuracy_rows import made_up
+from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import time_integration as module
 from agglom_mpi.accuracy.document import Section
@@ -19,17 +20,30 @@ def campaign():
 
 
 def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> Section:
-    """Section of steppers whose growth is 2 + bias(shortest step over the end time) + noise."""
+    """Section of steppers whose growth is 2 + bias(shortest step over the end time) + noise.
+
+    Means and deviations are exactly these, whatever random numbers are drawn.
+    """
     parameters = campaign.parameters()
     random = np.random.default_rng(5)
-    shared = 2.0 + 0.3 * random.normal(size=COUNT)
+
+    def normal():
+        drawn = random.normal(size=COUNT)
+        return (drawn - drawn.mean()) / drawn.std(ddof=1)
+
+    shared = 2.0 + 0.3 * normal()
     samples = {module.EVENT: made_up(shared, seconds)}
     end_time = module.end_time_of(campaign, parameters)
     for stepper in module.steppers(end_time, quick=False):
-        own = shared + bias(stepper.step / end_time) + noise * random.normal(size=COUNT)
+        own = shared + bias(stepper.step / end_time) + noise * normal()
         cost = seconds * (0.1 + 1e-3 * end_time / stepper.step)
         samples[module.name_of(stepper)] = made_up(own, cost, **extra)
     return module.time_integration_section(campaign, parameters, samples, quick=False)
+
+
+def text_of(section, percent):
+    """Return the conclusion on the steps that reach an error, given in percent."""
+    return next(text for text in section.conclusions if text.startswith(f"At {percent:g} %"))
 
 
 def test_every_setup_is_on_the_samples_of_the_event_engine(campaign):
@@ -66,6 +80,76 @@ def test_a_coarse_step_that_is_right_by_accident_does_not_count(campaign):
     at_one_percent = found.conclusions[1]
     end_time = module.end_time_of(campaign, campaign.parameters())
     assert f"fixed {format_seconds(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)" in at_one_percent
+
+
+def test_a_bias_that_changes_its_sign_on_the_way_is_no_accuracy(campaign):
+    # Within 1 % of 2 alone at one floor: shown to be outside at some finer ones, at others not.
+    biases = {1e-2: 0.098, 1e-3: -0.036, 1e-4: 0.0042, 1e-5: 0.0204, 1e-6: 0.017}
+
+    def bias(share):
+        return next((b for floor, b in biases.items() if np.isclose(share, floor)), 0.0)
+
+    found = section(campaign, bias, noise=0.1)  # 0.5 % of standard error
+    frame = found.tables[0].frame
+    published = frame[frame["method"] == "adaptive, steps to 1000 × the floor"].iloc[2]
+    half = published["relative half width"]
+    assert abs(published["relative bias"]) + half <= 0.01
+    assert "adaptive, steps to 1000 × the floor is not shown to reach it" in text_of(found, 1)
+    assert "adaptive, steps to 1000 × the floor 290 µs" not in text_of(found, 1)
+    assert "adaptive, steps to 1000 × the floor 1.1 ms" in text_of(found, 5)
+
+
+def test_every_finer_step_has_to_be_within_the_error(campaign):
+    # One of the middle is right, the finest is right too, and one between them is not.
+    found = section(campaign, lambda share: 0.1 if np.isclose(share, 1e-5) else 0.0)
+    reached = {one["method"]: one["setup"] for one in module._reached(found.tables[0].frame, 0.01)}
+    end_time = module.end_time_of(campaign, campaign.parameters())
+    for cap in module.CAPS:
+        setup = reached[f"adaptive, steps to {cap:g} × the floor"]
+        assert setup["shortest step (s)"] == pytest.approx(1e-6 * end_time)
+    assert reached["fixed"]["shortest step (s)"] == pytest.approx(end_time / module.STEPS[0])
+
+
+def test_times_are_medians_of_processor_time_with_quartiles(campaign):
+    parameters = campaign.parameters()
+    end_time = module.end_time_of(campaign, parameters)
+    usual = 1e-3 * np.tile([0.9, 1.0, 1.1, 1.0], 25)
+    times = usual.copy()
+    times[::10] = 1.0  # interrupted: each of these alone is as long as all others together
+    ratios = 2.0 + 0.1 * np.sin(np.arange(100))
+    samples = {module.EVENT: made_up(ratios, times)}
+    samples |= {
+        module.name_of(stepper): made_up(ratios, 2.0 * usual, seconds=50.0 * usual)
+        for stepper in module.steppers(end_time, quick=True)
+    }
+    found = module.time_integration_section(campaign, parameters, samples, quick=True)
+    assert "1.0 ms (1.0 ms to 1.1 ms) each" in found.reference
+    frame = found.tables[0].frame
+    assert np.allclose(frame["processor time per sample (s)"], 2e-3)
+    assert np.allclose(frame["processor time per sample, lower quartile (s)"], 1.95e-3, atol=1e-4)
+    assert np.allclose(frame["processor time per sample, upper quartile (s)"], 2.05e-3, atol=1e-4)
+    assert any("2.0 times the event engine's median" in text for text in found.conclusions)
+
+
+def test_the_figure_of_errors_shows_the_event_engine_and_no_curve_turns_back(campaign):
+    def bias(share):
+        return 1.0 * share
+
+    found = section(campaign, bias, seconds=1e-3)
+    frame = found.tables[0].frame
+    # The steps that cost most were measured in the least time.
+    costs = frame["processor time per sample (s)"].to_numpy()
+    frame["processor time per sample (s)"] = costs[::-1]
+    for drawing in found.figures:
+        figure = Figure()
+        drawing.draw(figure)
+        [axes] = figure.axes
+        lines = {line.get_label(): line for line in axes.lines}
+        for family in frame["method"].unique():
+            assert (np.diff(lines[family].get_xdata()) >= 0.0).all()
+        [star] = (line for label, line in lines.items() if label.startswith("event"))
+        assert star.get_xdata() == [1e-3]
+        assert star.get_marker() == "*"
 
 
 def test_noise_is_not_taken_for_accuracy(campaign):

@@ -1,5 +1,6 @@
 import json
 
+import h5py
 import numpy as np
 import pytest
 from campaign_runs import SMALL, write_campaign
@@ -13,7 +14,7 @@ from agglom_mpi.runtime.file_setup import leg_fields, prepare
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
-from agglom_mpi.storage.table import make_row
+from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 TITLE = "A [bold] title [/no] of :bug: grains"
@@ -59,7 +60,7 @@ def begun(path):
         rows = np.zeros(12, sample_dtype)
         rows["sample"], rows["state"] = np.arange(12), 1
         rows["state"][3] = 2
-        rows["seconds"] = 0.25
+        rows["seconds"], rows["cpu_seconds"] = 0.25, 0.125
         writer.put_samples(rows)
         put(writer, 1, 0.25, standard_error=np.nan, hit_maximum=True)
         put(writer, 0, 0.125, failed=1)
@@ -98,10 +99,24 @@ def test_a_string_is_shown_with_the_processor_time_of_its_samples(begun):
     rows = file.all_sample_rows()
     for entry in collect_summary(file).best:
         own = rows[rows["string"] == entry["string"]]
-        assert entry["processor_seconds"] == pytest.approx(own["seconds"].sum(), rel=1e-12)
-        table = open_campaign(begun).strings
-        assert table["seconds"][entry["string"]] == entry["processor_seconds"]
-    assert sum(rows["seconds"]) > 0.0
+        assert entry["processor_seconds"] == 0.125 * len(own)
+        assert entry["seconds"] == 0.25 * len(own)
+        for column, key in (("cpu_seconds", "processor_seconds"), ("seconds", "seconds")):
+            assert open_campaign(begun).strings[column][entry["string"]] == entry[key]
+
+
+def test_wall_clock_time_is_shown_where_processor_time_was_not_recorded(begun, monkeypatch, capsys):
+    def last_row():
+        text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
+        return next(line.split() for line in text.splitlines() if line.split()[1:2] == ["s"])
+
+    assert last_row() == ["processor", "s", "1.5", "0"]
+    with h5py.File(begun, "r+") as file:
+        rows = file["samples"][:12]
+        rows["cpu_seconds"] = np.nan
+        rows["crc"] = checksums(rows)
+        file["samples"][:12] = rows
+    assert last_row() == ["wall-clock", "s", "3", "0"]
 
 
 def test_at_most_so_many_strings_are_shown(begun):

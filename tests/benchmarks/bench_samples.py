@@ -38,7 +38,8 @@ for line in sys.stdin:
     if want == "means":
         print(json.dumps([outcome.mean_radius_ratio for outcome in outcomes]), flush=True)
     else:
-        inside = sum(outcome.seconds for outcome in outcomes)
+        # An earlier installation has wall-clock time alone.
+        inside = sum(getattr(o, "cpu_seconds", o.seconds) for o in outcomes)
         collisions = sum(outcome.collisions for outcome in outcomes)
         print(json.dumps([spent, collisions, inside]), flush=True)
 """

@@ -12,7 +12,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.schema import table_schemas
+from agglom_mpi.storage.schema import FORMAT_VERSION, table_schemas
 from agglom_mpi.storage.table import Table
 
 TABLES = ("strings", "results", "samples", "generations")
@@ -111,9 +111,12 @@ def test_a_compact_copy_of_a_stopped_campaign_is_sound_too(copy):
 
 def test_a_newer_format_version_is_refused_by_all_commands(mistaken, copy):
     with h5py.File(copy, "r+") as file:
-        file.attrs["format_version"] = 3
+        file.attrs["format_version"] = FORMAT_VERSION + 1
     before = copy.read_bytes()
-    said = f"{copy}: has format version 3, and this program reads versions up to 2: update "
+    said = (
+        f"{copy}: has format version {FORMAT_VERSION + 1}, and this program reads versions up to "
+        f"{FORMAT_VERSION}: update "
+    )
     target = copy.with_name("out")
     for words in (["check"], ["report"], ["export", "--compact", target]):
         assert mistaken(*words, copy) == said + "agglom_mpi"

@@ -8,6 +8,11 @@ from agglom_mpi.storage.reader import read_campaign
 SCENE = QUICKSTART.parent / "extremes" / "at_rest.yaml"
 
 
+def table_begins(lines):
+    """Return the place of the table's heading; a busy machine has a line more above it."""
+    return next(place for place, line in enumerate(lines) if line.startswith("ranks"))
+
+
 def test_a_plan_says_how_long_it_would_take_and_what_that_rests_on(agglom):
     done = agglom("plan", QUICKSTART, "--seconds", "1", "--generations", "2", "--ranks", "1,10,100")
     assert done.exit_code == 0
@@ -16,10 +21,11 @@ def test_a_plan_says_how_long_it_would_take_and_what_that_rests_on(agglom):
     assert lines[0].startswith("Quickstart - double the mean grain size: at most 2 generations, 20")
     assert "samples of" in lines[1]
     assert "mean" in lines[1]
-    table = [line.split()[0] for line in lines[3:7]]
+    first = table_begins(lines)
+    table = [line.split()[0] for line in lines[first : first + 4]]
     assert table == ["ranks", "1", "10", "100"]
-    last = lines[8] if lines[7].startswith("rough: ") else lines[7]  # of few samples on a slow one
-    assert last.startswith("rank 0 is saturated near ")
+    after = lines[first + 4 : first + 6]  # where there are few samples, the first line says so
+    assert any(line.startswith("rank 0 is saturated near ") for line in after)
 
 
 def test_json_holds_the_forecasts_from_a_campaign_file(agglom):
@@ -41,13 +47,14 @@ def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
     path = write_campaign(tmp_path / "again.yaml", **TINY, final="{strings: 2, samples: 30}")
     words = ("plan", path, "--from", "tiny.h5", "--ranks", "1,4")
     one, four = json.loads(agglom(*words, "--json").stdout)["forecasts"]
-    mean = read_campaign("tiny.h5").all_sample_rows()["seconds"]
+    mean = read_campaign("tiny.h5").all_sample_rows()["cpu_seconds"]
     assert 60 * mean.min() <= one["again"] <= 60 * mean.max()
     assert one["again"] / 4 <= four["again"] <= one["again"] / 4 + mean.max()
     done = agglom(*words).stdout.splitlines()
-    assert done[3].endswith("+ again")
+    first = table_begins(done)
+    assert done[first].endswith("+ again")
     assert any(line.startswith("again: at the end") for line in done)
-    assert len(max(done[3:-1], key=len)) < 80
+    assert len(max(done[first:-1], key=len)) < 80
     bare = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1").stdout
     assert "again" not in bare
 

@@ -88,9 +88,7 @@ def hang(self, sample):
     simulate(self, sample)
 
 simulator.SampleTask._simulate = hang
-simulator.time = SimpleNamespace(
-    monotonic=lambda: now, perf_counter=time.perf_counter, time=time.time
-)
+simulator.time = SimpleNamespace(monotonic=lambda: now, time=time.time)
 """
 """The samples (string, sample) in PAIRS take too long, on any machine no others do."""
 HANGS_REPLACES = [
@@ -337,7 +335,7 @@ def decisions(path):
     begun = strings["generation"] <= file.generation_rows()["generation"].max()
     judged = samples[samples["sample"] < used[samples["string"]]]
     kept = {
-        "samples": (judged, {"seconds", "finished", "rank"}),
+        "samples": (judged, {"seconds", "cpu_seconds", "finished", "rank"}),
         "strings": (strings[begun], set()),  # those of coming generations ran ahead
         "results": (results, set()),
         "generations": (file.generation_rows(), {"seconds", "samples_simulated"}),

@@ -7,7 +7,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import NAMES
 
-FREE = {"seconds", "finished", "rank", "crc"}
+FREE = {"seconds", "cpu_seconds", "finished", "rank", "crc"}
 
 
 def fresh_rows(path):

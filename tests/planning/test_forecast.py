@@ -1,7 +1,19 @@
-import pytest
+import io
+import json
+import math
 
+import pytest
+from rich.console import Console
+
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning.cluster_simulator import MessageCosts
-from agglom_mpi.planning.forecast import Forecast, ForecastReport
+from agglom_mpi.planning.forecast import (
+    Forecast,
+    ForecastReport,
+    PilotSummary,
+    forecast_table,
+    to_json,
+)
 
 
 def planned(*forecasts):
@@ -32,3 +44,35 @@ def test_the_walltime_is_twice_the_forecast_and_a_start_in_whole_five_minutes():
 
 def test_nothing_is_advised_without_a_forecast():
     assert planned().advice is None
+
+
+def heading(wall_over_cpu):
+    summary = PilotSummary(None, 60, 10, 0, 2e-3, 5e-3, wall_over_cpu, ())
+    campaign = load_campaign("jobs/quickstart.yaml")
+    report = ForecastReport(campaign, "a.yaml", summary, MessageCosts(), [forecast(1, 100.0)], [])
+    console = Console(width=200, file=io.StringIO())
+    console.print(forecast_table(report))
+    lines = console.file.getvalue().splitlines()
+    return [line.strip() for line in lines[1 : [line[:6].strip() for line in lines].index("ranks")]]
+
+
+def test_a_forecast_names_its_clock_and_a_busy_machine():
+    samples, _ = heading(1.0)
+    assert samples.endswith("mean 2 ms, longest 5 ms of processor time")
+    samples, busy, _ = heading(2.5)
+    assert samples.endswith("of processor time")
+    assert "samples took 2.5 times their processor time" in busy
+    assert len(busy) < 80
+    samples, _ = heading(math.nan)
+    assert samples.endswith("of wall-clock time")
+
+
+def test_the_ratio_of_the_clocks_is_in_the_json_where_it_is_known():
+    def ratio(value):
+        summary = PilotSummary(None, 60, 10, 0, 2e-3, 5e-3, value, ())
+        campaign = load_campaign("jobs/quickstart.yaml")
+        report = ForecastReport(campaign, "a.yaml", summary, MessageCosts(), [], [])
+        return json.loads(to_json(report))["samples"]["wall_over_cpu"]
+
+    assert ratio(2.5) == 2.5
+    assert ratio(math.nan) is None

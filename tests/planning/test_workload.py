@@ -8,6 +8,7 @@ from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.planning import pilot
 from agglom_mpi.planning.cluster_simulator import ClusterSimulator
 from agglom_mpi.planning.pilot import pilot_tasks, run_pilot
+from agglom_mpi.planning.plan import pilot_summary
 from agglom_mpi.planning.workload import (
     LEAST_SAMPLES,
     EmpiricalWorkload,
@@ -30,7 +31,7 @@ def recorded(campaign, *counts, settings=({"size_ratio": 0.4}, {"size_ratio": 0.
     rows = np.zeros(sum(counts), sample_dtype)
     rows["string"] = np.repeat(np.arange(len(counts)), counts)
     rows["sample"] = np.concatenate([np.arange(count) for count in counts])
-    rows["seconds"] = 10.0 * rows["string"] + rows["sample"]
+    rows["seconds"] = rows["cpu_seconds"] = 10.0 * rows["string"] + rows["sample"]
     rows["state"] = COMPLETED
     return PilotSamples(rows, np.array([campaign.parameters(values) for values in settings]))
 
@@ -44,6 +45,29 @@ def test_a_recorded_string_gives_its_own_samples_first_and_then_some_of_them_aga
     drawn = times(EmpiricalWorkload(known, campaign), known.parameters[1], 200)
     assert drawn[:6] == [10, 11, 12, 13, 14, 15]
     assert set(drawn[6:]) == {10, 11, 12, 13, 14, 15}
+
+
+def test_a_sample_takes_its_processor_time_or_else_its_wall_clock_time(campaign):
+    known = recorded(campaign, 6, 6)
+    known.rows["seconds"] *= 7.0  # a busy machine
+    assert times(EmpiricalWorkload(known, campaign), known.parameters[1], 2) == [10, 11]
+    known.rows["cpu_seconds"] = np.nan  # a file of format version 2
+    assert times(EmpiricalWorkload(known, campaign), known.parameters[1], 2) == [70, 77]
+
+
+def test_the_summary_of_samples_shows_a_busy_machine(campaign):
+    known = recorded(campaign, 6, 6)
+    summary = pilot_summary(known, None)
+    assert (summary.mean_seconds, summary.longest_seconds) == (7.5, 15.0)
+    assert summary.wall_over_cpu == 1.0
+    known.rows["seconds"] *= 7.0
+    busy = pilot_summary(known, None)
+    assert (busy.mean_seconds, busy.longest_seconds) == (7.5, 15.0)
+    assert busy.wall_over_cpu == 7.0
+    known.rows["cpu_seconds"] = np.nan
+    unknown = pilot_summary(known, None)
+    assert (unknown.mean_seconds, unknown.longest_seconds) == (52.5, 105.0)
+    assert np.isnan(unknown.wall_over_cpu)
 
 
 def test_other_strings_draw_from_the_nearest(campaign):

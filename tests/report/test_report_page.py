@@ -15,9 +15,11 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
+from agglom_mpi.report import page_tables
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
+from agglom_mpi.report.page_tables import best_strings
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
@@ -77,7 +79,7 @@ def begin(path, failed=0):
             rows = np.zeros(10, sample_dtype)
             rows["string"], rows["sample"], rows["state"] = string, np.arange(10), 1
             rows["mean_radius_ratio"], rows["particles"] = 1.5 + 0.1 * np.arange(10), 20
-            rows["seconds"], rows["energy_error"] = 0.25, 1e-12
+            rows["seconds"], rows["cpu_seconds"], rows["energy_error"] = 0.25, 0.2, 1e-12
             if string == 0:
                 rows["state"][:failed], rows["reason"][:failed] = 2, 3
             writer.put_samples(rows)
@@ -163,6 +165,34 @@ def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_p
 
 
 @pytest.mark.usefixtures("sketched")
+def test_the_starts_show_how_much_of_their_busy_time_ranks_were_on_a_core(waiting):
+    times = {"busy_seconds": 8.0, "cpu_seconds": 6.0, "database_seconds": 0.5}
+    with CampaignWriter(waiting) as writer:
+        leg = writer.begin_leg(**leg_fields(2, "") | {"started": 1e9})
+        writer.end_leg(leg, stopped=1e9 + 5.0, exit_code=0, samples=30, **times)
+        writer.begin_leg(**leg_fields(2, ""))
+    table = page_tables.legs(read_campaign(waiting))
+    places = [table.headings.index(name) for name in ("busy", "on a core", "writing")]
+    ended, running = table.rows
+    assert [ended[place] for place in places] == ["80.0%", "75.0%", "5.00%"]
+    assert [running[place] for place in places] == ["", "", ""]
+
+
+def test_a_string_is_shown_with_its_processor_time_or_else_its_wall_clock_time(waiting):
+    def shown():
+        return {row[0]: row[1:] for row in best_strings(read_campaign(waiting)).rows}
+
+    begin(waiting)
+    assert shown()["processor time"] == ["2 s", "2 s", "2 s"]
+    with h5py.File(waiting, "r+") as file:
+        rows = file["samples"][...]
+        rows["cpu_seconds"] = np.nan
+        rows["crc"] = checksums(rows)
+        file["samples"][...] = rows
+    assert shown()["wall-clock time"] == ["2.5 s", "2.5 s", "2.5 s"]
+    assert "processor time" not in shown()
+
+
 def test_failed_samples_are_counted_by_reason(waiting, tmp_path):
     begin(waiting, failed=4)
     page = report(waiting, tmp_path / "out")

@@ -5,6 +5,7 @@ import pytest
 from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import wait_for
 
+from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
 from agglom_mpi.runtime import sample_runner as module
@@ -28,13 +29,14 @@ class Clock:
     def monotonic(self):
         return self.now
 
-    time = perf_counter = monotonic
+    time = perf_counter = thread_time = monotonic
 
 
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(module, "time", clock)
+    for each in (module, stopwatch):
+        monkeypatch.setattr(each, "time", clock)
     return clock
 
 

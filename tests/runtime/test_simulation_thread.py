@@ -10,6 +10,7 @@ import pytest
 from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import HANG, wait_for
 
+from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime import sample_runner as module
@@ -424,3 +425,22 @@ def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever(times
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
     thread.stop()
+
+
+def test_the_thread_that_simulates_reads_its_own_processor_time(campaign, monkeypatch):
+    readers, seconds = [], iter(range(10, 100, 10))
+
+    def thread_time():
+        readers.append(threading.current_thread())
+        return float(next(seconds))
+
+    clocks = SimpleNamespace(perf_counter=time.perf_counter, thread_time=thread_time)
+    monkeypatch.setattr(stopwatch, "time", clocks)
+    simulator = SampleRunner(InversionExperiment(campaign), 0)
+    simulator.warm_up()
+    thread = SimulationThread(simulator, Wakeup())
+    thread.put(tasks(campaign, 2))
+    results = taken(thread).results
+    thread.stop()
+    assert set(readers) == {thread._thread}
+    assert results["cpu_seconds"].tolist() == [10.0, 10.0]

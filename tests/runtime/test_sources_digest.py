@@ -1,21 +1,37 @@
 """What changes the digest of the sources that decide, and what does not."""
 
+import ast
 import shutil
+import sys
+from types import FunctionType
 
+import numpy as np
 import pytest
+from campaign_runs import TINY, write_campaign
 
-from agglom_mpi.runtime.file_setup import PACKAGE, sources_digest
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.runtime import experiment as experiment_module
+from agglom_mpi.runtime.file_setup import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
+from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.scheduling.interface import TASK
 
 SAME = [
     ("search/ensemble.py", "its samples in order", "all samples in order"),
     ("physics/cooling.py", "\n\n\n", "\n\n\n# A remark.\n"),
     ("config/describe.py", "def ", "def other_"),
+    ("config/consequences.py", "mean free path", "free path"),
+    ("config/estimate.py", "samples failed", "samples have failed"),
+    ("config/campaign.py", "allow {share} of the box; a narrower", "allow {share}; a narrower"),
+    ("config/campaign.py", "must be at least 1", "must be 1 at least"),
+    ("config/sizes.py", "must ", "has to "),
     ("report/page.py", "def ", "def other_"),
 ]
 OTHER = [
     ("physics/constants.py", "8.314462618", "8.314462619"),
     ("search/ensemble.py", "10 * (failed", "11 * (failed"),
     ("config/campaign.py", "first_sample", "other_sample"),
+    ("config/campaign.py", "generations < 1", "generations < 2"),
+    ("config/identity.py", '"seed"', '"sown"'),
     ("runtime/experiment.py", "best.setdefault(", "best.update("),
     ("analysis/warm_start.py", "parameters_of(begun)", "parameters_of(begun)[::-1]"),
     ("analysis/ranking.py", "sorted(", "list("),
@@ -50,3 +66,78 @@ def test_a_better_sentence_changes_nothing(package, name, old, new):
 @pytest.mark.parametrize(("name", "old", "new"), OTHER)
 def test_another_decision_is_seen(package, name, old, new):
     assert edited(package, name, old, new) != sources_digest()
+
+
+BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/sample_runner.py")
+"""Modules that lead a run from a text to samples and decisions."""
+LOOKED_AT_FIRST = ("analysis/warm_start.py",)
+"""A counted module that the run time itself calls."""
+ANSWERS = ("description", "describe", "estimate", "simulate", "try_function", "warnings")
+"""Methods of a `Campaign` that no run calls for its results."""
+
+
+def imported(path):
+    """Yield the package's modules that a module imports, but for those of `ANSWERS`, as paths."""
+
+    def nodes(node, within):
+        for child in ast.iter_child_nodes(node):
+            if within == "Campaign" and getattr(child, "name", "") in ANSWERS:
+                continue
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            yield child
+            yield from nodes(child, child.name if isinstance(child, ast.ClassDef) else within)
+
+    for node in nodes(ast.parse(path.read_bytes()), ""):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            root, *parts = name.split(".")
+            if root == "agglom_mpi" and parts and (PACKAGE.joinpath(*parts)).suffix == "":
+                found = PACKAGE.joinpath(*parts).with_suffix(".py")
+                if found.exists():
+                    yield found.relative_to(PACKAGE).as_posix()
+
+
+def counted():
+    names = {p.relative_to(PACKAGE).as_posix() for each in DECIDING for p in PACKAGE.glob(each)}
+    return {name for name in names if not name.endswith("__init__.py")}
+
+
+def test_every_counted_module_takes_part_in_a_run():
+    reached, new = set(), [*BEGUN_BY, *LOOKED_AT_FIRST]
+    while new:
+        name = new.pop()
+        if name not in reached and name not in NOT_DECIDING:
+            reached.add(name)
+            new += imported(PACKAGE / name)
+    assert counted() - set(NOT_DECIDING) - reached == set(), "name them in NOT_DECIDING"
+    assert set(NOT_DECIDING) <= counted()
+
+
+def refuse(*arguments, **options):
+    raise AssertionError("a run has called what takes no part in it")
+
+
+def test_a_run_calls_nothing_that_is_not_counted(tmp_path, monkeypatch):
+    left_out = {f"agglom_mpi.{name[:-3].replace('/', '.')}" for name in NOT_DECIDING}
+    for module in [m for name, m in sys.modules.items() if name.startswith("agglom_mpi")]:
+        for name, value in list(vars(module).items()):
+            if isinstance(value, FunctionType) and value.__module__ in left_out:
+                monkeypatch.setattr(module, name, refuse)
+    campaign = load_campaign(write_campaign(tmp_path / "tiny.yaml", **TINY))
+    work = experiment_module.InversionExperiment(campaign)
+    runner = SampleRunner(work, 0)
+    work.identity()
+    work.inversion(restore=None)
+    batch = np.zeros(1, TASK)
+    batch["count"], batch["parameters"] = 2, campaign.parameters()
+    task = runner.begin(batch[0])
+    while task.simulate_next():
+        pass
+    finished = task.collect()
+    assert finished.results["state"].tolist() == [1, 1]
+    assert len(finished.failures) == 0

@@ -175,7 +175,7 @@ def test_a_leg_that_is_just_rewritten_is_read_again(path, copy, monkeypatch):
         torn["samples"] = 5
         legs.write(leg, torn)
         finish = {"stopped": 2e9, "exit_code": 0, "samples": 5, "busy_seconds": 1.0}
-        finish["database_seconds"] = 0.1
+        finish |= {"cpu_seconds": 0.9, "database_seconds": 0.1}
         monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.end_leg(leg, **finish))
         assert write_compact(path, copy).damaged == 0
     assert read_campaign(copy).legs()["exit_code"].tolist() == [0]

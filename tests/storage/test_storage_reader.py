@@ -10,6 +10,7 @@ from storage_rows import STRINGS, TEXT, put_generation, put_result, put_strings,
 import agglom_mpi
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import NotACampaign, read_campaign
+from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 
@@ -60,6 +61,7 @@ def test_strings_table(campaign):
         "failed",
         "hit_maximum",
         "seconds",
+        "cpu_seconds",
     ]
     assert len(table) == 5
     assert set(table["origin"]) == {"offspring"}
@@ -153,6 +155,9 @@ def test_a_file_that_is_no_hdf5(path, spoil, message):
         assert "\n" not in str(caught.value)
 
 
+NEWER = FORMAT_VERSION + 1
+
+
 def set_attribute(name, value):
     def change(file):
         file.attrs[name] = value
@@ -173,8 +178,8 @@ def other_columns(file):
     ("change", "message"),
     [
         (set_attribute("format", "something else"), "not an agglom_mpi campaign"),
-        (set_attribute("format_version", 3), "version 3, .* up to 2: update agglom_mpi"),
-        (set_attribute("format_version", 2**40), "version 1099511627776, .* up to 2: update"),
+        (set_attribute("format_version", NEWER), f"version {NEWER}, .*: update agglom_mpi"),
+        (set_attribute("format_version", 2**40), "version 1099511627776, .*: update"),
         (set_attribute("format_version", 0), "without a format version"),
         (lambda file: file.attrs.pop("format_version"), "without a format version"),
         (set_attribute("format_version", "two"), "damaged"),

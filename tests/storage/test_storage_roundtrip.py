@@ -141,11 +141,11 @@ def test_legs(path, writer):
     assert np.isnan(row["stopped"])
     assert row["host"].decode() == "knöten"
     assert len(row["mpi"]) == 64
-    writer.end_leg(
-        0, stopped=1e9 + 5, exit_code=75, samples=300, busy_seconds=19.5, database_seconds=0.2
-    )
+    times = {"busy_seconds": 19.5, "cpu_seconds": 17.0, "database_seconds": 0.2}
+    writer.end_leg(0, stopped=1e9 + 5, exit_code=75, samples=300, **times)
     row = read_campaign(path).legs()[0]
     assert (row["exit_code"], row["stopped"], row["samples"]) == (75, 1e9 + 5, 300)
+    assert {name: row[name] for name in times} == times
     assert row["ranks"] == 4
 
 

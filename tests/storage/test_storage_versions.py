@@ -17,16 +17,21 @@ from agglom_mpi.storage.table import fitted
 FILES = Path(__file__).parent / "files"
 
 
+def unpacked(folder, version):
+    """Copy a campaign of three generations and its file after two of them; return the folder.
+
+    Written by commits 357adf2 and bf3d894: `agglom-invert version_1.yaml --generations 2`.
+    """
+    shutil.copy(FILES / f"version_{version}.yaml", folder)
+    with gzip.open(FILES / f"version_{version}.h5.gz") as packed:
+        (folder / f"version_{version}.h5").write_bytes(packed.read())
+    return folder
+
+
 @pytest.fixture
 def old(tmp_path):
-    """Folder of a campaign of three generations, and its file of version 1 after two of them.
-
-    Written by commit 357adf2: `agglom-invert version_1.yaml --generations 2`.
-    """
-    shutil.copy(FILES / "version_1.yaml", tmp_path)
-    with gzip.open(FILES / "version_1.h5.gz") as packed:
-        (tmp_path / "version_1.h5").write_bytes(packed.read())
-    return tmp_path
+    """Folder of a campaign and its file of version 1."""
+    return unpacked(tmp_path, 1)
 
 
 def final_bytes(path):
@@ -55,22 +60,42 @@ def test_an_older_file_is_read(old):
 
 
 @pytest.mark.exact_bits
-def test_an_older_file_is_sound(old):
-    assert "2 of 2 populations" in assert_sound(old / "version_1.h5")
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_older_file_is_sound(tmp_path, version):
+    path = unpacked(tmp_path, version) / f"version_{version}.h5"
+    assert "2 of 2 populations" in assert_sound(path)
+
+
+def test_a_file_without_processor_times_is_read(tmp_path):
+    path = unpacked(tmp_path, 2) / "version_2.h5"
+    file, data = agglom_mpi.open_campaign(path), read_campaign(path)
+    assert data.attributes["format_version"] == 2 < FORMAT_VERSION
+    assert file.samples["used"].sum() == 36
+    assert np.isnan(file.samples["cpu_seconds"]).all()
+    assert (file.samples["seconds"] > 0.0).all()
+    assert np.isnan(file.strings["cpu_seconds"]).all()
+    assert np.isnan(data.legs()["cpu_seconds"]).all()
+    assert data.legs()["scipy"].tolist() != [b""]
 
 
 @pytest.mark.exact_bits
-def test_an_older_file_is_continued_and_keeps_its_rows(old):
-    path = old / "version_1.h5"
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_older_file_is_continued_and_keeps_its_rows(tmp_path, version):
+    folder = unpacked(tmp_path, version)
+    path = folder / f"version_{version}.h5"
     before = final_bytes(path)
-    finish(old, "version_1.yaml", "--accept-code-change")
+    finish(folder, f"version_{version}.yaml", "--accept-code-change")
     after = final_bytes(path)
     assert {place: after[place] for place in before} == before
     file = read_campaign(path)
-    assert file.attributes["format_version"] == 1
+    assert file.attributes["format_version"] == version
     assert len(file.generation_rows()) == 3
     assert len(file.legs()) == 2
+    assert (file.legs()["busy_seconds"] > 0.0).all()
     assert_sound(path)
+    with h5py.File(path) as raw:
+        assert "cpu_seconds" not in raw["samples"].dtype.names
+        assert "cpu_seconds" not in raw["legs"].dtype.names
 
 
 @pytest.mark.exact_bits

@@ -1,0 +1,45 @@
+"""A setting reaches an error where all finer ones do, too."""
+
+import math
+
+import pandas as pd
+import pytest
+
+from agglom_mpi.accuracy.few_body import seconds_at
+from agglom_mpi.accuracy.stopping_study import at_goal, samples_needed
+from agglom_mpi.accuracy.work_precision import cost_at, lasting
+
+ERRORS = [0.5, 0.004, 0.04, 0.02, 0.01]
+COSTS = [1.0, 2.0, 4.0, 8.0, 16.0]
+
+
+def test_only_what_stays_within_counts():
+    assert lasting(ERRORS, 0.02).tolist() == [False, False, False, True, True]
+    assert lasting(ERRORS, 0.005).tolist() == [False] * 5
+    assert lasting([0.5, math.nan, 0.001], 0.01).tolist() == [False, False, True]
+
+
+def test_the_cost_of_an_error_is_that_where_it_is_reached_to_stay():
+    assert cost_at(ERRORS, COSTS, 0.02) == pytest.approx(8.0)
+    assert cost_at(ERRORS, COSTS, math.sqrt(0.01 * 0.02)) == pytest.approx(math.sqrt(8.0 * 16.0))
+    assert cost_at(ERRORS, COSTS, 0.005) == math.inf
+    assert cost_at(ERRORS, COSTS, 1.0) == 1.0
+    assert cost_at([0.5, math.nan, 0.001], [1.0, 2.0, 4.0], 0.01) == 4.0
+
+
+def test_stopping_rules_and_few_spheres_are_judged_in_the_same_way():
+    rules = pd.DataFrame({"rule": "one", "rms error": ERRORS, "samples, mean": COSTS})
+    assert samples_needed(rules, 0.02) == pytest.approx(8.0)
+    assert at_goal(rules, 0.02)["samples, mean"].tolist() == [8.0]
+    assert at_goal(rules, 0.005)["samples, mean"].tolist() == [16.0]
+    steps = pd.DataFrame(
+        {
+            "step (s)": [1e-1, 1e-2, 1e-3, 1e-4, 1e-5],
+            "position error": ERRORS,
+            "position error, standard error": 0.0,
+            "processor time per run (s)": COSTS,
+        }
+    )
+    assert seconds_at(steps, 0.02) == pytest.approx(8.0)
+    steps["position error, standard error"] = 0.01  # the upper end of the last is 0.0296
+    assert seconds_at(steps, 0.02) == math.inf
