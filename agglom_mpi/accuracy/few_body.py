@@ -34,7 +34,13 @@ from agglom_mpi.accuracy.few_body_study import (
     orders,
     study,
 )
-from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name, time_text
+from agglom_mpi.accuracy.run_times import (
+    quartile_names,
+    shown_time,
+    time_columns,
+    time_name,
+    time_text,
+)
 from agglom_mpi.accuracy.work_precision import cost_at
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate
@@ -195,8 +201,11 @@ def _figures(frame: "pd.DataFrame", sentences: Sentences) -> tuple[Drawing, ...]
 
     def cost(figure: "matplotlib.figure.Figure") -> None:
         shown = frame[frame["scene"].isin((TYPICAL, UNSEEN))]
+        low, high = quartile_names("run")
         curves = [
-            _curve(f"{engine}: {scene}", points, TIME)
+            _curve(f"{engine}: {scene}", points, TIME)._replace(
+                cost_low=points[low], cost_high=points[high]
+            )
             for (scene, engine), points in shown.groupby(["scene", "engine"], sort=False)
         ]
         draw_curves(figure, curves, TIME, ERROR)

@@ -29,7 +29,7 @@ from agglom_mpi.accuracy.impact_methods import (
     outcomes,
     summary,
 )
-from agglom_mpi.accuracy.run_times import shown_time
+from agglom_mpi.accuracy.run_times import quartile_names, shown_time
 from agglom_mpi.formatting import format_seconds
 from agglom_mpi.report.drawing import COLOURS, Drawing
 
@@ -157,8 +157,9 @@ def _draw_work(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> Non
     groups += [(f"published, cap {cap:g}", own) for cap, own in frame.groupby("cap")]
     curves = []
     for name, own in groups:
-        cost = 1e9 * own[TIME]
-        curves.append(Curve(name, cost, own["median error of e"].clip(lower=FLOOR)))
+        cost, low, high = (1e9 * own[column] for column in (TIME, *quartile_names("impact")))
+        error = own["median error of e"].clip(lower=FLOOR)
+        curves.append(Curve(name, cost, error, cost_low=low, cost_high=high))
     axes = draw_curves(figure, curves, "processor time of an impact (ns)", "error of e")
     for index, (_, own) in enumerate(groups):
         axes.plot(
