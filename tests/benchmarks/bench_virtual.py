@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning import cluster_simulator as virtual
@@ -78,7 +79,7 @@ def print_shares(job, seconds=MEASURE):
     campaign = load_campaign(JOBS / f"{job}.yaml")
     recorded = run_pilot(campaign, seconds, lambda text: None)
     rehearsal, costs = EmpiricalWorkload(recorded, campaign), MessageCosts()
-    times, shares = recorded.rows["seconds"], []
+    times, shares = time_on_free_core(recorded.rows), []
     print(
         f"\n{job}: {len(times)} samples of {len(recorded.parameters)} strings, mean "
         f"{times.mean() * 1e3:.2f} ms, longest {times.max() * 1e3:.1f} ms; costs: latency "
