@@ -40,9 +40,9 @@ def _perturb_numpy(module, k):
     make = module.default_rng
 
     def default_rng(seed=None):
-        if not isinstance(seed, numbers.Integral):
+        if not isinstance(seed, numbers.Integral | list):
             return make(seed)
-        return make(module.SeedSequence(int(seed), spawn_key=(k,)))
+        return make(module.SeedSequence(seed, spawn_key=(k,)))
 
     module.default_rng = default_rng
 

@@ -42,6 +42,22 @@ class Collision(NamedTuple):
     """ "bounce" or "merge"."""
 
 
+SAME = 1e-9
+"""Relative difference of equal times of early collisions, see above."""
+
+
+def untied(collisions):
+    """How many collisions come before the first that shares its time and a sphere with another.
+
+    Who re-enters may land on two spheres at once; which of the two is hit first, and whether it is
+    before a face is crossed again, is anybody's choice.
+    """
+    for k, (one, two) in enumerate(itertools.pairwise(collisions)):
+        if two.time - one.time <= SAME * two.time and {one.i, one.j} & {two.i, two.j}:
+            return k
+    return len(collisions)
+
+
 @dataclass
 class Result:
     """State at `time`: end_time, or the time of the last collision that `most` allowed.
