@@ -130,19 +130,19 @@ def cold(tmp_path):
 
 
 def test_a_scene_without_temperature_has_none_in_tables_and_particles(cold):
-    file = open_campaign(cold)
-    assert not file.has_temperature
+    file, data = open_campaign(cold), read_campaign(cold)
+    assert not data.has_temperature
     assert np.isnan(file.samples["mean_temperature"]).all()
-    kept, shown = file.final_particles(0, 0), file.frames(0, 0)
+    kept, shown = data.final_particles(0, 0), data.frames(0, 0)
     assert np.isnan(kept.temperatures).all()
     assert kept.radii.tobytes() == final(0, 0).radii.tobytes()
     assert not shown.has_temperature
-    assert file.all_sample_rows()["mean_temperature"].tolist() == [0.0]  # as it is stored
+    assert data.all_sample_rows()["mean_temperature"].tolist() == [0.0]  # as it is stored
 
 
 def test_a_scene_with_a_temperature_keeps_it(filled):
     file = open_campaign(filled)
-    assert file.has_temperature
+    assert read_campaign(filled).has_temperature
     assert np.isfinite(file.samples["mean_temperature"]).all()
 
 
