@@ -88,8 +88,8 @@ def of_moments(pool, samples, repeats, rng):
     return held.mean(axis=0), errors.mean(axis=0) / values.std(axis=0, ddof=1)
 
 
-def print_moments(job, pool, repeats=MOMENT_REPEATS):
-    """Print the coverage of intervals of moments of one published string."""
+def print_moments(pool, repeats=MOMENT_REPEATS):
+    """Print the coverage of intervals of moments by samples of a pool."""
     rng = np.random.default_rng(8)
     print(f"{'moments':<16}" + "".join(f"{name:<28}" for name in MOMENTS))
     for samples in MOMENT_SAMPLES:
@@ -119,7 +119,7 @@ def print_coverage(job, size=None):
             f"best of {RIVALS} such: {best:.1%}, biased by {bias:+.4f}",
             flush=True,
         )
-    print_moments(job, pool)
+    print_moments(pool)
 
 
 @pytest.mark.benchmark
