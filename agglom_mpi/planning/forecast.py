@@ -276,8 +276,8 @@ def _heading(report: ForecastReport) -> list[str]:
         f"{pluralise(campaign.stopping.generations, 'generation')}, "
         f"{pluralise(campaign.max_strings, 'string')}",
         f"{pluralise(pilot.samples, 'sample')} of {pluralise(pilot.strings, 'string')} {where}: "
-        f"mean {format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)} "
-        f"of {_clock(pilot)}{failed}",
+        f"mean {format_duration(pilot.mean_seconds)}, "
+        f"longest {format_duration(pilot.longest_seconds)} of {_clock(pilot)}{failed}",
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
