@@ -10,6 +10,7 @@ from campaign_text import campaign
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import LEDGER, OUTCOME
 from agglom_mpi.search.moment_targets import FOURTH_ORDER_INTERVALS
 
@@ -139,7 +140,7 @@ def test_overlaps_are_explained_where_there_are_any(estimate):
 def test_an_outcome_prints_without_its_arrays(outcomes):
     shown = repr(outcomes[0])
     assert shown.startswith("Outcome(mean_radius_ratio=")
-    assert f"radii=<{outcomes[0].particles} values, " in shown
+    assert f"radii=<{pluralise(outcomes[0].particles, 'value')}, " in shown
     assert "\n" not in shown
     assert len(shown) < 600
 
