@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
     from agglom_mpi.analysis.feasible_set import FeasibleSet
     from agglom_mpi.simulation.frames import Frames
+
+ESTIMATED: Final = {
+    "estimate": "objective",
+    "estimate_standard_error": "standard_error",
+    "estimate_mean_radius_ratio": "mean_radius_ratio",
+}
+"""Columns of `best` that are of fresh samples, and their names in an `Estimate`."""
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
@@ -122,7 +129,7 @@ class CampaignFile(metaclass=PublicFace):
         """One row for each string that was estimated again on fresh samples, in order of rank.
 
         `objective`, `standard_error` and the 95 % interval `lower` to `upper` are of the fresh
-        samples; the search's own, biased, are `searched_objective` and `searched_standard_error`.
+        samples; those as searched are `searched_objective` and `searched_standard_error`.
         """
         return tables.table_of(self._snapshot(), "estimates")
 
@@ -147,9 +154,13 @@ class CampaignFile(metaclass=PublicFace):
     def best(self, k: int = 1) -> "pd.DataFrame":
         """Best k judged strings, by their re-estimates on fresh samples where there are any.
 
-        Strings without a re-estimate follow in the order of the search's own `objective`, which
-        is biased; ties are broken by number. If the search has gone on, and its best string is
-        not estimated again yet, the order is the search's own.
+        Columns `estimate`, `estimate_standard_error` and `estimate_mean_radius_ratio` are of fresh
+        samples, nan where a string was not estimated again; `objective`, `standard_error` and all
+        other results are as searched, of the samples that strings were chosen by.
+
+        Strings without a re-estimate follow in the order of the search; ties are broken by number.
+        If the search has gone on, and its best string is not estimated again yet, the order is the
+        search's own.
 
         Examples
         --------
@@ -166,9 +177,11 @@ class CampaignFile(metaclass=PublicFace):
         own = search_order(data, data.result_rows())
         order = [string for string in order_by_estimates(own, estimates) if string in judged]
         frame = table.set_index("string", drop=False).loc[order[:k]].reset_index(drop=True)
-        values = {estimate.string: estimate.objective for estimate in estimates}
-        frame["estimate"] = [values.get(string, np.nan) for string in frame["string"]]
-        frame.attrs["units"] = table.attrs["units"] | {"estimate": "1"}
+        known = {estimate.string: estimate for estimate in estimates}
+        again = [known.get(string) for string in frame["string"]]
+        for column, name in ESTIMATED.items():
+            frame[column] = [np.nan if each is None else getattr(each, name) for each in again]
+        frame.attrs["units"] = table.attrs["units"] | dict.fromkeys(ESTIMATED, "1")
         return frame
 
     def feasible_set(self, tolerance: float = 0.05) -> "FeasibleSet":

@@ -85,6 +85,11 @@ def value_with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
+def number_or_none(value: float | None, style: str) -> str:
+    """Return a number in a format; `none` where there is none, as the error of a single sample."""
+    return "none" if value is None or math.isnan(value) else format(value, style)
+
+
 _LONG_UNITS: Final = (("min", 60.0, 7200.0), ("h", 3600.0, 172_800.0))
 """Units of long times, their size in s, and the time up to which they are used, s."""
 

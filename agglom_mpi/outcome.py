@@ -9,6 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.formatting import pluralise
+
 COMPLETED: Final = 1
 FAILED: Final = 2
 
@@ -123,8 +125,11 @@ def _brief(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_brief(part)}" for key, part in value.items()) + "}"
     if isinstance(value, np.ndarray):
-        ends = f", {value.min():.4g} to {value.max():.4g}" if value.size else ""
-        return f"<{value.size} values{ends}>"
+        known = value[value == value]
+        if value.size and not known.size:
+            return "<none>"
+        ends = f", {known.min():.4g} to {known.max():.4g}" if value.size else ""
+        return f"<{pluralise(value.size, 'value')}{ends}>"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

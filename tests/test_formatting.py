@@ -8,6 +8,7 @@ from agglom_mpi.formatting import (
     format_mean,
     format_percent,
     format_seconds,
+    number_or_none,
     value_with_error,
 )
 from agglom_mpi.statistics import mean_of
@@ -73,3 +74,10 @@ def test_numbers_have_so_many_digits_and_no_exponent():
         "1200",
     ]
     assert format_percent(0.0478) == "4.8 %"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.01234, "0.0123"), (0.0, "0.0000"), (math.nan, "none"), (None, "none")]
+)
+def test_a_number_that_is_not_there_is_none(value, text):
+    assert number_or_none(value, ".4f") == text

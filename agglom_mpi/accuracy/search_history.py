@@ -8,12 +8,14 @@ import numpy as np
 
 from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
 from agglom_mpi.accuracy.study import Rows, Setup, completed
+from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import recorded_campaign
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
 from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.search.objectives import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
@@ -71,6 +73,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
     """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
+    optimism = optimism_of(frame.drop_duplicates("string"))
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
     sentences = Sentences(
         "search_history",
@@ -79,8 +82,10 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         generations=len(frame),
         last=frame.iloc[-1],
         best=frame.iloc[int(frame["estimated again"].argmin())],
-        bests=len(changes),
-        optimism=(changes["estimated again"] - changes["objective"]).mean(),
+        bests=frame["string"].nunique(),
+        optimism=optimism,
+        size=optimism._replace(value=abs(optimism.value)),
+        is_bias=abs(optimism.value) > CLAIMED_ERRORS * optimism.error,
         estimate=_again,
     )
     return Section(
@@ -92,7 +97,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
             Drawing(
                 "inversion",
                 sentences.paragraph("caption"),
-                lambda figure: _draw(figure, frame),
+                lambda figure: _draw(figure, frame, campaign_objective(history).least),
             ),
         ),
         tables=(
@@ -110,9 +115,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
-    campaign = campaign_of(history)
-    objective = campaign.objective.build(campaign.scene.equivalent_grains)
-    rows = []
+    objective, rows = campaign_objective(history), []
     for row in history.generation_rows():
         string = int(row["best_string"])
         good = completed(samples[name_of(string)])
@@ -132,6 +135,26 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
             }
         )
     return pd.DataFrame(rows)
+
+
+def campaign_objective(history: CampaignData) -> Objective:
+    """Return the objective that the campaign of a file searched by."""
+    campaign = campaign_of(history)
+    return campaign.objective.build(campaign.scene.equivalent_grains)
+
+
+def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:
+    """Return the mean of estimates less the search's objectives, with its standard error.
+
+    Parameters
+    ----------
+    strings
+        Rows of `measure`, one for each string; their samples are independent of each other.
+    """
+    errors = strings[["standard error", "standard error of that"]]
+    error = float(np.linalg.norm(errors)) / len(strings)
+    difference = strings["estimated again"] - strings["objective"]
+    return MeanEstimate(float(difference.mean()), error, len(strings))
 
 
 def _again(row: Any) -> MeanEstimate:
@@ -155,14 +178,15 @@ COLUMNS: Final = (
 )
 
 
-def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
+def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", least: float) -> None:
+    """Draw both objectives against time, with bands that end at `least`, the lowest objective."""
     seconds = frame["seconds (s)"]
     own = t_95(1000) * frame["standard error"]
     again = t_95(1000) * frame["standard error of that"]
     value, truth = frame["objective"], frame["estimated again"]
     curves = [
-        Curve("as the search had it", seconds, value, value - own, value + own),
-        Curve("estimated again", seconds, truth, truth - again, truth + again),
+        Curve("as the search had it", seconds, value, np.maximum(least, value - own), value + own),
+        Curve("estimated again", seconds, truth, np.maximum(least, truth - again), truth + again),
     ]
     draw_curves(
         figure, curves, "wall-clock time (s)", "objective of the best", scales=("linear", "linear")

@@ -29,7 +29,7 @@ class Estimate(NamedTuple):
     mean_radius_ratio
         Mean b/b⁰ of the fresh samples that were completed.
     searched_objective, searched_standard_error
-        The search's own, of the samples that it was selected by, hence biased low.
+        As searched, of the samples that it was chosen by: lucky strings survive.
     """
 
     string: int

@@ -1,6 +1,7 @@
 """Comparison of several campaign files."""
 
 import json
+import math
 import statistics
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
@@ -49,14 +50,18 @@ def compare(files: Sequence[CampaignData]) -> Comparison:
     return Comparison([collect_summary(file, best=1) for file in files], differences, not decisive)
 
 
-def best_objectives(comparison: Comparison) -> list[tuple[float, float]]:
-    """Return objective and standard error of each file's best string, on fresh samples if any."""
-    found = []
-    for summary in comparison.summaries:
-        for entry in summary.best:
-            source = entry["reestimate"] or entry
-            found.append((source["objective"], source["standard_error"]))
-    return found
+def best_objectives(comparison: Comparison) -> dict[str, list[float]]:
+    """Return the objectives of the files' best strings, by the kind of samples.
+
+    Those `as searched` are of all files that have a best string, those `re-estimated` of the files
+    that estimated it again.
+    """
+    best = [entry for summary in comparison.summaries for entry in summary.best]
+    again = [entry["reestimate"] for entry in best if entry["reestimate"]]
+    return {
+        "as searched": [entry["objective"] for entry in best],
+        "re-estimated": [entry["objective"] for entry in again],
+    }
 
 
 def comparison_table(comparison: Comparison) -> RenderableType:
@@ -81,19 +86,21 @@ def _cells(summary: Summary) -> Iterator[str]:
 
 
 def _with_error(entry: dict[str, Any]) -> str:
-    return f"{entry['objective']:.4f} ± {entry['standard_error']:.4f}"
+    value, error = f"{entry['objective']:.4f}", entry["standard_error"]
+    return value if math.isnan(error) else f"{value} ± {error:.4f}"
 
 
 def _footer(comparison: Comparison) -> Iterator[str]:
-    found = best_objectives(comparison)
     if not comparison.comparable:
         yield "objectives are not of the same question, and cannot be compared"
-    elif len(found) > 1:
-        values = [value for value, _ in found]
-        yield (
-            f"best strings: median {statistics.median(values):.4f}, "
-            f"from {min(values):.4f} to {max(values):.4f}; ± is a standard error"
-        )
+    else:
+        for kind, values in best_objectives(comparison).items():
+            if len(values) > 1:
+                middle, low, high = statistics.median(values), min(values), max(values)
+                yield (
+                    f"best strings of {len(values)} files, {kind}: median {middle:.4f}, from "
+                    f"{low:.4f} to {high:.4f}; ± is a standard error"
+                )
     settings = comparison.differences
     for name, values in list(settings.items())[:SHOWN]:
         yield f"{name}: {', '.join('none' if value is None else str(value) for value in values)}"

@@ -96,10 +96,10 @@ def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:
 def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
     """Return strings in the order of their estimates on fresh samples, the best first.
 
-    The search's own objectives are biased low, so they are not compared with estimates: strings
-    that have estimates come first, in the order of these, and all others after them in the order of
-    the search. But where the search has gone on and its best string has no estimate yet, the order
-    is that of the search.
+    Objectives as searched are of the samples that strings were chosen by, and are not compared with
+    estimates: strings that have estimates come first, in the order of these, and all others after
+    them in the order of the search. But where the search has gone on and its best string has no
+    estimate yet, the order is that of the search.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 
 if TYPE_CHECKING:
@@ -81,14 +82,14 @@ def _idle(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     if not len(strings):
         return
     impacts = np.bincount(rows["string"], rows["collisions"])[strings]
-    still = int((impacts == 0).sum())
+    still, judged = int((impacts == 0).sum()), pluralise(len(strings), "string")
     if still:
         yield (
-            f"scene.end_time: in {still} of {len(strings)} strings no grain met another in any "
+            f"scene.end_time: in {still} of {judged} no grain met another in any "
             "sample; usual are several collisions per grain"
         )
     if still < len(strings) and not rows["merges"].any():
         yield (
-            f"variables: in none of {len(strings)} strings did any grains bond, so b/b0 stayed 1; "
+            f"variables: in none of {judged} did any grains bond, so b/b0 stayed 1; "
             "faster, denser or softer grains bond"
         )

@@ -1,9 +1,8 @@
-"""Summary of a campaign in numbers, and the selection bias of its best strings."""
+"""Summary of a campaign: the numbers of `agglom report`, and its table."""
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -11,122 +10,17 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.measure import Measurement
 from rich.table import Table
 
-from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
+from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
+from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.analysis.tables import time_of_strings
-from agglom_mpi.formatting import format_duration, value_with_error
+from agglom_mpi.formatting import format_duration, number_or_none, pluralise
 from agglom_mpi.outcome import COMPLETED, summaries
-from agglom_mpi.search.moment_targets import MomentTargets
-from agglom_mpi.statistics import MeanEstimate
+from agglom_mpi.search.moment_targets import MomentTargets, interval_notes
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES, VARIABLES
-
-
-class SelectionBias(NamedTuple):
-    """Selection bias of the search, and which of the best strings differ significantly.
-
-    Attributes
-    ----------
-    first
-        String with the lowest estimate.
-    same
-        Strings that do not differ from it at 95 %, in order of rank.
-    pairs
-        Number of comparisons that the test is corrected for.
-    test
-        The test: Welch's t, or the paired t on common configurations.
-    optimism, standard_error
-        Mean of estimate minus the search's own objective, positive if that is biased low, and its
-        standard error by the fresh samples.
-    """
-
-    first: int
-    same: list[int]
-    pairs: int
-    test: str
-    optimism: float
-    standard_error: float
-
-
-def selection_bias(
-    estimates: Sequence[Estimate], paired: PairedSamples | None = None
-) -> SelectionBias | None:
-    """Return the selection bias by estimates, in order of rank; None if none has an error.
-
-    Parameters
-    ----------
-    estimates
-        On fresh samples.
-    paired
-        Their samples, if strings share configurations.
-    """
-    known = [estimate for estimate in estimates if estimate.known]
-    if not known:
-        return None
-    places = range(len(known))
-    means = [MeanEstimate(e.objective, e.standard_error, e.samples - e.failed) for e in known]
-    if paired is None:
-        different, test = significant_differences(means), "Welch's t"
-        error = float(np.linalg.norm([mean.error for mean in means])) / len(known)
-    else:
-        strings = [estimate.string for estimate in known]
-        differences = {
-            (i, j): paired.difference(strings[i], strings[j]) for i, j in combinations(places, 2)
-        }
-        different, test = (
-            significant_differences(means, differences),
-            "paired t on common configurations",
-        )
-        error = paired.average().error
-    same = [known[place].string for place in places[1:] if (0, place) not in different]
-    optimism = float(np.mean([e.objective - e.searched_objective for e in known]))
-    count = len(known) * (len(known) - 1) // 2
-    return SelectionBias(known[0].string, same, count, test, optimism, error)
-
-
-def describe_bias(
-    verdict: SelectionBias | None, shown: Sequence[int], estimated: int
-) -> Iterator[str]:
-    """Yield notes on the selection bias, as lines of text.
-
-    Parameters
-    ----------
-    verdict
-        None if there are no estimates.
-    shown
-        Strings of the columns of a table, #1 first.
-    estimated
-        Number of them that have estimates.
-    """
-    if verdict is None:
-        yield "objectives are the search's own; the lucky survive, so they are biased low"
-        return
-    by = value_with_error(abs(verdict.optimism), verdict.standard_error)
-    yield (
-        "re-estimates are on fresh samples that no decision has seen; the search's own objectives "
-        f"are too {'low' if verdict.optimism > 0 else 'high'}, by {by} on average"
-    )
-    if estimated < len(shown):
-        yield "objectives of strings without re-estimate are the search's own, biased low"
-    if verdict.pairs:
-        yield _comparison(verdict, shown)
-
-
-def _comparison(verdict: SelectionBias, shown: Sequence[int]) -> str:
-    test = f"at 95 % ({verdict.test}, {verdict.pairs} pair{'s' * (verdict.pairs > 1)}, Holm)"
-    places = {string: f"#{place}" for place, string in enumerate(shown, 1)}
-    first = places.get(verdict.first, f"string {verdict.first}")
-    if not verdict.same:
-        return f"{first} is the best of those estimated again, {test}"
-    names = [places[string] for string in verdict.same if string in places]
-    others = [f"string {string}" for string in verdict.same if string not in places]
-    names += others if len(others) < 2 else [f"{len(others)} strings that are not listed"]
-    listed = names[-1] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    do = "does" if len(verdict.same) == 1 else "do"
-    return f"{listed} {do} not differ significantly from {first} {test}"
-
 
 _WIDE: Final = 10_000
 
@@ -206,9 +100,8 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         derived={column.name: column.unit for column in derived_columns(file)},
         best=[
-            _entry(rows[string], parameters[string], again.get(string))
+            _entry(file, rows[string], parameters[string], again.get(string))
             | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
-            | _moments(file, string)
             | {
                 column.name: float(values_of(file, [string], column.name)[0])
                 for column in derived_columns(file)
@@ -219,8 +112,12 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
     )
 
 
-def _entry(result: np.void, string: np.void, again: Estimate | None) -> dict[str, Any]:
-    entry: dict[str, Any] = {"string": int(result["string"])}
+def _entry(
+    file: CampaignData, result: np.void, string: np.void, again: Estimate | None
+) -> dict[str, Any]:
+    """Return the numbers of a string: as searched, and under `reestimate` on fresh samples."""
+    number = int(result["string"])
+    entry: dict[str, Any] = {"string": number}
     for name in NAMES:
         if not np.isnan(string[name]):
             entry[name] = float(string[name])
@@ -229,23 +126,29 @@ def _entry(result: np.void, string: np.void, again: Estimate | None) -> dict[str
     entry["mean_grains"] = float(result["mean_grains"])
     entry["samples"] = int(result["samples_used"])
     entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
+    rows = file.all_sample_rows()
+    rows = rows[(rows["string"] == number) & (rows["state"] == COMPLETED)]
+    entry |= _moments(file, rows[rows["sample"] < file.samples_used.get(number, 0)])
+    if again is not None:
+        entry["reestimate"] |= _moments(file, rows[rows["sample"] >= file.fresh_from])
     return entry
 
 
-def _moments(file: CampaignData, string: int) -> dict[str, Any]:
-    """Return the `moments` that have a target of their own, of the fresh samples if there are any.
+def moment_notes(file: CampaignData) -> list[str]:
+    """Return what is to be known of the errors of the moments that a campaign has targets for."""
+    law = objective_of(file)
+    return interval_notes(term.name for term in law.terms) if isinstance(law, MomentTargets) else []
+
+
+def _moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
+    """Return the `moments` that have a target of their own, of completed samples.
 
     Empty where the objective has none, so that other entries are as ever.
     """
     law = objective_of(file)
     if not isinstance(law, MomentTargets):
         return {}
-    rows = file.all_sample_rows()
-    rows = rows[(rows["string"] == string) & (rows["state"] == COMPLETED)]
-    fresh = rows["sample"] >= file.fresh_from
-    used = rows["sample"] < file.samples_used.get(string, 0)
-    reached = law.reached(summaries(rows[fresh if fresh.any() else used]))
-    return {"moments": {moment.name: moment.as_dict() for moment in reached}}
+    return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
 
 
 class FitWidth:
@@ -277,6 +180,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     summary = collect_summary(file, listed_strings(file) if best is None else best)
     table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
     note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
+    note += moment_notes(file)
     return Group(table, *_footer(summary, note))
 
 
@@ -293,20 +197,28 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
     for name, unit in summary.derived.items():
         _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
     table.add_section()
-    again = [entry for entry in summary.best if entry["reestimate"]]
     for name, label, style in (
-        ("objective", f"objective{', as searched' if again else ''}", ".4f"),
+        ("objective", "objective, as searched", ".4f"),
         ("standard_error", "± standard error", ".4f"),
     ):
         _add_row(table, label, best, name, style)
-    if again:
-        _add_estimates(table, best)
-    _add_moments(table, best)
+    _add_moments(table, best, "as searched")
+    again = [entry["reestimate"] for entry in best]
+    if any(again):
+        for name, label, style in (
+            ("objective", "re-estimate", ".4f"),
+            ("lower", "95 % from", ".4f"),
+            ("upper", "95 % to", ".4f"),
+            ("mean_radius_ratio", "mean b/b0, re-estimate", ".4g"),
+            ("samples", "fresh samples", "d"),
+        ):
+            _add_row(table, label, again, name, style)
+        _add_moments(table, again, "re-estimate")
     for name, label, style in (
-        ("mean_radius_ratio", f"mean b/b0{', as searched' if again else ''}", ".4g"),
-        ("growth_number", "(mean b/b0)^3", ".4g"),
-        ("mean_grains", "grains per particle", ".4g"),
-        ("samples", "samples", "d"),
+        ("mean_radius_ratio", "mean b/b0, as searched", ".4g"),
+        ("growth_number", "  (mean b/b0)^3", ".4g"),
+        ("mean_grains", "  grains per particle", ".4g"),
+        ("samples", "  samples", "d"),
         _time_row(best),
     ):
         _add_row(table, label, best, name, style)
@@ -320,33 +232,24 @@ def _time_row(best: list[dict[str, Any]]) -> tuple[str, str, str]:
     return "seconds", "wall-clock s", ".3g"
 
 
-def _add_row(table: Table, label: str, best: list[dict[str, Any]], name: str, style: str) -> None:
-    table.add_row(label, *(format(entry[name], style) for entry in best))
+def _add_row(
+    table: Table, label: str, entries: Sequence[dict[str, Any] | None], name: str, style: str
+) -> None:
+    """Add a number of each entry; its cell is empty where there is no entry."""
+    cells = ("" if entry is None else number_or_none(entry[name], style) for entry in entries)
+    table.add_row(label, *cells)
 
 
-def _add_estimates(table: Table, best: list[dict[str, Any]]) -> None:
-    for name, label, style in (
-        ("objective", "re-estimate", ".4f"),
-        ("lower", "95 % from", ".4f"),
-        ("upper", "95 % to", ".4f"),
-        ("mean_radius_ratio", "mean b/b0", ".4g"),
-        ("samples", "fresh samples", "d"),
-    ):
-        values = [entry["reestimate"] and entry["reestimate"][name] for entry in best]
-        table.add_row(label, *("" if value is None else format(value, style) for value in values))
-
-
-def _add_moments(table: Table, best: list[dict[str, Any]]) -> None:
+def _add_moments(table: Table, entries: Sequence[dict[str, Any] | None], kind: str) -> None:
     """Add what was reached of each target of moments, and its share of the objective."""
-    found = [entry.get("moments", {}) for entry in best]
-    for name, first in (found[0] if found else {}).items():
-        reached = [entry[name] for entry in found]
-        table.add_row(f"{name}, wanted {first['target']:g}", *(_text(m["value"]) for m in reached))
-        table.add_row("  adds to objective", *(_text(m["miss"]) for m in reached))
-
-
-def _text(value: float | None) -> str:
-    return "none" if value is None else f"{value:.4g}"
+    found = [entry and entry.get("moments", {}) for entry in entries]
+    for name, first in (next((each for each in found if each), None) or {}).items():
+        reached = [each and each.get(name) for each in found]
+        for label, key in (
+            (f"{name}, wanted {first['target']:g}, {kind}", "value"),
+            ("  adds to objective", "miss"),
+        ):
+            _add_row(table, label, reached, key, ".4g")
 
 
 SEARCH_ESTIMATES: Final = (
@@ -359,25 +262,30 @@ SEARCH_ESTIMATES: Final = (
 def _footer(summary: Summary, notes: Sequence[str] = ()) -> list[str]:
     shown = [entry["string"] for entry in summary.best]
     estimated = sum(entry["reestimate"] is not None for entry in summary.best)
-    fresh = f" and {summary.samples_fresh} fresh ones" if summary.samples_fresh else ""
+    fresh = ""
+    if summary.samples_fresh:
+        fresh = f" and {pluralise(summary.samples_fresh, 'fresh one')}"
     lines = [
         f"{summary.state}: {summary.reason}" if summary.reason else summary.state,
-        f"{summary.generations} generations, {summary.strings} strings, {summary.samples_used} "
-        f"samples used of {summary.samples_simulated} simulated{fresh}, "
+        f"{pluralise(summary.generations, 'generation')}, {pluralise(summary.strings, 'string')}, "
+        f"{pluralise(summary.samples_used, 'sample')} used of {summary.samples_simulated} "
+        f"simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
         *describe_bias(summary.verdict, shown, estimated),
         *notes,
     ]
     if summary.hit_maximum:
-        lines.append(f"{summary.hit_maximum} strings ended at max_samples, not converged")
+        strings = pluralise(summary.hit_maximum, "string")
+        lines.append(f"{strings} ended at max_samples, not converged")
     if summary.failed:
-        lines.append(f"{summary.failed} samples failed")
+        lines.append(f"{pluralise(summary.failed, 'sample')} failed")
     return [*lines, summary.file]
 
 
 def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return a summary, and `more` entries, for JSON; nan and inf become None."""
-    said = summary.verdict and summary.verdict._asdict()
+    verdict = summary.verdict
+    said = verdict and {**verdict._asdict(), "is_bias": verdict.is_bias}
     return dict(_without_nan(summary._asdict() | {"verdict": said} | dict(more or {})))
 
 

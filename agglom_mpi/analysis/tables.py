@@ -94,7 +94,10 @@ def wall_over_cpu(samples: np.ndarray) -> float:
 
 
 def samples(data: "CampaignData") -> "pd.DataFrame":
-    """Tabulate samples: `used` says whether a result rests on them, `fresh` if none ever does."""
+    """Tabulate samples: `used` says whether a result rests on them, `fresh` if none ever does.
+
+    Temperatures are nan where the scene has none.
+    """
     rows, used, fresh_from = data.all_sample_rows(), data.samples_used, data.fresh_from
     frame = _columns(_pandas(), rows, without={"state", "reason"})
     limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], dtype=int)
@@ -102,6 +105,8 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     frame.insert(3, "used", rows["sample"] < limits)
     frame.insert(4, "reason", _texts(rows["reason"], REASONS))
     frame.insert(5, "fresh", rows["sample"] >= fresh_from)
+    if not data.has_temperature:
+        frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
     return _with_units(frame, SAMPLES.fields)
 
 

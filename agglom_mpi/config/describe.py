@@ -181,8 +181,9 @@ def _search(campaign: "Campaign") -> list[str]:
     if ensemble.common_configurations:
         lines.append("configurations: sample k of all strings starts from the same random numbers")
     if ensemble.racing is not None:
+        first = pluralise(ensemble.racing.first, "sample")
         lines.append(
-            f"racing: from {ensemble.racing.first} samples on, strings that are not among the best "
+            f"racing: from {first} on, strings that are not among the best "
             f"{search.kept} get no more, at a confidence of {ensemble.racing.confidence:g}"
         )
     if stopping.target is not None:
@@ -205,10 +206,10 @@ def _search(campaign: "Campaign") -> list[str]:
 def _final(campaign: "Campaign") -> str:
     final = campaign.final
     if final is None:
-        return "none; objectives are the search's own, biased low"
+        return "none; objectives are as searched, by the samples that strings are chosen by"
     strings = min(final.strings, campaign.max_strings)
     best = "the best string" if strings == 1 else f"the best {strings} strings"
-    return f"{best} estimated again, each on {final.samples} fresh samples"
+    return f"{best} estimated again, each on {pluralise(final.samples, 'fresh sample')}"
 
 
 def _between(fewest: int | None, most: int) -> str:

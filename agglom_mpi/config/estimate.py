@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.derived import columns_of
-from agglom_mpi.formatting import value_with_error
+from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.public_face import PublicFace
+from agglom_mpi.search.moment_targets import interval_notes
 from agglom_mpi.search.objectives import ReachedMoment
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.variables import NAMES, VARIABLES
@@ -33,6 +34,9 @@ MEASURED: Final = {
     "cpu_seconds": "cpu_seconds",
 }
 """Attributes of a `StringEstimate` that are means over samples, and their names in JSON."""
+
+MISSING: Final = MeanEstimate(math.nan, math.nan, 0)
+"""Estimate of what the scene lacks."""
 
 OVERLAPS: Final = (
     "overlaps: pairs of particles at the end in which an aggregate has grown into its neighbour; "
@@ -62,7 +66,8 @@ class StringEstimate(metaclass=PublicFace):
     mean_radius_ratio, radius_spread : MeanEstimate
         Of each sample the mean and the standard deviation of b/b⁰ over the particles left.
     particles_left, temperature : MeanEstimate
-        Number of particles left, and their mean temperature by mass in K.
+        Number of particles left, and their mean temperature by mass in K, nan of no samples where
+        the scene has none.
     collisions, merges, breakups, steps : MeanEstimate
         Counts of a sample.
     seconds, cpu_seconds : MeanEstimate
@@ -120,17 +125,23 @@ class StringEstimate(metaclass=PublicFace):
         if self.derived:
             lines.append("derived")
         lines += [_line(name, value, unit) for name, (value, unit) in self.derived.items()]
-        lines.append(f"mean ± standard error over {self.samples} samples")
+        one = "result of 1 sample, without a standard error"
+        several = f"mean ± standard error over {self.samples} samples"
+        lines.append(one if self.samples == 1 else several)
         means = {"objective": self.objective}
         means |= {label: getattr(self, name) for name, label in MEASURED.items()}
         lines += [
-            f"  {label:<22}{value_with_error(m.value, m.error)}" for label, m in means.items()
+            f"  {label:<22}{value_with_error(m.value, m.error)}"
+            for label, m in means.items()
+            if m.samples
         ]
         if self.moments:
             lines.append("targets")
             lines += [f"  {moment.name:<22}{moment}" for moment in self.moments]
+            lines += interval_notes(moment.name for moment in self.moments if moment.error >= 0.0)
         if self.failed:
-            lines.append(f"{self.failed} of {self.samples + self.failed} samples failed")
+            simulated = pluralise(self.samples + self.failed, "sample")
+            lines.append(f"{self.failed} of {simulated} failed")
         lines.append("ledger, worst sample")
         lines += [f"  {name:<22}{value:.3g}" for name, value in self.ledger.items()]
         return [*lines, OVERLAPS] if self.ledger["overlaps"] else lines
@@ -186,7 +197,7 @@ def estimate_of(
         mean_radius_ratio=mean("mean_radius_ratio"),
         radius_spread=mean_of([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
         particles_left=mean("particles"),
-        temperature=mean("mean_temperature"),
+        temperature=mean("mean_temperature") if "temperature" in used else MISSING,
         collisions=mean("collisions"),
         merges=mean("merges"),
         breakups=mean("breakups"),

@@ -129,7 +129,7 @@ class SearchSection(Section):
         if self.given > self.first_generation:
             path = ("start", "strings") if isinstance(self.start, EarlierCampaign) else ("start",)
             most = f"at most {self.first_generation}, those of the first generation"
-            raise FieldError((path, f"gives {self.given} strings; {most}"))
+            raise FieldError((path, f"gives {pluralise(self.given, 'string')}; {most}"))
         return self
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
@@ -212,7 +212,7 @@ class Genetic(_PopulationSearch):
             more = pluralise(self.more_samples, "more sample")
             lines.append(f"parents: each gets {more} in every generation")
         if self.rescale is not None:
-            shrunk = f"every {self.rescale.every} generations shrunk"
+            shrunk = f"every {pluralise(self.rescale.every, 'generation')} shrunk"
             lines.append(f"search box: {shrunk} by {self.rescale.factor:g} around the best")
         return lines
 

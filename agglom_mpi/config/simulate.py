@@ -13,7 +13,7 @@ from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
-from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.simulation.frames import new_frames, without_temperatures
 from agglom_mpi.simulation.sample import Outcome, simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
@@ -66,6 +66,9 @@ def simulate(
     except Exception as error:  # a user's function may raise any
         reason = f"{type(error).__name__}: {error}"
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
+    if not scene.has_temperature:
+        final = without_temperatures(final)
+        frames = None if frames is None else without_temperatures(frames)
     return Outcome(
         mean_radius_ratio=ratio,
         objective=objective,

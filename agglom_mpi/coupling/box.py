@@ -209,7 +209,9 @@ class Box(metaclass=PublicFace, constructor=True):
         reached = float(self._observation["reached"][0])
         step, self._elapsed = reached - self._elapsed, reached
         time = self._start_time + reached
-        self._state = homogenise(self._observation[0], ledger, pending, self._volume, time, step)
+        self._state = homogenise(
+            self._scene, self._observation[0], ledger, pending, self._volume, time, step
+        )
         if ledger.counts[EXHAUSTED]:
             raise RuntimeError(f"the engine's budget was used up at {time:g} s")
         if not self._observation["finite"][0]:
@@ -264,7 +266,9 @@ class Box(metaclass=PublicFace, constructor=True):
         self._engine_state = new_engine_state(self._scene.engine, self._scene, self._capacity)
         arguments = particles, self._engine_state, self._observer, self._observation
         start_run(self._scene, *arguments)
-        self._state = homogenise(self._observation[0], new_ledger(), 0.0, self._volume, time, 0.0)
+        self._state = homogenise(
+            self._scene, self._observation[0], new_ledger(), 0.0, self._volume, time, 0.0
+        )
 
 
 def _seconds(dt: float) -> float:

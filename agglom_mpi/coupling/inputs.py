@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.coupling.state import BoxParticles
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
 from agglom_mpi.physics.sizes import draw_radii
 from agglom_mpi.simulation.boundary import Periodic
@@ -129,8 +130,8 @@ def count_particles(particles: int | None, default: int, **inputs: Any) -> int:
         if other != count:
             is_for, hint = ("for", "") if said else ("is for", f", or give particles={other}")
             raise ValueError(
-                f"{name} are for {other} particles, but {first} {is_for} {count}; must be for as "
-                f"many{hint}"
+                f"{name} are for {pluralise(other, 'particle')}, but {first} {is_for} {count}; "
+                f"must be for as many{hint}"
             )
     if count < 1:
         raise ValueError(f"{first} are for no particle; must be for at least 1")

@@ -19,6 +19,7 @@ from agglom_mpi.simulation.particles import (
     SURFACE,
     Ledger,
 )
+from agglom_mpi.simulation.scene import Scene
 
 
 class State(NamedTuple):
@@ -45,7 +46,7 @@ class State(NamedTuple):
         A third of the mean squared velocity about that of the mean flow, by mass:
         Σ m|v − V|²/(3 Σ m), m²/s².
     mean_temperature : float
-        By mass, K.
+        By mass, K; nan where neither the scene nor the inputs have a temperature.
     dissipation_rate : float
         Kinetic energy that impacts dissipated, W/m³.
     heat_release_rate : float
@@ -116,12 +117,20 @@ class BoxParticles(NamedTuple):
 
 
 def homogenise(
-    observation: Any, ledger: Ledger, pending: float, volume: float, time: float, step: float
+    scene: Scene,
+    observation: Any,
+    ledger: Ledger,
+    pending: float,
+    volume: float,
+    time: float,
+    step: float,
 ) -> State:
     """Return the homogenised state of a box.
 
     Parameters
     ----------
+    scene
+        The scene of the box.
     observation
         A record of `OBSERVATION`.
     ledger
@@ -134,7 +143,9 @@ def homogenise(
     """
     per = 1.0 / (volume * step) if step > 0.0 else 0.0
     energy, counts = (values.tolist() for values in (ledger.energy, ledger.counts))
-    mass = float(observation["mass"])
+    mass, temperature = float(observation["mass"]), float(observation["temperature"])
+    if temperature == 0.0 and not scene.has_temperature:
+        temperature = math.nan
     return State(
         time=time,
         particles=int(observation["particles"]),
@@ -143,7 +154,7 @@ def homogenise(
         mass_density=mass / volume,
         momentum_density=np.array([observation["x"], observation["y"], observation["z"]]) / volume,
         granular_temperature=2.0 * float(observation["fluctuation"]) / (3.0 * mass),
-        mean_temperature=float(observation["temperature"]),
+        mean_temperature=temperature,
         dissipation_rate=energy[DISSIPATED] * per,
         heat_release_rate=energy[REACTION] * per,
         cooling_rate=(energy[RADIATED] + float(observation["pending"]) - pending) * per,

@@ -11,6 +11,7 @@ from rich.measure import Measurement
 from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.display.progress import Progress, best_of, format_rate, log_line
 from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import launched_size
 
 if TYPE_CHECKING:
@@ -151,6 +152,6 @@ def generation_line(summary: "GenerationSummary", total: int, samples: int, rate
     source = f" {best.source}" if best.source else ""
     return (
         f"generation {summary.generation + 1}/{total}: best {best}{source}, "
-        f"mean of top {summary.mean_of_top:.3g}, {summary.evaluations} strings, "
-        f"{samples} samples, {format_rate(rate)}"
+        f"mean of top {summary.mean_of_top:.3g}, {pluralise(summary.evaluations, 'string')}, "
+        f"{pluralise(samples, 'sample')}, {format_rate(rate)}"
     )

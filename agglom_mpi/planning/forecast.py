@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_duration
+from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
@@ -272,11 +272,12 @@ def _heading(report: ForecastReport) -> list[str]:
     where = "simulated here, one after the other" if pilot.source is None else f"in {pilot.source}"
     failed = f", {pilot.failed} failed" if pilot.failed else ""
     return [
-        f"{campaign.title or campaign.name}: at most {campaign.stopping.generations} generations, "
-        f"{campaign.max_strings} strings",
-        f"{pilot.samples} samples of {pilot.strings} strings {where}: mean "
-        f"{format_duration(pilot.mean_seconds)}, longest {format_duration(pilot.longest_seconds)} "
-        f"of {_clock(pilot)}{failed}",
+        f"{campaign.title or campaign.name}: at most "
+        f"{pluralise(campaign.stopping.generations, 'generation')}, "
+        f"{pluralise(campaign.max_strings, 'string')}",
+        f"{pluralise(pilot.samples, 'sample')} of {pluralise(pilot.strings, 'string')} {where}: "
+        f"mean {format_duration(pilot.mean_seconds)}, "
+        f"longest {format_duration(pilot.longest_seconds)} of {_clock(pilot)}{failed}",
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.random_streams import RANDOM_STRING, search_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
@@ -58,7 +59,8 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
             finished.append(_simulate(runner, _task(string, first, count, strings[string])))
             rows += len(finished[-1].results)
             spent = time.monotonic() - begin
-            show(f"simulating: {rows} samples of {len(strings)} strings, {spent:.0f} s")
+            done = f"{pluralise(rows, 'sample')} of {pluralise(len(strings), 'string')}"
+            show(f"simulating: {done}, {spent:.0f} s")
             if runner.abort_flag.stopped:
                 break
     finally:

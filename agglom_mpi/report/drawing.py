@@ -1,5 +1,6 @@
 """How every figure of the package looks, and how it is written as PNG and SVG."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -115,6 +116,15 @@ def log_ticks(axis: Any) -> None:
         narrow = upper < 10.0 * lower
         axis.set_major_locator(MaxNLocator(5) if narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
+
+
+def log_scale_from_zero(ax: Any, lowest: float) -> None:
+    """Make the vertical axis logarithmic down to the decade of `lowest`, and linear below, to 0.
+
+    So it shows an interval that ends at 0, which on a logarithmic axis has no end.
+    """
+    ax.set_yscale("symlog", linthresh=10.0 ** math.floor(math.log10(lowest)), linscale=0.5)
+    ax.set_ylim(bottom=0.0)
 
 
 def legend_below(ax: Any, columns: int = 2) -> None:

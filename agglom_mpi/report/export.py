@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.analysis.tables import table_of
 from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.files import atomic_file, require_absent
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
@@ -70,9 +71,10 @@ def export(
     if compact is not None:
         copied = write_compact(source, compact)
         sizes = _sizes(compact, source)
-        yield f"{compact}: {copied.strings} strings, {copied.samples} samples, {sizes}"
+        strings, rows = pluralise(copied.strings, "string"), pluralise(copied.samples, "sample")
+        yield f"{compact}: {strings}, {rows}, {sizes}"
         if copied.damaged:
-            yield f"{compact}: {copied.damaged} damaged rows, copied as they are"
+            yield f"{compact}: {pluralise(copied.damaged, 'damaged row')}, copied unchanged"
     if directory is not None:
         yield from write_tables(file, directory)
     if selection is not None:
@@ -118,7 +120,7 @@ def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
             temporary = files.enter_context(atomic_file(path))
             table.to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
     for path, table in tables.items():
-        yield f"{path}: {len(table)} rows"
+        yield f"{path}: {pluralise(len(table), 'row')}"
 
 
 def with_units(table: "pd.DataFrame") -> "pd.DataFrame":

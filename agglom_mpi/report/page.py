@@ -13,8 +13,9 @@ from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
 from agglom_mpi.analysis.set_report import set_text
-from agglom_mpi.analysis.summary import describe_bias, selection_bias
+from agglom_mpi.analysis.summary import moment_notes
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import require_library
@@ -104,7 +105,8 @@ def write_report(
         page.draw(section)
     replace_file(directory / NAME, page.render().encode())
     seconds = time.perf_counter() - begun
-    yield f"{directory / NAME}: {page.figure_count} figures as PNG and SVG, {seconds:.1f} s"
+    drawn = pluralise(page.figure_count, "figure")
+    yield f"{directory / NAME}: {drawn} as PNG and SVG, {seconds:.1f} s"
 
 
 class EmbeddedFigure(NamedTuple):
@@ -252,9 +254,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     shown = rank_strings(data).order[: listed_strings(data)]
     estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
-    return list(
-        describe_bias(selection_bias(rank_strings(data).estimates, paired), shown, len(estimated))
-    )
+    bias = selection_bias(rank_strings(data).estimates, paired)
+    return [*describe_bias(bias, shown, len(estimated)), *moment_notes(data)]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
-from agglom_mpi.formatting import format_duration, value_with_error
+from agglom_mpi.formatting import format_duration, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.storage.reader import CampaignData
@@ -80,7 +80,7 @@ def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     )
     yield from _estimate_rows(data, shown)
     yield _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}")
-    yield _row("grains per particle (1)", results, lambda r: f"{r['mean_grains']:.4g}")
+    yield _row("grains per particle, as searched (1)", results, lambda r: f"{r['mean_grains']:.4g}")
     yield _row("samples used", results, lambda r: str(r["samples_used"]))
     yield _time_row(data, shown)
 
@@ -100,10 +100,12 @@ def _estimate_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     known = [estimate_of.get(string) for string in shown]
     if all(estimate is None for estimate in known):
         return
-    yield _row("on fresh samples", known, lambda e: value_with_error(e.objective, e.standard_error))
-    yield _row("95 % from", known, lambda e: f"{e.lower:.4f}")
-    yield _row("95 % to", known, lambda e: f"{e.upper:.4f}")
-    yield _row("mean b/b0 (1)", known, lambda e: f"{e.mean_radius_ratio:.4g}")
+    yield _row(
+        "objective, re-estimate", known, lambda e: value_with_error(e.objective, e.standard_error)
+    )
+    yield _row("95 % from", known, lambda e: number_or_none(e.lower, ".4f"))
+    yield _row("95 % to", known, lambda e: number_or_none(e.upper, ".4f"))
+    yield _row("mean b/b0, re-estimate (1)", known, lambda e: f"{e.mean_radius_ratio:.4g}")
     yield _row("fresh samples", known, lambda e: str(e.samples))
 
 

@@ -1,6 +1,6 @@
 """The particles of samples at successive times, as VTKHDF files that ParaView plays."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -15,6 +15,7 @@ from agglom_mpi.analysis.resimulation import (
     recorded_parameters,
     recorded_sample,
 )
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.files import atomic_file, new_file
@@ -147,7 +148,7 @@ def write_samples(
             shown, source = stored, "as stored"
         write_vtkhdf(path, shown, f"{file.title}: string {string}, sample {sample}")
         megabytes = f"{path.stat().st_size / 1e6:.3g} MB"
-        pictures = f"{len(shown.times)} pictures to {shown.times[-1]:.3g} s, {source}"
+        pictures = f"{pluralise(len(shown.times), 'picture')} to {shown.times[-1]:.3g} s, {source}"
         yield f"{path}: string {string}, sample {sample}, {pictures}, {megabytes}"
 
 
@@ -168,8 +169,9 @@ def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> t
 def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
     """Write frames as temporal VTKHDF `PolyData`, each particle a point and a vertex.
 
-    The time is in s, points in m, and the point arrays are those of `POINT_DATA`; a `label`
-    identifies a particle from frame to frame. The file has its name once it is complete.
+    The time is in s, points in m, and the point arrays are those of `POINT_DATA`, without the
+    temperature where the scene has none; a `label` identifies a particle from frame to frame. The
+    file has its name once it is complete.
 
     Parameters
     ----------
@@ -193,15 +195,17 @@ def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
         root.attrs["Version"] = np.array(_VERSION)
         root.attrs["Type"] = np.bytes_("PolyData")
         present = np.arange(frames.radii.shape[1]) < frames.particles[:, None]
+        shown = [n for n in POINT_DATA if n != "temperature" or frames.has_temperature]
         root["NumberOfPoints"] = frames.particles
         _store(root, "Points", frames.positions[present], "m")
         data = root.create_group("PointData")
-        for name, (field, unit) in POINT_DATA.items():
+        for name in shown:
+            field, unit = POINT_DATA[name]
             _store(data, name, getattr(frames, field)[present], unit)
         for name in _CELLS:
             count = frames.particles if name == "Vertices" else np.zeros_like(frames.particles)
             _store_cells(root.create_group(name), count)
-        _store_steps(root.create_group("Steps"), frames)
+        _store_steps(root.create_group("Steps"), frames, shown)
 
 
 def _store(group: "h5py.Group", name: str, values: np.ndarray, unit: str | None = None) -> None:
@@ -226,8 +230,8 @@ def _store_cells(group: "h5py.Group", count: np.ndarray) -> None:
         group["Connectivity"] = points
 
 
-def _store_steps(group: "h5py.Group", frames: Frames) -> None:
-    """Store the times of F frames, and the offset of each frame in the other arrays."""
+def _store_steps(group: "h5py.Group", frames: Frames, shown: Sequence[str]) -> None:
+    """Store the times of F frames, and the offset of each in other arrays and the `shown` data."""
     count = len(frames.times)
     first = np.cumsum(frames.particles) - frames.particles
     cells = np.zeros((count, len(_CELLS)), np.int64)
@@ -240,5 +244,5 @@ def _store_steps(group: "h5py.Group", frames: Frames) -> None:
     group["CellOffsets"] = cells
     group["ConnectivityIdOffsets"] = cells
     offsets = group.create_group("PointDataOffsets")
-    for name in POINT_DATA:
+    for name in shown:
         offsets[name] = first

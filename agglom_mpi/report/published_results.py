@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from agglom_mpi.analysis.derived import values_of
-from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.formatting import value_with_error
-from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.formatting import number_or_none, value_with_error
 from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.report.figures.figure import objective_label
 from agglom_mpi.report.page_tables import Table
@@ -166,8 +168,11 @@ PAPERS: Final[dict[str, tuple[dict[str, Any], tuple[PublishedTable, ...]]]] = {
 }
 """Each paper's scene, objective and search box, as entries of an identity, and its tables."""
 
-RANKS: Final = 6
-"""Strings that are shown."""
+RESULTS: Final = ("objective", "mean_radius_ratio", "growth_number")
+"""Columns that are of samples."""
+RE_ESTIMATE: Final = "re-estimate"
+KINDS: Final = ("as searched", RE_ESTIMATE)
+"""Marks of columns: of the samples that strings were chosen by, and of fresh samples."""
 
 
 def matching_paper(identity: Mapping[str, Any]) -> str | None:
@@ -189,7 +194,7 @@ def comparison_tables(data: CampaignData) -> list[Table]:
 
     Without such a paper: one table of the best strings.
     """
-    paper, best = matching_paper(data.identity), rank_strings(data).order[:RANKS]
+    paper, best = matching_paper(data.identity), rank_strings(data).order[: listed_strings(data)]
     if paper is None:
         return [_own_table(data, best)]
     return [_beside(published, data, best) for published in PAPERS[paper][1]]
@@ -197,13 +202,16 @@ def comparison_tables(data: CampaignData) -> list[Table]:
 
 def _own_table(data: CampaignData, best: Sequence[int]) -> Table:
     objective, *results = AGGLOMERATION[2].columns
-    columns = [
-        *_variable_columns(data),
-        objective._replace(heading=objective_label(data)),
-        *results,
-    ]
+    columns = _by_kind(
+        data,
+        [
+            *_variable_columns(data),
+            objective._replace(heading=objective_label(data)),
+            *results,
+        ],
+    )
     rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
-    headings = ["rank", *(column.heading for column in columns)]
+    headings = ["rank", *(marked.heading for marked in columns)]
     return Table(headings, rows, "Best strings")
 
 
@@ -216,41 +224,69 @@ def _variable_columns(data: CampaignData) -> list[Column]:
     return columns
 
 
+class MarkedColumn(NamedTuple):
+    """A column, and whether it is of the samples of the search or of fresh ones."""
+
+    column: Column
+    kind: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Heading of the column, with the kind of its samples."""
+        return f"{self.column.heading}, {self.kind}" if self.kind else self.column.heading
+
+
+def _by_kind(data: CampaignData, columns: Sequence[Column]) -> list[MarkedColumn]:
+    """Return columns with one of each kind in place of a result; of one kind if there is one."""
+    kinds = KINDS if rank_strings(data).estimates else KINDS[:1]
+    return [
+        MarkedColumn(column, kind)
+        for column in columns
+        for kind in (kinds if column.name in RESULTS else ("",))
+    ]
+
+
 def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) -> Table:
-    columns = published.columns
+    columns = _by_kind(data, published.columns)
     rows: list[list[str]] = []
     classes: list[str] = []
     for place, printed in enumerate(published.rows):
-        cells = [format(v, c.digits) for v, c in zip(printed, columns, strict=True)]
+        value = dict(zip(published.columns, printed, strict=True))
+        cells = [
+            "" if kind == RE_ESTIMATE else format(value[column], column.digits)
+            for column, kind in columns
+        ]
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
             rows.append(["", "here", *_cells(data, best[place], columns)])
             classes.append("here")
-    headings = ["rank", "", *(column.heading for column in columns)]
+    headings = ["rank", "", *(marked.heading for marked in columns)]
     return Table(headings, rows, published.caption, classes, (1,))
 
 
-def _cells(data: CampaignData, string: int, columns: Sequence[Column]) -> list[str]:
-    """Return a row of a campaign's string: by its fresh samples if there are any."""
+def _cells(data: CampaignData, string: int, columns: Sequence[MarkedColumn]) -> list[str]:
+    """Return a row of a campaign's string; re-estimates are empty where it has none."""
     result = rank_strings(data).results[string]
-    objective, error = float(result["objective"]), float(result["standard_error"])
-    ratio = float(result["mean_radius_ratio"])
-    estimate = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
-    if estimate is not None and estimate.known:
-        rows = data.sample_rows(string)
-        fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
-        objective, error = estimate.objective, estimate.standard_error
-        ratio = float(fresh["mean_radius_ratio"].mean())
-    results = {"mean_radius_ratio": ratio, "growth_number": ratio**3}
+    again = {estimate.string: estimate for estimate in rank_strings(data).estimates}.get(string)
     cells = []
-    for column in columns:
-        if column.name == "objective":
-            cells.append(value_with_error(objective, error))
-            continue
-        if column.name in results:
-            value = results[column.name]
-        else:
+    for column, kind in columns:
+        source = again if kind == RE_ESTIMATE else result
+        if not kind:
             value = float(values_of(data, [string], column.name)[0])
-        cells.append(format(value / column.unit, column.digits))
+            cells.append(format(value / column.unit, column.digits))
+        elif source is None:
+            cells.append("")
+        else:
+            cells.append(_result(column, source))
     return cells
+
+
+def _result(column: Column, source: Estimate | np.void) -> str:
+    """Return a result of a string by its re-estimate, or by its row of `/results`."""
+    numbers = source._asdict() if isinstance(source, Estimate) else source
+    if column.name == "objective":
+        return value_with_error(float(numbers["objective"]), float(numbers["standard_error"]))
+    ratio = float(numbers["mean_radius_ratio"])
+    value = ratio if column.name == "mean_radius_ratio" else ratio**3
+    return number_or_none(value / column.unit, column.digits)

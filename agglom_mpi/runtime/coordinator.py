@@ -12,6 +12,7 @@ from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.display.remaining_time import remaining_by_work, remaining_in_turns
 from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.failures import FailureLog
 from agglom_mpi.runtime.messages import NOT_NEEDED, SILENT_AFTER, RankMessage, storable
@@ -157,7 +158,9 @@ class Coordinator:
         if self._failures.incomplete:
             why = "samples took too long, and the file has no room left to tell of them"
             return RunEnd(FAILURE, "failed", why)
-        return RunEnd(FAILURE, "failed", f"{self._failures.count} samples failed with errors")
+        return RunEnd(
+            FAILURE, "failed", f"{pluralise(self._failures.count, 'sample')} failed with errors"
+        )
 
     def _run_post_stage(self, post_stage: PostStage, stop: StopRequest) -> RunEnd | None:
         """Let all ranks do what is left of a stage; return why that was not finished, or None."""

@@ -11,6 +11,7 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.config.scene import Engine
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.decisions import SET_KNOWN, TARGET_REACHED
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.schema import INVERSION
@@ -150,7 +151,7 @@ class Experiment(ABC):
     @property
     def largest(self) -> str:
         """The largest amount of work, as text."""
-        return f"at most {self.table_sizes.strings} strings"
+        return f"at most {pluralise(self.table_sizes.strings, 'string')}"
 
 
 class InversionExperiment(Experiment):
@@ -253,7 +254,8 @@ class InversionExperiment(Experiment):
             return f"the mean objective of the best {top} is at most {objective:g}"
         if inversion.stop_reason == SET_KNOWN:
             return f"the expected error of the set is at most {stopping.expected_error:g}"
-        return f"all {stopping.generations} generations are done"
+        count = stopping.generations
+        return "the 1 generation is done" if count == 1 else f"all {count} generations are done"
 
     def _best(self, inversion: Inversion) -> list[int]:
         """Return evaluated strings with a finite objective, as the search ranks them."""

@@ -29,7 +29,7 @@ class Sample(NamedTuple):
         Mean and central moments 2, 3, 4 of b/b⁰.
     radii : array, shape (n,)
         Final b/b⁰.
-    temperatures : array, shape (n,), K
+    temperatures : array, shape (n,), K; 0 where the scene has none
     grains : array of int64, shape (n,)
         Original grains in each particle.
     end_time : float

@@ -1,10 +1,12 @@
 """Frames: the particles of a sample at set times, as arrays, and the choice of the times."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+from agglom_mpi.outcome import FinalParticles
 
 Floats = npt.NDArray[np.float64]
 
@@ -33,7 +35,8 @@ class Frames(NamedTuple):
     positions, velocities
         Shape (F, N, 3), m and m/s.
     radii, masses, temperatures
-        Shape (F, N), m, kg and K; the temperature of the scene where nothing changes it.
+        Shape (F, N), m, kg and K; the temperature of the scene where nothing changes it, nan
+        where the scene has none.
     grains
         Original grains in each particle, shape (F, N).
     """
@@ -47,6 +50,20 @@ class Frames(NamedTuple):
     masses: Floats
     temperatures: Floats
     grains: Integers
+
+    @property
+    def has_temperature(self) -> bool:
+        """Whether any particle has a temperature."""
+        return bool(np.isfinite(self.temperatures).any())
+
+
+P = TypeVar("P", FinalParticles, Frames)
+
+
+def without_temperatures(particles: P) -> P:
+    """Return particles with nan for the 0 K that kernels keep where a scene has no temperature."""
+    kept = particles.temperatures
+    return particles._replace(temperatures=np.where(kept == 0.0, np.nan, kept))
 
 
 def new_frames(times: Floats, grains: int) -> Frames:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.sizes import draw_radii
@@ -53,7 +54,8 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
         Particles left.
     radii : array, shape (particles,)
         Final b/b⁰.
-    temperatures : array, shape (particles,), K; all those of the scene where nothing changes them
+    temperatures : array, shape (particles,), K
+        All those of the scene where nothing changes them; nan where the scene has none.
     moments : array, shape (4,)
         Mean and central moments 2, 3, 4 of b/b⁰.
     ledger : dict
@@ -90,7 +92,9 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
         """Return the numbers in full and arrays in a few words, without record and particles."""
         brief = [field.name for field in fields(self)[:13]]
         shown = {name: getattr(self, name) for name in brief}
-        frames = {} if self.frames is None else {"frames": f"<{len(self.frames.times)} frames>"}
+        frames = {}
+        if self.frames is not None:
+            frames = {"frames": f"<{pluralise(len(self.frames.times), 'frame')}>"}
         return result.brief("Outcome", shown | frames)
 
     @property

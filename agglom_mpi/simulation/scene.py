@@ -49,6 +49,11 @@ class Scene(NamedTuple):
     end_time: float
     sizes: Submodel | None = None
 
+    @property
+    def has_temperature(self) -> bool:
+        """Whether grains have a temperature; where no law needs one it is 0 K in all kernels."""
+        return self.temperature > 0.0 or self.laws.heating is not None or self.cooling is not None
+
 
 @dispatch
 def new_engine_state(engine: Submodel, scene: Submodel, capacity: int) -> Submodel:

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS
 from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY
@@ -191,4 +192,5 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
     if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:
         simulated, stored = int(legs["samples"].sum()), len(report.data.all_sample_rows())
         if stored > simulated:
-            yield f"legs: simulated {simulated} samples in all, but {stored} are stored"
+            samples = pluralise(simulated, "sample")
+            yield f"legs: simulated {samples} in all, but {stored} are stored"

@@ -12,7 +12,7 @@ import numpy as np
 from agglom_mpi.formatting import printable
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.search.proposals import Proposals, restored
-from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.simulation.frames import Frames, without_temperatures
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import frame_keys, read_final_particles, read_frames
@@ -126,6 +126,11 @@ class CampaignData(CampaignHeader):
         """Return the ten search variables and their box, (10,); nan bounds where one is unused."""
         return self.rows("variables")
 
+    @property
+    def has_temperature(self) -> bool:
+        """Whether grains have a temperature; where no law needs one, rows hold 0 K."""
+        return not np.isnan(self.variable_rows()["lower"][NAMES.index("temperature")])
+
     def string_rows(self) -> np.ndarray:
         """Return the strings stored so far, by number."""
         return self.rows("strings")
@@ -228,7 +233,10 @@ class CampaignData(CampaignHeader):
     def final_particles(self, string: int, sample: int) -> FinalParticles | None:
         """Read the particles left at the end of a sample; None if they were not stored."""
         with open_file(self.path, thorough=False) as file:
-            return read_final_particles(file, self.path, string, sample)
+            found = read_final_particles(file, self.path, string, sample)
+        if found is None or self.has_temperature:
+            return found
+        return without_temperatures(found)
 
     def framed(self) -> list[tuple[int, int]]:
         """Read which samples, as (string, sample), there are frames of, the best string first."""
@@ -238,7 +246,10 @@ class CampaignData(CampaignHeader):
     def frames(self, string: int, sample: int) -> Frames | None:
         """Read the frames of a sample; None if none were stored."""
         with open_file(self.path, thorough=False) as file:
-            return read_frames(file, self.path, string, sample)
+            found = read_frames(file, self.path, string, sample)
+        if found is None or self.has_temperature:
+            return found
+        return without_temperatures(found)
 
     @property
     def frame_count(self) -> int:

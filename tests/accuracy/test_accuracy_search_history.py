@@ -1,9 +1,12 @@
 """The history of a campaign: what it claimed and what fresh samples say, on made-up samples."""
 
+import math
 from typing import ClassVar
 
 import numpy as np
+import pytest
 from accuracy_rows import made_up
+from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import search_history
 from agglom_mpi.search.objectives import GrowthTarget
@@ -53,8 +56,52 @@ def test_a_lucky_string_is_told_from_a_good_one():
         f"string 9, claims 0.0100 ± 0.0200 and is worth {value:.4f} ± {error:.4f}"
         in (found.conclusions[0])
     )
+    wanted = search_history.optimism_of(found.tables[1].frame.drop_duplicates("string"))
+    errors = [0.02, 0.02, *(GrowthTarget(2.0).of_rows(made_up(r))[1] for r in (good, lucky))]
+    assert wanted.error == pytest.approx(np.linalg.norm(errors) / 2)
+    assert wanted.value == pytest.approx(
+        np.mean([GrowthTarget(2.0).of_rows(made_up(r))[0] for r in (good, lucky)]) - 0.03
+    )
     assert "string 4 of generation 1 has the lowest objective" in found.conclusions[1]
     frame = found.tables[1].frame
     assert frame["estimated again"].iloc[2] == value
     assert len(found.tables[0].frame) == 2
     assert len(frame) == 3
+
+
+def conclusions(shift, error=0.02):
+    """Return what is said where the best strings are worth `shift` more than they claimed."""
+    history = History()
+    rows = history.generation_rows()
+    rows["best_standard_error"] = error
+    history.generation_rows = lambda: rows
+    claims = {"string 4 again": 0.05, "string 9 again": 0.01}
+    spread = 0.01 * np.resize([-1.0, 1.0], 400)
+    samples = {name: made_up(2.0 + 2.0 * (c + shift) + spread) for name, c in claims.items()}
+    return search_history.search_history_section(history, samples).conclusions
+
+
+@pytest.mark.parametrize(
+    ("shift", "words"),
+    [(0.025, "no bias is shown"), (0.035, "more on average"), (0.2, "the lucky survive")],
+)
+def test_a_bias_is_claimed_beyond_two_standard_errors(shift, words):
+    # The error of the mean of two claims of ± 0.02 is 0.0141; that of the samples is negligible.
+    assert words in conclusions(shift)[-1]
+    assert ("no bias" in conclusions(shift)[-1]) == (shift < 0.0283)
+
+
+def test_a_claim_of_a_single_sample_has_no_error():
+    assert "claims 0.0100 and is worth 0.2100" in conclusions(0.2, math.nan)[0]
+    assert "±" not in conclusions(0.2, math.nan)[0].partition(" and ")[0]
+
+
+def test_bands_end_at_the_least_objective():
+    frame = search_history.measure(
+        History(), {f"string {i} again": made_up(2.0 + 0.1 * np.arange(-9, 10)) for i in (4, 9)}
+    )
+    figure = Figure()
+    search_history._draw(figure, frame, 0.0)
+    bands = [path for each in figure.axes[0].collections for path in each.get_paths()]
+    assert len(bands) == 2
+    assert min(float(path.vertices[:, 1].min()) for path in bands) == 0.0

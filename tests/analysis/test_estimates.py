@@ -148,6 +148,22 @@ def test_the_best_are_those_with_the_best_estimates_and_then_the_others(path):
     assert best["string"].tolist() == [2, 1, 0, 3]
     assert best["objective"].tolist() == [0.75, 0.625, 0.5, 0.875]
     assert np.isfinite(best["estimate"]).tolist() == [True, True, True, False]
+
+
+def test_each_column_of_the_best_is_of_one_kind_of_samples(path):
+    file = open_campaign(path)
+    best, again = file.best(4), file.estimates.set_index("string")
+    for column, name in (
+        ("estimate", "objective"),
+        ("estimate_standard_error", "standard_error"),
+        ("estimate_mean_radius_ratio", "mean_radius_ratio"),
+    ):
+        assert best[column].tolist()[:3] == again.loc[[2, 1, 0], name].tolist()
+        assert np.isnan(best[column][3])
+        assert best.attrs["units"][column] == "1"
+    searched = file.strings.set_index("string").loc[best["string"]]
+    for name in ("objective", "standard_error", "mean_radius_ratio"):
+        assert best[name].tolist() == searched[name].tolist()
     assert open_campaign(path).best()["string"].tolist() == [2]
 
 

@@ -69,11 +69,12 @@ def test_the_best_strings_of_seeds_have_a_median_and_a_range(tmp_path):
         for seed, values in [(1, [0.3, 0.1]), (2, [0.4, 0.2]), (3, [0.5])]
     ]
     found = compare(files)
-    assert [value for value, _ in best_objectives(found)] == [0.1, 0.2, 0.5]
+    assert best_objectives(found) == {"as searched": [0.1, 0.2, 0.5], "re-estimated": []}
     assert found.comparable
     assert found.differences == {"seed": [1, 2, 3]}
     text = said(files)
-    assert "best strings: median 0.2000, from 0.1000 to 0.5000" in text
+    assert "best strings of 3 files, as searched: median 0.2000, from 0.1000 to 0.5000" in text
+    assert "re-estimated:" not in text
     assert "seed: 1, 2, 3\n" in text
     assert "0.1000 ± 0.0100" in text
 
@@ -88,9 +89,29 @@ def test_other_questions_are_not_compared(tmp_path):
 
 def test_a_file_without_a_result_is_a_row_without_a_value(tmp_path):
     files = [file_of(tmp_path, "one", [0.1]), file_of(tmp_path, "none", [], seed=2)]
-    assert len(best_objectives(compare(files))) == 1
+    assert best_objectives(compare(files))["as searched"] == [0.1]
     assert str(files[1].path) in said(files)
     assert json.loads(to_json(compare(files)))["files"][1]["best"] == []
+
+
+def estimated(summary, objective):
+    """Return a summary whose best string was estimated again."""
+    again = {"objective": objective, "standard_error": 0.01}
+    return summary._replace(best=[summary.best[0] | {"reestimate": again}])
+
+
+def test_re_estimates_are_not_mixed_with_objectives_as_searched(tmp_path):
+    files = [file_of(tmp_path, f"seed{seed}", [0.1 * seed], seed) for seed in (1, 2, 3)]
+    found = compare(files)
+    one, two, three = found.summaries
+    found = found._replace(summaries=[estimated(one, 0.5), two, estimated(three, 0.7)])
+    objectives = best_objectives(found)
+    assert objectives["as searched"] == pytest.approx([0.1, 0.2, 0.3])
+    assert objectives["re-estimated"] == [0.5, 0.7]
+    out = io.StringIO()
+    Console(file=out, width=200).print(comparison_table(found))
+    assert "of 3 files, as searched: median 0.2000, from 0.1000 to 0.3000" in out.getvalue()
+    assert "of 2 files, re-estimated: median 0.6000, from 0.5000 to 0.7000" in out.getvalue()
 
 
 def test_json_has_every_summary_and_difference(tmp_path):

@@ -136,14 +136,21 @@ def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, ca
     text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
     assert text.splitlines()[0].strip() == TITLE
     assert text.splitlines()[-1].strip() == str(begun)
-    assert "1 samples failed" in text
-    assert "1 strings ended at max_samples" in text
+    assert "1 sample failed" in text
+    assert "1 string ended at max_samples" in text
 
 
 def test_a_table_is_not_squeezed_into_a_narrow_pipe(begun, monkeypatch, capsys):
     text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
-    row = next(line for line in text.splitlines() if line.startswith("objective "))
-    assert row.split() == ["objective", "0.1250", "0.2500"]
+    rows = {line[:22].strip(): line[22:].split() for line in text.splitlines()}
+    assert rows["objective, as searched"] == ["0.1250", "0.2500"]
+
+
+def test_a_single_sample_has_no_standard_error(begun, monkeypatch, capsys):
+    text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
+    rows = {line[:22].strip(): line[22:].split() for line in text.splitlines()}
+    assert rows["± standard error"] == ["0.0100", "none"]
+    assert "nan" not in text
 
 
 @pytest.mark.parametrize("text", ["x.yaml:100: scene: is [bold]", "[/red] :bug:"])

@@ -16,13 +16,18 @@ from bench_bias import ROWS
 from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.outcome import summaries
+from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.statistics import t_95
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
 SIZES = {"accretion_2003": 20_000, "agglomeration_2004": 4000}
 FRESH = (5, 10, 30, 100, 300)
 REPEATS, ORDERS, RIVALS = 10_000, 4000, 20
+MOMENTS = ("spread", "skewness", "kurtosis", "fourth")
+MOMENT_SAMPLES, MOMENT_REPEATS = (30, 100, 300), 4000
 
 
 def pool_of(campaign, job, size):
@@ -66,6 +71,36 @@ def searched(campaign, law, pool, rng):
     return held.mean(), lucky.mean(), stops.used.mean(), bias
 
 
+def of_moments(pool, samples, repeats, rng):
+    """Coverage of 95 % intervals of three moments, by so many samples, and errors over the true.
+
+    The latter are the mean standard errors over the standard deviation of the moments themselves.
+    """
+    law = MomentTargets(tuple(MomentTarget(name, 1.0) for name in MOMENTS))
+    every = summaries(pool)
+    truth = np.array([moment.value for moment in law.reached(every)])
+    draws = rng.integers(len(pool), size=(repeats, samples))
+    found = np.array(
+        [[moment[3:5] for moment in law.reached([every[i] for i in draw])] for draw in draws]
+    )
+    values, errors = found[..., 0], found[..., 1]
+    held = np.abs(values - truth) <= t_95(samples - 1) * errors
+    return held.mean(axis=0), errors.mean(axis=0) / values.std(axis=0, ddof=1)
+
+
+def print_moments(pool, repeats=MOMENT_REPEATS):
+    """Print the coverage of intervals of moments by samples of a pool."""
+    rng = np.random.default_rng(8)
+    print(f"{'moments':<16}" + "".join(f"{name:<28}" for name in MOMENTS))
+    for samples in MOMENT_SAMPLES:
+        shares, ratios = of_moments(pool, samples, repeats, rng)
+        words = [
+            f"{share:.1%} ± {math.sqrt(share * (1 - share) / repeats):.1%}, error × {ratio:.3f}"
+            for share, ratio in zip(shares, ratios, strict=True)
+        ]
+        print(f"F = {samples:<12}" + "".join(f"{text:<28}" for text in words), flush=True)
+
+
 def print_coverage(job, size=None):
     """Print the table of one published string, for both objectives."""
     campaign, rng = load_campaign(JOBS / f"{job}.yaml"), np.random.default_rng(7)
@@ -84,6 +119,7 @@ def print_coverage(job, size=None):
             f"best of {RIVALS} such: {best:.1%}, biased by {bias:+.4f}",
             flush=True,
         )
+    print_moments(pool)
 
 
 @pytest.mark.benchmark

@@ -13,6 +13,7 @@ from campaign_runs import decisions, environment, invert
 from processes import HANG
 
 from agglom_mpi import open_campaign
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.reader import read_campaign
 
 
@@ -79,7 +80,7 @@ def test_tables_read_back_bit_for_bit(agglom, tmp_path):
     assert sorted(os.listdir(tmp_path / "tables")) == [f"{name}.csv" for name in names]
     for name in names:
         table = getattr(open_campaign("tiny.h5"), name)
-        assert f"{name}.csv: {len(table)} rows\n" in done.stdout
+        assert f"{name}.csv: {pluralise(len(table), 'row')}\n" in done.stdout
         path = tmp_path / "tables" / f"{name}.csv"
         back = pd.read_csv(path)
         texts = pd.read_csv(path, dtype=str, keep_default_na=False)

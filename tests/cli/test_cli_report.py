@@ -1,4 +1,5 @@
 import json
+import re
 
 from campaign_runs import TINY
 
@@ -10,10 +11,22 @@ def test_the_best_strings_are_shown_with_the_end_of_the_run(agglom):
     assert done.exit_code == 0
     assert done.stderr == ""
     best = open_campaign("tiny.h5").best(4)
-    row = next(line for line in done.stdout.splitlines() if line.startswith("objective "))
-    assert row.split()[1:] == [format(value, ".4f") for value in best["objective"]]
-    assert "finished: all 1 generations are done" in done.stdout
-    assert "1 generations, 4 strings, " in done.stdout
+    label = "objective, as searched"
+    row = next(line for line in done.stdout.splitlines() if line.startswith(label))
+    assert row.removeprefix(label).split() == [format(v, ".4f") for v in best["objective"]]
+    assert "finished: the 1 generation is done" in done.stdout
+    assert "1 generation, 4 strings, " in done.stdout
+
+
+def test_of_one_thing_no_plural_is_shown(agglom, tmp_path):
+    shown = [
+        agglom("report", "tiny.h5").stdout,
+        agglom("check", "tiny.h5").stdout,
+        agglom("export", "tiny.h5", "--csv", tmp_path / "csv").stdout,
+        agglom("simulate", "tiny.h5", "--string", 0, "--sample", 0).stdout,
+    ]
+    nouns = "samples|strings|generations|rows|figures|pictures|frames|pairs|files|ranks|fresh ones"
+    assert re.findall(rf"(?<![\d.,])1 (?:{nouns})\b.*", "\n".join(shown)) == []
 
 
 def test_json_holds_the_same_figures(agglom):

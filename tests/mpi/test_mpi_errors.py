@@ -116,7 +116,7 @@ def test_an_exception_on_a_worker_is_shown_and_stored_and_the_run_goes_on(small,
     assert "rank 1 on " in done.stderr
     assert f"string {row['string']} sample {row['sample']} raised" in done.stderr
     assert done.stderr.count("ArithmeticError: injected") == 1
-    assert "1 samples failed" in done.stdout
+    assert "1 sample failed" in done.stdout
     assert state(file.path)[0] == "finished"
 
 

@@ -5,6 +5,11 @@ import shutil
 import matplotlib as mpl
 import pytest
 
+from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage.access import open_file
+from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.table import Table
+
 mpl.use("agg")
 
 
@@ -12,3 +17,16 @@ mpl.use("agg")
 def copy(finished, tmp_path):
     """Return a copy of the finished campaign's file that may be changed."""
     return shutil.copy(finished, tmp_path / "copy.h5")
+
+
+@pytest.fixture
+def four_of_six(copy):
+    """Return a copy without the fresh samples of two of the six strings that had some."""
+    data = read_campaign(copy)
+    first, most, rows = data.fresh_from, data.max_samples, data.fresh_samples
+    with open_file(copy, write=True) as opened:
+        table = Table(opened, "samples", copy)
+        for string in open_campaign(copy).estimates["string"][4:]:
+            count = int((rows["string"] == string).sum())
+            table.mark_absent(int(string) * most + first, count)
+    return copy

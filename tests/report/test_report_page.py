@@ -15,11 +15,12 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
-from agglom_mpi.report import page_tables
+from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
 from agglom_mpi.report.page_tables import best_strings
+from agglom_mpi.report.published_results import AGGLOMERATION
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_fields, prepare
@@ -364,3 +365,51 @@ def test_stored_particles_and_frames_are_shown_without_simulating(tmp_path):
     assert "identical to the recorded" in simulated.source
     np.testing.assert_allclose(simulated.values, stored.values, rtol=1e-14)
     assert simulated.central == stored.central
+
+
+def table_of(page, caption):
+    """Return the cells of a table of the page, a list for each row, the headings first."""
+    part = page[page.index(f"<caption>{caption}") :]
+    rows = re.findall("<tr.*?</tr>", part[: part.index("</table>")], re.DOTALL)
+    return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+
+
+@pytest.mark.usefixtures("sketched")
+def test_the_page_marks_results_as_searched_and_re_estimates(four_of_six, tmp_path):
+    page, file = report(four_of_six, tmp_path / "out"), open_campaign(four_of_six)
+    headings, *rows = table_of(page, "Best strings")
+    results = headings[-6:]
+    assert [text.rpartition(", ")[2] for text in results] == ["as searched", "re-estimate"] * 3
+    assert len(rows) == 6
+    for (_, best), row in zip(file.best(6).iterrows(), rows, strict=True):
+        cells = dict(zip(results, row[-6:], strict=True))
+        ratio = cells["b/b0, as searched"]
+        assert float(ratio) == pytest.approx(best["mean_radius_ratio"], abs=5e-5)
+        again = [cells[heading] for heading in results[1::2]]
+        if np.isnan(best["estimate"]):
+            assert again == ["", "", ""]
+        else:
+            assert float(again[0].split()[0]) == pytest.approx(best["estimate"], abs=0.005)
+            assert float(again[1]) == pytest.approx(best["estimate_mean_radius_ratio"], abs=5e-5)
+    assert "on fresh samples" not in results
+
+
+@pytest.mark.usefixtures("sketched")
+def test_the_page_lists_as_many_strings_as_the_campaign_estimates_again(copy, tmp_path):
+    with h5py.File(copy, "r+") as file:
+        text = file.attrs["campaign"]
+        assert "strings: 6" in text
+        file.attrs["campaign"] = text.replace("strings: 6", "strings: 4")
+    page = report(copy, tmp_path / "out")
+    assert len(table_of(page, "Best strings")) == 1 + 4
+
+
+def test_published_rows_have_no_re_estimate(four_of_six):
+    data = read_campaign(four_of_six)
+    best = rank_strings(data).order[:6]
+    table = published_results._beside(AGGLOMERATION[2], data, best)
+    assert table.headings[2:4] == ["Π, as searched", "Π, re-estimate"]
+    published, here = table.rows[0], table.rows[1]
+    assert published[2:] == ["0.67708", "", "3.2292", "", "33.6732", ""]
+    assert "" not in here[2:]
+    assert table.rows[-1][3::2] == ["", "", ""]

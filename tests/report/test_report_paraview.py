@@ -51,6 +51,16 @@ def test_a_file_says_its_version_its_units_and_what_it_shows(tmp_path):
         assert root["Steps/PointDataOffsets"].keys() == units.keys()
 
 
+def test_particles_without_temperature_have_no_array_of_it(tmp_path):
+    frames = some_frames([3, 2], 4)
+    frames.temperatures[:] = np.nan
+    write_vtkhdf(tmp_path / "out.vtkhdf", frames, "some")
+    with h5py.File(tmp_path / "out.vtkhdf") as file:
+        root = file["VTKHDF"]
+        assert set(root["PointData"]) == {"radius", "velocity", "grains", "label"}
+        assert set(root["Steps/PointDataOffsets"]) == set(root["PointData"])
+
+
 def test_no_file_is_overwritten_and_none_left_half_written(tmp_path, monkeypatch):
     path = tmp_path / "out.vtkhdf"
     path.write_text("precious")

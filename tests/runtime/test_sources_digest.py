@@ -20,7 +20,7 @@ SAME = [
     ("physics/cooling.py", "\n\n\n", "\n\n\n# A remark.\n"),
     ("config/describe.py", "def ", "def other_"),
     ("config/consequences.py", "mean free path", "free path"),
-    ("config/estimate.py", "samples failed", "samples have failed"),
+    ("config/estimate.py", "result of 1 sample", "result of one sample"),
     ("config/campaign.py", "allow {share} of the box; a narrower", "allow {share}; a narrower"),
     ("config/campaign.py", "must be at least 1", "must be 1 at least"),
     ("config/sizes.py", "must ", "has to "),

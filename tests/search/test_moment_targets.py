@@ -11,7 +11,7 @@ from search_fakes import PARTICLES, completed, of_radii
 from agglom_mpi.outcome import COMPLETED, OUTCOME
 from agglom_mpi.search import objectives
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
+from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets, interval_notes
 from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget
 from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 from agglom_mpi.statistics import PooledMoments
@@ -243,3 +243,14 @@ def test_the_mean_of_a_function_keeps_its_sign():
 
 def test_the_example_of_the_objectives_is_true():
     assert doctest.testmod(objectives) == (0, 6)
+
+
+@pytest.mark.parametrize("name", ["mean", "spread", "skewness", "second", "third"])
+def test_intervals_of_lower_moments_need_no_note(name):
+    assert interval_notes(["mean", name]) == []
+
+
+@pytest.mark.parametrize("name", ["kurtosis", "fourth"])
+def test_intervals_of_fourth_powers_are_said_to_be_too_narrow(name):
+    [note] = interval_notes(["mean", name])
+    assert "90 % of cases by 30 samples, 92 % by 100, 94 % by 300" in note

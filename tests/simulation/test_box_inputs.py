@@ -1,5 +1,7 @@
 """What may be given to a box, and what is refused, in one message."""
 
+import math
+
 import numpy as np
 import pytest
 from box_runs import BREAKING, GAS
@@ -83,7 +85,7 @@ REFUSED = {
     },
     "temperatures are for 3 particles, but the scene is for 200; must be for as many, or give "
     "particles=3": {"temperatures": [300, 310, 320]},
-    "temperatures are for 1 particles, but velocities for 2": {
+    "temperatures are for 1 particle, but velocities for 2": {
         "temperatures": [300],
         "velocities": np.zeros((2, 3)),
     },
@@ -117,6 +119,12 @@ def test_what_cannot_be_is_refused_by_name_value_and_what_is_allowed(message):
 def test_the_number_of_particles_may_be_said_beside_the_temperatures():
     box = Box(GAS, temperatures=[300, 310, 320], particles=3)
     assert box.particles.temperatures.tolist() == [300, 310, 320]
+
+
+def test_a_box_without_temperature_has_no_mean_temperature():
+    assert math.isnan(Box(GAS).state.mean_temperature)
+    warm = Box(GAS, temperatures=[300, 310, 320], particles=3)
+    assert warm.state.mean_temperature == pytest.approx(310.0)
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf, "1 s", True, None])

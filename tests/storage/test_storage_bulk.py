@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from storage_rows import MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
+from storage_rows import LOWER, MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
@@ -24,6 +24,7 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.table import Rows, Table
 from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
+from agglom_mpi.variables import NAMES
 
 GRAINS, COUNT = 20, 4
 WIDE = {"grains": GRAINS, "final_particles": True, "frames": 3 * COUNT}
@@ -108,6 +109,41 @@ def test_what_is_written_is_read_back_bit_for_bit(filled):
     assert file.framed() == [(5, 1), (2, 0)]
     for pair in file.framed():
         assert same(file.frames(*pair), pictures(*pair))
+
+
+@pytest.fixture
+def cold(tmp_path):
+    """Return a file of a scene without temperature, whose kernels keep 0 K."""
+    lower = np.where(np.array(NAMES) == "temperature", np.nan, LOWER)
+    path = make(tmp_path / "cold.h5", lower=lower, **WIDE)
+    kept, shown = final(0, 0), pictures(0, 0)
+    rows = sample_rows(0, 0, 1)
+    rows["mean_temperature"] = 0.0
+    with CampaignWriter(path) as writer:
+        put_strings(writer, 0, 1)
+        zero = kept._replace(temperatures=np.zeros_like(kept.temperatures))
+        writer.put_samples(rows, final_row(0, 0, zero, GRAINS))
+        present = np.isfinite(shown.temperatures)
+        frames = shown._replace(temperatures=np.where(present, 0.0, np.nan))
+        writer.put_frames(0, frame_rows(0, 0, frames))
+    return path
+
+
+def test_a_scene_without_temperature_has_none_in_tables_and_particles(cold):
+    file, data = open_campaign(cold), read_campaign(cold)
+    assert not data.has_temperature
+    assert np.isnan(file.samples["mean_temperature"]).all()
+    kept, shown = data.final_particles(0, 0), data.frames(0, 0)
+    assert np.isnan(kept.temperatures).all()
+    assert kept.radii.tobytes() == final(0, 0).radii.tobytes()
+    assert not shown.has_temperature
+    assert data.all_sample_rows()["mean_temperature"].tolist() == [0.0]  # as it is stored
+
+
+def test_a_scene_with_a_temperature_keeps_it(filled):
+    file = open_campaign(filled)
+    assert read_campaign(filled).has_temperature
+    assert np.isfinite(file.samples["mean_temperature"]).all()
 
 
 def test_what_is_not_there_is_none(filled, tmp_path):

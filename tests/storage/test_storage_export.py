@@ -162,7 +162,7 @@ def test_damaged_rows_are_copied_as_they_are_and_counted(filled, copy, monkeypat
         file["samples"][2] = row
         file["results_done"][3] = 1
     lines = list(export(filled, copy, None))
-    assert lines[1] == f"{copy}: 2 damaged rows, copied as they are"
+    assert lines[1] == f"{copy}: 2 damaged rows, copied unchanged"
     assert open_campaign(copy).damaged == 2
     assert contents(copy) == contents(filled)
 

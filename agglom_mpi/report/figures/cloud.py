@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import judged_string
-from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
@@ -94,7 +94,8 @@ def draw_cloud(
         _draw_box(ax, half_width, extent)
         _draw_spheres(ax, position, radius, value, norm)
         ax.set_title(
-            f"t = {value_with_prefix(float(time), 's')}, {len(radius)} particles", fontsize=9
+            f"t = {value_with_prefix(float(time), 's')}, {pluralise(len(radius), 'particle')}",
+            fontsize=9,
         )
     _label_side(axes[0], half_width)
     scale = ScalarMappable(norm, COLOUR_MAP)

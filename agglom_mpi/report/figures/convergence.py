@@ -5,9 +5,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import half_width
-from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
+from agglom_mpi.analysis.estimates import half_width, objective_of
+from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
+from agglom_mpi.report.drawing import (
+    COLOURS,
+    integer_ticks,
+    legend_below,
+    log_scale_from_zero,
+    style_axes,
+)
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.storage.reader import CampaignData
 
@@ -17,6 +23,8 @@ NORMAL_QUANTILE: Final = 1.96
 """Half of a 95 % interval in standard errors, where many samples are behind it."""
 LOGARITHMIC_RATIO: Final = 15.0
 """Ratio of the largest to the smallest value from which the axis is logarithmic."""
+BELOW_LOWEST: Final = 0.3
+"""Lower end of a logarithmic axis over the lowest objective."""
 MAX_MARKED: Final = 30
 """Generations from which single ones are not marked in the convergence."""
 MAX_MARKED_ERRORS: Final = 40
@@ -50,6 +58,10 @@ class ConvergenceHistory(NamedTuple):
         Name of the objective, with its unit.
     fresh
         The best string on fresh samples, if it was estimated again.
+    least
+        Lower bound of the objective, where intervals end.
+    source
+        Whose objective that of the best string is: as searched, or as the search estimates.
     """
 
     generation: NDArray[np.int64]
@@ -61,6 +73,8 @@ class ConvergenceHistory(NamedTuple):
     top_count: int
     objective_label: str = "objective (1)"
     fresh: FreshEstimate | None = None
+    least: float = 0.0
+    source: str = "as searched"
 
 
 def convergence_history(data: CampaignData) -> ConvergenceHistory:
@@ -79,6 +93,8 @@ def convergence_history(data: CampaignData) -> ConvergenceHistory:
         top_count=int(rows["top"][-1]) if len(rows) else 0,
         objective_label=objective_label(data),
         fresh=fresh_estimate_of_best(data),
+        least=objective_of(data).least,
+        source="as the search estimates" if ranks_itself(data.identity) else "as searched",
     )
 
 
@@ -107,18 +123,17 @@ def draw_convergence(ax: Any, history: ConvergenceHistory) -> Any:
     ax.set_xlabel("generation")
     ax.set_ylabel(history.objective_label)
     generation = history.generation
-    curves = [("best string", history.best, history.best_half_width)]
+    curves = [(f"best string, {history.source}", history.best, history.best_half_width)]
     if history.top_count > 1:  # of one it is the same
         name = f"mean of the best {history.top_count}"
         curves.append((name, history.top_mean, history.top_half_width))
     marker = "o" if len(generation) < MAX_MARKED else ""
     for (name, value, half), colour in zip(curves, COLOURS, strict=False):
         ax.plot(generation, value, color=colour, marker=marker, markersize=3.5, label=name)
-        ax.fill_between(
-            generation, value - half, value + half, color=colour, alpha=0.18, linewidth=0
-        )
+        low = np.maximum(history.least, value - half)
+        ax.fill_between(generation, low, value + half, color=colour, alpha=0.18, linewidth=0)
         if len(value) == 1:
-            ax.errorbar(generation, value, half, color=colour, capsize=3)
+            ax.errorbar(generation, value, [value - low, half], color=colour, capsize=3)
     if history.fresh is not None:
         _draw_fresh(ax, generation[-1] + max(0.4, 0.015 * len(generation)), history.fresh)
     _scale_objective_axis(ax, history)
@@ -139,20 +154,27 @@ def _draw_fresh(ax: Any, x: float, fresh: FreshEstimate) -> None:
         markersize=4,
         capsize=3,
         linestyle="none",
-        label="best, on fresh samples",
+        label="best, re-estimate",
     )
 
 
 def _scale_objective_axis(ax: Any, history: ConvergenceHistory) -> None:
-    """Use a logarithmic axis where values differ much; bands that reach 0 end at its edge."""
-    values = [v for v in (*history.best, *history.top_mean) if np.isfinite(v)]
+    """Use a logarithmic axis where values differ much, down to 0 where a band ends there."""
+    bands = (history.best, history.best_half_width), (history.top_mean, history.top_half_width)
+    values = [v for value, _ in bands for v in value if np.isfinite(v)]
+    ends = [v for value, half in bands for v in value - half if np.isfinite(v)]
     if history.fresh is not None:
         values.append(history.fresh.objective)
-    low, high = min(values), max(values)
-    if low > 0.0 and high > LOGARITHMIC_RATIO * low:
-        ax.set_yscale("log", nonpositive="clip")
-        ax.set_ylim(bottom=0.3 * low)
-    elif low >= 0.0:
+        ends.append(history.fresh.lower)
+    low, high, end = min(values), max(values), max(history.least, min(ends, default=np.inf))
+    bottom = BELOW_LOWEST * low
+    if low > 0.0 and high > LOGARITHMIC_RATIO * low and (end >= bottom or history.least == 0.0):
+        if end >= bottom:
+            ax.set_yscale("log")
+            ax.set_ylim(bottom=bottom)
+        else:
+            log_scale_from_zero(ax, low)
+    elif history.least == 0.0:
         ax.set_ylim(bottom=max(0.0, ax.get_ylim()[0]))
 
 
@@ -197,9 +219,9 @@ CONVERGENCE: Final = Figure(
     "search",
     _convergence_data,
     draw_convergence,
-    "Objective of the best string and mean of the best strings after each generation, as the "
-    "search had them, with 95 % bands ([A] fig. 4, [B] fig. 4). Lucky strings survive, so "
-    "these are biased low; fresh samples are not.",
+    "Objective of the best string and mean of the best strings after each generation, by the "
+    "samples that they were chosen by, with 95 % bands ([A] fig. 4, [B] fig. 4): lucky strings "
+    "survive. The re-estimate is on fresh samples that no decision has seen.",
     empty="no generation with a result yet",
 )
 

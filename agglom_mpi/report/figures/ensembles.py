@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import half_width, objective_of
+from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
@@ -38,12 +38,15 @@ class RunningEstimate(NamedTuple):
         By the samples so far, and half of its 95 % interval, nan for one sample; shape (n,).
     used
         Completed samples that the search decided by; the rest was speculative or is fresh.
+    again
+        Re-estimate by the fresh samples alone, if there are any.
     """
 
     string: int
     objective: Floats
     half_width: Floats
     used: int
+    again: Estimate | None = None
 
 
 class StoppingPoint(NamedTuple):
@@ -83,7 +86,10 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
         values.append(accumulator.value)
         errors.append(accumulator.standard_error)
     half = half_width(np.array(errors), np.arange(1, len(values) + 1))
-    return RunningEstimate(string, np.array(values), half, int((completed["sample"] < used).sum()))
+    decided = int((completed["sample"] < used).sum())
+    known = (each for each in rank_strings(data).estimates if each.known)
+    again = next((each for each in known if each.string == string), None)
+    return RunningEstimate(string, np.array(values), half, decided, again)
 
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
@@ -150,10 +156,31 @@ def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
         ax.fill_between(count, low, high, color=colour, alpha=0.15, linewidth=0)
         if 0 < estimate.used < len(objective):
             ax.axvline(estimate.used, color=colour, linewidth=0.8, linestyle=":")
+        if estimate.again is not None:
+            name = "re-estimates, by fresh samples alone"
+            _draw_again(ax, estimate, place, colour, "" if place else name)
     _draw_stopping_points(ax, estimates[0], histories.stopping_points)
     _limit_axes(ax, histories)
     legend_below(ax)
     return ax
+
+
+def _draw_again(ax: Any, estimate: RunningEstimate, place: int, colour: str, label: str) -> None:
+    """Draw the re-estimate of a string behind the end of its curve, beside those of others."""
+    again = estimate.again
+    assert again is not None
+    value = again.objective
+    ax.errorbar(
+        len(estimate.objective) * (1.04 + 0.04 * place),
+        value,
+        [[value - again.lower], [again.upper - value]],
+        color=colour,
+        marker="D",
+        markersize=4,
+        capsize=3,
+        linestyle="none",
+        label=label or None,
+    )
 
 
 def _draw_stopping_points(
@@ -197,7 +224,7 @@ def _limit_axes(ax: Any, histories: EnsembleHistories) -> None:
     ax.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
     if longest > LOGARITHMIC_COUNT:
         ax.set_xscale("log")
-        ax.set_xlim(1, longest * 1.05)
+        ax.set_xlim(1, longest * (1.08 + 0.04 * len(histories.estimates)))
 
 
 class SampleCounts(NamedTuple):
@@ -288,7 +315,8 @@ ENSEMBLES: Final = Figure(
     draw_ensembles,
     "Running objective of the best strings with its 95 % interval. Marks: where each stopping "
     "rule would have ended the samples of the best. Left of a dotted line are the samples that "
-    "the search saw, right of it those that ran ahead and fresh ones.",
+    "the string was chosen by; right of it the mean goes on over those that ran ahead and fresh "
+    "ones. Diamonds: re-estimates by the fresh samples alone.",
     (7.2, 5.4),
     empty="no string has samples yet",
 )

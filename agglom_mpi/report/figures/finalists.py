@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate, half_width
+from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
@@ -23,16 +23,19 @@ class Finalists(NamedTuple):
         Half of the 95 % interval of the search's own objectives, shape (n,).
     objective_label
         Name of the objective, with its unit.
+    least
+        Lower bound of the objective, where intervals end.
     """
 
     estimates: Sequence[Estimate]
     searched_half_width: np.ndarray
     objective_label: str = "objective (1)"
+    least: float = 0.0
 
 
 def draw_finalists(ax: Any, finalists: Finalists) -> Any:
     """Draw estimates beside the search's own objectives, with 95 % intervals; return the axes."""
-    estimates, half, label = finalists
+    estimates, half, label, least = finalists
     style_axes(ax)
     ax.set_xlabel(label)
     place = np.arange(len(estimates))
@@ -42,12 +45,12 @@ def draw_finalists(ax: Any, finalists: Finalists) -> Any:
     ax.errorbar(
         searched,
         place - 0.12,
-        xerr=np.abs([np.minimum(half, searched), half]),
+        xerr=[searched - np.maximum(least, searched - half), half],
         fmt="o",
         color=COLOURS[1],
         markerfacecolor="white",
         capsize=2,
-        label="as the search had it",
+        label="as searched",
     )
     ax.errorbar(
         value,
@@ -57,7 +60,7 @@ def draw_finalists(ax: Any, finalists: Finalists) -> Any:
         markersize=5,
         color=COLOURS[0],
         capsize=2,
-        label="on fresh samples",
+        label="re-estimate",
     )
     ax.set_yticks(place, [f"#{i + 1} string {e.string}" for i, e in enumerate(estimates)])
     ax.set_ylim(len(estimates) - 0.4, -0.6)
@@ -72,7 +75,8 @@ def _finalists_data(data: CampaignData, _: FigureOptions) -> Finalists | None:
     rows = [rank_strings(data).results[estimate.string] for estimate in known]
     counts = np.array([row["samples_used"] - row["failed"] for row in rows], int)
     errors = np.array([estimate.searched_standard_error for estimate in known], float)
-    return Finalists(known, half_width(errors, counts), objective_label(data))
+    least = objective_of(data).least
+    return Finalists(known, half_width(errors, counts), objective_label(data), least)
 
 
 FINALISTS: Final = Figure(
@@ -80,8 +84,8 @@ FINALISTS: Final = Figure(
     "answer",
     _finalists_data,
     draw_finalists,
-    "The best strings with 95 % intervals: as the search had them, chosen for being low, and "
-    "on fresh samples that no decision has seen.",
+    "The best strings with 95 % intervals: as searched, by the samples that they were chosen by, "
+    "and their re-estimates on fresh samples that no decision has seen.",
     lambda finalists: (6.0, 1.6 + 0.4 * len(finalists.estimates)),
     empty="no string has been estimated again",
 )

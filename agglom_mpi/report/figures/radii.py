@@ -5,6 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import judged_string
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.report.drawing import COLOURS, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import RadiusDistribution, final_radii
@@ -43,9 +44,9 @@ def _radii_data(data: CampaignData, options: FigureOptions) -> RadiusDistributio
 def _radii_caption(radii: RadiusDistribution) -> str:
     subject = "Mean final radii" if radii.of_means else "Final radii of the particles"
     return (
-        f"{subject} over those of the start, {radii.samples} samples of string {radii.string} "
-        f"([A] fig. 5): {radii.source}. The mean is that over samples, the other moments are "
-        "central ones over the particles of all samples."
+        f"{subject} over those of the start, {pluralise(radii.samples, 'sample')} of string "
+        f"{radii.string} ([A] fig. 5): {radii.source}. The mean is that over samples, the other "
+        "moments are central ones over the particles of all samples."
     )
 
 

@@ -187,11 +187,14 @@ class BestStrings(NamedTuple):
         SI units, shape (n, d).
     labels
         Texts of the legend for the first strings; the others are grey.
+    estimated
+        Whether each of these was estimated again; otherwise it is dashed.
     """
 
     searched: list[SearchedVariable]
     values: Floats
     labels: list[str]
+    estimated: list[bool]
 
 
 def draw_best_strings(ax: Any, best: BestStrings) -> Any:
@@ -210,6 +213,7 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
             heights[place],
             color=COLOURS[place % len(COLOURS)] if coloured else "0.8",
             linewidth=1.6 if coloured else 0.7,
+            linestyle="--" if coloured and not best.estimated[place] else "-",
             marker="o" if coloured else "",
             markersize=4,
             label=best.labels[place] if coloured else None,
@@ -222,7 +226,7 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
         labels[::-1],
         loc="lower center",
         bbox_to_anchor=(0.5, 1.1),
-        ncols=3,
+        ncols=2,
         frameon=False,
         fontsize="small",
     )
@@ -296,23 +300,27 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
         return None
     entries = shown_quantities(data)
     columns = [values_of(data, shown, entry[0].name) for entry in entries]
-    fresh = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
-    labels = [
-        f"#{place} string {string}: "
-        f"{fresh.get(string, float(rank_strings(data).results[string]['objective'])):.4g}"
-        for place, string in enumerate(shown[:BEST], 1)
-    ]
-    return BestStrings(entries, np.column_stack(columns), labels)
+    again = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
+    labels = []
+    for place, string in enumerate(shown[:BEST], 1):
+        searched = float(rank_strings(data).results[string]["objective"])
+        label = f"#{place} string {string}: as searched {searched:.4g}"
+        if string in again:
+            label += f", re-estimate {again[string]:.4g}"
+        labels.append(label)
+    estimated = [string in again for string in shown[:BEST]]
+    return BestStrings(entries, np.column_stack(columns), labels, estimated)
 
 
 def _best_caption(best: BestStrings) -> str:
-    coloured, grey = len(best.labels), len(best.values) - len(best.labels)
+    grey = len(best.values) - len(best.labels)
     more = f", the next {grey} in grey" if grey else ""
     derived = any(variable.meaning == DERIVED for variable, *_ in best.searched)
     also = ", or a derived quantity over the range that it took" if derived else ""
+    dashed = "" if all(best.estimated) else " Dashed: strings that were not estimated again."
     return (
-        f"The best {coloured} strings with their objectives{more}. Every line is a variable from "
-        f"the bottom to the top of the search box{also}."
+        f"The best strings with their objectives, as searched and on fresh samples{more}.{dashed} "
+        f"Every line is a variable from the bottom to the top of the search box{also}."
     )
 
 

@@ -7,12 +7,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
+from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.figures import FIGURES, convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.figures.finalists import Finalists, draw_finalists
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.storage.reader import read_campaign
@@ -84,14 +86,93 @@ def test_particles_are_coloured_by_temperature_where_it_differs():
     assert same.get_array().tolist() == [1.0, 1.0]
 
 
-@pytest.mark.parametrize(
-    ("tops", "labels"), [(1, ["best string"]), (4, ["best string", "mean of the best 4"])]
-)
+@pytest.mark.parametrize(("tops", "labels"), [(1, []), (4, ["mean of the best 4"])])
 def test_the_mean_of_the_best_is_drawn_if_it_is_of_several(tops, labels):
     ax, two = Figure().subplots(), np.array([0.2, 0.1])
     found = convergence.ConvergenceHistory(np.array([1, 2]), two, two, two, two, two, tops)
     convergence.draw_convergence(ax, found)
-    assert ax.get_legend_handles_labels()[1] == labels
+    assert ax.get_legend_handles_labels()[1] == ["best string, as searched", *labels]
+
+
+def history(best, half, **more):
+    """Return the search of a campaign whose best strings have these objectives and intervals."""
+    best, half = np.array(best), np.array(half)
+    generation = np.arange(1, len(best) + 1)
+    return convergence.ConvergenceHistory(generation, best, best, half, best, half, 4, **more)
+
+
+def band_ends(ax):
+    """Return the lowest and the highest end of all bands and bars, in data units."""
+    paths = [path for each in ax.collections for path in each.get_paths()]
+    heights = np.concatenate([path.vertices[:, 1] for path in paths])
+    return float(heights.min()), float(heights.max())
+
+
+@pytest.mark.parametrize("best", [[0.2, 0.1], [0.2, 0.002], [0.2]])
+def test_bands_of_an_objective_that_cannot_be_negative_end_at_zero(best):
+    ax, fresh = Figure().subplots(), convergence.FreshEstimate(0.003, 0.0, 0.01)
+    convergence.draw_convergence(ax, history(best, [0.5] * len(best), fresh=fresh))
+    low, high = band_ends(ax)
+    assert (low, high) == (0.0, pytest.approx(0.7))
+    assert ax.get_ylim()[0] == 0.0
+    # 0 is a place on the axis, not infinitely far below it.
+    assert np.isfinite(ax.transData.transform([[1.0, 0.0]])).all()
+
+
+def test_bands_far_above_zero_have_a_logarithmic_axis():
+    ax = Figure().subplots()
+    convergence.draw_convergence(ax, history([0.2, 0.002], [0.01, 0.0005]))
+    assert ax.get_yscale() == "log"
+    assert band_ends(ax)[0] == pytest.approx(0.0015)
+    assert 0.0 < ax.get_ylim()[0] < 0.0015
+
+
+def test_bands_of_an_objective_that_may_be_negative_are_whole():
+    ax = Figure().subplots()
+    convergence.draw_convergence(ax, history([0.2, 0.002], [0.5, 0.5], least=-np.inf))
+    assert ax.get_yscale() == "linear"
+    assert band_ends(ax)[0] == pytest.approx(-0.498)
+    assert ax.get_ylim()[0] < -0.498
+
+
+@pytest.mark.parametrize(("least", "low"), [(0.0, 0.0), (-np.inf, -0.3)])
+def test_intervals_of_finalists_end_at_the_least_objective(least, low):
+    estimate = Estimate(4, 0.1, 0.05, 0.0, 0.2, 10, 0, 2.0, 0.2, 0.25)
+    ax = Figure().subplots()
+    draw_finalists(ax, Finalists([estimate], np.array([0.5]), least=least))
+    searched, again = (each.get_paths()[0].vertices[:, 0] for each in ax.collections)
+    assert searched.tolist() == pytest.approx([low, 0.7])
+    assert again.tolist() == pytest.approx([0.0, 0.2])
+
+
+def test_a_negative_objective_keeps_its_interval():
+    estimate = Estimate(4, -2.1, 0.05, -2.2, -2.0, 10, 0, 2.0, -2.0, 0.25)
+    ax = Figure().subplots()
+    draw_finalists(ax, Finalists([estimate], np.array([0.5]), least=-np.inf))
+    searched = ax.collections[0].get_paths()[0].vertices[:, 0]
+    assert searched.tolist() == pytest.approx([-2.5, -1.5])
+
+
+def test_the_best_strings_are_marked_by_the_kind_of_their_objective(four_of_six):
+    file, ax = open_campaign(four_of_six), Figure().subplots()
+    file.plot_best(ax)
+    best = file.best(6)
+    lines = {line.get_label(): line for line in ax.lines if line.get_label().startswith("#")}
+    for place, (_, row) in enumerate(best.iterrows(), 1):
+        label = f"#{place} string {row['string']}: as searched {row['objective']:.4g}"
+        known = not np.isnan(row["estimate"])
+        if known:
+            label += f", re-estimate {row['estimate']:.4g}"
+        assert lines[label].get_linestyle() == ("-" if known else "--")
+
+
+def test_re_estimates_stand_beside_means_that_include_other_samples(four_of_six):
+    file, ax = open_campaign(four_of_six), Figure().subplots()
+    file.plot_ensembles(ax)
+    labels = ax.get_legend_handles_labels()[1]
+    assert sum(label.startswith("re-estimates") for label in labels) == 1
+    points = [line.get_ydata()[0] for line in ax.lines if line.get_marker() == "D"]
+    assert set(file.estimates["objective"][:3]) <= set(points)
 
 
 @pytest.fixture
