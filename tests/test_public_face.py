@@ -45,8 +45,8 @@ METHODS_OF_SET = {
 SET = {*METHODS_OF_SET, "allowed", "calibration", "criterion", "samples", "strings", "tolerance"}
 OUTCOME = {
     *("mean_radius_ratio", "objective", "particles", "radii", "temperatures", "moments"),
-    *("ledger", "collisions", "merges", "breakups", "steps", "seconds", "record", "final"),
-    "frames",
+    *("ledger", "collisions", "merges", "breakups", "steps", "seconds", "cpu_seconds", "record"),
+    *("final", "frames"),
 }
 FACES = {
     agglom_mpi.Box: BOX,
