@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +47,8 @@ FIRST, WINDOW = 16, 0.35
 """Samples of a point to begin with; distance from a bound within which more are taken."""
 FRESH = 10**6
 """Number of the first sample of the truth, which no search has seen."""
+LEAST = 0.01
+"""P up to which a point is not counted in the reliability: nearly all of the box."""
 CENTRE = "{law: growth_target, ratio: 2}"
 
 
@@ -266,21 +269,40 @@ def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
 
 def print_reliability(pairs):
     """Print true shares against P; `pairs` are P and true members at the points, for each seed."""
-    print("true share against P, all seeds:")
-    for low in np.arange(10) / 10:
-        bins = [(p > max(low, 0.01)) & (p <= low + 0.1) for p, _ in pairs]
-        count = np.array([some.sum() for some in bins])
-        if not count.any():
-            continue
-        believed = np.array([p[some].sum() for some, (p, _) in zip(bins, pairs, strict=True)])
-        true = np.array([inside[some].sum() for some, (_, inside) in zip(bins, pairs, strict=True)])
-        away = (true - believed).sum() / count.sum()
-        # Points of one seed share their luck: the error is that of a ratio of sums over seeds.
-        error = np.sqrt((((true - believed) - away * count) ** 2).sum()) / count.sum()
-        print(
-            f"  P {believed.sum() / count.sum():.3f}  share {true.sum() / count.sum():.3f}"
-            f"  away {away:+.3f} ± {error:.3f}  {count.sum()} points"
-        )
+    tenths, fifths = np.arange(11) / 10, np.arange(6) / 5
+    for title, edges in (("ten bins", tenths), ("five bins", fifths), ("middle", (0.15, 0.85))):
+        print(f"true share against P, all seeds, {title}:")
+        for lower, upper in pairwise(edges):
+            row = reliability(pairs, max(lower, LEAST), upper)
+            if row is not None:
+                print(
+                    f"  P {lower:.2f} to {upper:.2f}, mean {row.believed:.3f}  share {row.true:.3f}"
+                    f"  away {row.true - row.believed:+.3f} ± {row.error:.3f}  {row.points} points"
+                )
+
+
+class Reliability(NamedTuple):
+    """Mean P and true share of the points of one bin, the error of their difference, and points."""
+
+    believed: float
+    true: float
+    error: float
+    points: int
+
+
+def reliability(pairs, lower, upper):
+    """Return the reliability of P in (lower, upper]; None without points."""
+    bins = [(p > lower) & (p <= upper) for p, _ in pairs]
+    count = np.array([some.sum() for some in bins])
+    total = count.sum()
+    if not total:
+        return None
+    believed = np.array([p[some].sum() for some, (p, _) in zip(bins, pairs, strict=True)])
+    true = np.array([inside[some].sum() for some, (_, inside) in zip(bins, pairs, strict=True)])
+    # Points of one seed share their luck: the error is that of a ratio of sums over seeds.
+    away = (true - believed).sum() / total
+    squares = (((true - believed) - away * count) ** 2).sum() * len(pairs) / max(len(pairs) - 1, 1)
+    return Reliability(believed.sum() / total, true.sum() / total, np.sqrt(squares) / total, total)
 
 
 class Posteriors:
