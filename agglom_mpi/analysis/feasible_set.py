@@ -12,7 +12,7 @@ from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.set_calibration import Calibration, calibrate
 from agglom_mpi.analysis.set_emulator import SetEmulator
 from agglom_mpi.analysis.set_points import SetPoints, spread_points, within
-from agglom_mpi.analysis.set_samples import stored_samples
+from agglom_mpi.analysis.set_samples import favour_low_objectives, stored_samples
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.public_face import PublicFace
@@ -81,6 +81,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Share of the box that the constraints allow.
     samples, strings
         Numbers that the emulator rests on.
+    favours_low_objectives
+        Whether a search for the best proposed some of these strings, by the results of others.
     """
 
     def __init__(self, data: "CampaignData", tolerance: float = 0.05) -> None:
@@ -93,6 +95,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         stored = stored_samples(data)
         self.samples = len(stored.rows)
         self.strings = len(np.unique(np.nan_to_num(stored.strings), axis=0))
+        self.favours_low_objectives = favour_low_objectives(data)
         if self.strings < FEWEST:
             raise NoFeasibleSetError(
                 f"{data.path}: completed samples of {self.strings} different strings; at least "

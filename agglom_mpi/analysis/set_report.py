@@ -22,6 +22,12 @@ SHOWN: Final = 0.01
 SMALL: Final = 0.1
 """Weight in a direction, in units of the box, from which a variable is named in it."""
 
+BIASED_CHOICE: Final = (
+    "favour what the search liked: it looks for the best string and returns to those that came "
+    "out well by luck, so that P can be biased near the edges of the set"
+)
+"""Note on samples that a search for the best has chosen."""
+
 
 def percent(share: float, digits: int = 3) -> str:
     """Return a share as a text in percent."""
@@ -87,6 +93,8 @@ def _shares(of: FeasibleSet) -> Table:
     if of.failing:
         table.add_row("failed", f"{of.failing} strings, which are no members")
     table.add_row("check", of.calibration.text)
+    if of.favours_low_objectives:
+        table.add_row("samples", BIASED_CHOICE)
     return table
 
 
@@ -252,6 +260,7 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
         "expected_error": of.expected_error,
         "samples_to_halve": samples_to_halve(of),
         "failed_strings": of.failing,
+        "favours_low_objectives": of.favours_low_objectives,
         "variables": [each._asdict() for each in of.variables],
         "directions": shown_directions(of),
         "warnings": [text.removeprefix("warning: ") for text in warnings(of)],

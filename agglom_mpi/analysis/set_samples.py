@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.reader import parameters_of
 
 if TYPE_CHECKING:
@@ -63,6 +64,14 @@ def stored_samples(data: "CampaignData") -> StoredSamples:
     failed = bad + late > MOST_FAILED * (count + late)
     good = completed & ~failed[place]
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
+
+
+def favour_low_objectives(data: "CampaignData") -> bool:
+    """Return whether strings of a file were proposed near those whose objectives came out low."""
+    strings, search = data.string_rows(), recorded_campaign(data).search
+    by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
+    by_results &= strings["generation"] >= search.lag
+    return search.favours_low_objectives and bool(by_results.any())
 
 
 def _late(

@@ -118,6 +118,11 @@ class SearchSection(Section):
         return 1
 
     @property
+    def favours_low_objectives(self) -> bool:
+        """Whether strings are proposed near those whose objectives came out low."""
+        return True
+
+    @property
     def given(self) -> int:
         """Number of strings to start with."""
         if self.start is None:
@@ -254,6 +259,11 @@ class Surrogate(SearchSection):
         return min(self.batch, self.first_generation)
 
     @property
+    def favours_low_objectives(self) -> bool:
+        """Whether the search looks for the best string."""
+        return self.aim == "best"
+
+    @property
     def first_generation(self) -> int:
         """Half of the `initial` strings, rounded up."""
         return (self.initial + 1) // 2
@@ -295,7 +305,10 @@ class Surrogate(SearchSection):
         if self.aim == "best":
             return "by Thompson sampling"
         tolerance = self.tolerance or SET_TOLERANCE
-        return f"where it is unsure which strings are within {tolerance:g} of the target"
+        return (
+            "half even around the target, half where it is unsure which strings are within "
+            f"{tolerance:g} of it"
+        )
 
 
 class Cmaes(_PopulationSearch):
@@ -322,6 +335,11 @@ class Baseline(_PopulationSearch):
     """Baselines: random or Sobol points, independent of all results."""
 
     method: Literal["random", "sobol"]
+
+    @property
+    def favours_low_objectives(self) -> bool:
+        """Proposals depend on no result."""
+        return False
 
     def build(self, inputs: SearchInputs) -> SearchMethod:
         """Return the search method before its first generation."""

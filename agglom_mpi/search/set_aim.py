@@ -14,7 +14,9 @@ from agglom_mpi.statistics import probability_between
 Floats = NDArray[np.float64]
 
 CANDIDATES: Final = 4096
-"""Points among which a batch is drawn."""
+"""Minimum number of points among which a batch is drawn."""
+NEIGHBOURHOOD: Final = 3.0
+"""Largest magnitude of the emulated mean in the neighbourhood of the set, in tolerances."""
 POINTS: Final = 1 << 12
 """Even points of the box by which the expected error is told."""
 FEWEST: Final = 50
@@ -44,15 +46,37 @@ class SetAim(NamedTuple):
     def batch(
         self, model: GaussianProcess, count: int, random: np.random.Generator, space: SearchSpace
     ) -> Floats:
-        """Draw points of the unit cube, (count, d), where membership is unsure.
+        """Draw points of the unit cube, (count, d): half by neighbourhood, half by doubt.
 
-        A point is as probable as the smaller of the probabilities to be in the set and out of it.
+        The first half is uniform over the candidates whose emulated mean is within `NEIGHBOURHOOD`
+        tolerances of the target, whatever the samples there have shown. Where the neighbourhood has
+        fewer candidates than half a batch, all of them are taken. The rest of the batch is drawn
+        from the other candidates, with probabilities proportional to the smaller of the
+        probabilities to be in the set and out of it.
+
+        Parameters
+        ----------
+        model
+            Process of the signed mean over the unit cube.
+        count
+            Number of points; half of them, rounded down, are of the neighbourhood.
+        random
+            Stream of the draws.
+        space
+            The box. All points are allowed by its constraints.
         """
-        points = space.sample_points(random, CANDIDATES)
-        inside = self.probability(model.mean(points), model.deviation(points))
+        points = space.sample_points(random, max(CANDIDATES, 2 * count))
+        mean = model.mean(points)
+        near = np.flatnonzero(np.abs(mean) <= NEIGHBOURHOOD * self.tolerance)
+        # A search that only follows its doubt leaves a string at the edge that came out badly and
+        # returns to a lucky one, so that its samples are a biased choice.
+        even = random.choice(near, min(count // 2, len(near)), replace=False)
+        inside = self.probability(mean, model.deviation(points))
         unsure = np.minimum(inside, 1.0 - inside) + 1e-9
-        chosen = random.choice(len(points), count, replace=False, p=unsure / unsure.sum())
-        return np.asarray(points[chosen])
+        unsure[even] = 0.0
+        share = unsure / unsure.sum()
+        doubtful = random.choice(len(points), count - len(even), replace=False, p=share)
+        return np.asarray(points[np.concatenate((even, doubtful))])
 
     @single_threaded
     def expected_error(

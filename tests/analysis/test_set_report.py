@@ -55,6 +55,13 @@ def test_the_search_that_halves_the_error_is_named_where_it_is_another(doubling,
     assert "more samples would halve it" in printed(set_text(doubling))
 
 
+def test_the_report_says_that_a_search_for_the_best_favours_what_it_liked(doubling, monkeypatch):
+    assert "favour what the search liked" in printed(set_text(doubling))
+    assert as_dict(doubling)["set"]["favours_low_objectives"] is True
+    monkeypatch.setattr(doubling, "favours_low_objectives", False)
+    assert "favour what the search liked" not in printed(set_text(doubling))
+
+
 def test_json_holds_the_same_numbers(doubling):
     found = json.loads(json.dumps(as_dict(doubling, doubling.posterior(2.0, 0.05))))
     assert found["set"]["volume"] == doubling.volume

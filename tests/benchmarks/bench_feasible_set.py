@@ -1,19 +1,21 @@
 """How right feasible sets are, over seeds: their truth is simulated in the same run.
 
-`bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM [BATCH]]]]`, with the question
-`three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three variables,
-growth by half), `moments` (three variables, mean and spread together) or `maximum` (three
-variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample a
-string, for the `best` string or, with the aim `set`, for the set, in batches of 16 strings or
-another number. With `three`, posteriors are compared with brute force, and ranks of true values in
-them are counted. A folder keeps campaigns and the truth for the next time. Errors are standard
-errors over the seeds.
+`bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM [BATCH [fresh]]]]]`, with the
+question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
+variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
+(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample
+a string, for the `best` string or, with the aim `set`, for the set, in batches of 16 strings or
+another number. With `fresh`, the sets rest on new samples at the strings of the campaigns, which
+cannot have misled the search. With `three`, posteriors are compared with brute force, and ranks of
+true values in them are counted. A folder keeps campaigns and the truth for the next time. Errors
+are standard errors over the seeds.
 
 The truth is the mean of b/b0, and its spread, at even points of the box. Points whose first samples
 are in a window about the bounds get many more; no point gets more because of how near it is to a
 bound, which would move it away. The points are then smoothed by an emulator of their own, whose
 mean standard deviation in the window is printed; it rests on some hundred times the samples of a
-campaign.
+campaign. As smoothing may bias it, points near the bounds are simulated once more with other
+samples, and a quadratic of the emulated mean that is fitted to their deviations is added.
 """
 
 import re
@@ -21,6 +23,8 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +33,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import chisquare, kstest, qmc
 
+from agglom_mpi.analysis import feasible_set
 from agglom_mpi.analysis.criteria import criterion_of
 from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.set_emulator import SetEmulator
@@ -46,6 +51,13 @@ FIRST, WINDOW = 16, 0.35
 """Samples of a point to begin with; distance from a bound within which more are taken."""
 FRESH = 10**6
 """Number of the first sample of the truth, which no search has seen."""
+NEAR = 0.035
+"""Distance from a bound of the points that tell how far emulated means are off there."""
+LEAST = 0.01
+"""P up to which a point is not counted in the reliability: nearly all of the box."""
+CORRECTED, CHECKING = 0.1, 100_000
+"""Distance from the bounds within which means are corrected; samples that the correction rests on.
+"""
 CENTRE = "{law: growth_target, ratio: 2}"
 
 
@@ -179,7 +191,28 @@ def truth_of(name, jobs):
     at = coordinates.of_strings(more)
     _, nearest = cKDTree(points).query(at)
     values = np.where(fitted[nearest][:, None], whole.mean_only(at), own[nearest])
+    if criterion.quantities == ("mean_radius_ratio",) and np.isfinite(upper):
+        values[:, 0] += bias(campaign, more, values[:, 0], (lower, upper))
     return Truth(more, values, float(error), len(kept))
+
+
+def bias(campaign, strings, means, bounds):
+    """Return the deviation of fresh samples from the means near the bounds, smooth in the mean."""
+    lower, upper = bounds
+    near = np.flatnonzero((means > lower - CORRECTED) & (means < upper + CORRECTED))
+    count = max(CHECKING // len(near), 2)
+    rows = [simulated(campaign, strings[i], 2 * FRESH, count) for i in near]
+    away = np.array([r["mean_radius_ratio"].mean() for r in rows]) - means[near]
+    noise = np.array([r["mean_radius_ratio"].std(ddof=1) for r in rows])
+    middle = 0.5 * (lower + upper)
+    # Weights by a smooth noise: that of a point goes with its mean where samples are skewed.
+    weights = 1.0 / np.polyval(np.polyfit(means[near] - middle, noise, 1), means[near] - middle)
+    fit = np.polyfit(means[near] - middle, away, 2, w=weights)
+    found = np.zeros(len(means))
+    found[near] = np.polyval(fit, means[near] - middle)
+    for bound in bounds:
+        print(f"the truth was off by {-np.polyval(fit, bound - middle):+.4f} at {bound:g}")
+    return found
 
 
 class Score(NamedTuple):
@@ -193,7 +226,39 @@ class Score(NamedTuple):
     inner: float
     exponent: float
     calibrated: float
+    away_at_lower: float
+    """Mean deviation of the emulated mean from the truth near the lower bound of a band."""
+    away_at_upper: float
     seconds: float
+
+
+@contextmanager
+def fresh_samples():
+    """Let feasible sets rest on new samples at the same strings."""
+    stored = feasible_set.stored_samples
+
+    def simulated_again(data):
+        kept, campaign = stored(data), feasible_set.recorded_campaign(data)
+        rows = kept.rows.copy()
+        for i, string in enumerate(kept.strings):
+            # Numbers differ between the samples of one string; they start beyond those of truths.
+            rows[i] = simulated(campaign, string, 3 * FRESH + i, 1)[0]
+        return kept._replace(rows=rows)
+
+    feasible_set.stored_samples = simulated_again
+    try:
+        yield
+    finally:
+        feasible_set.stored_samples = stored
+
+
+def away_at(bound, truth, found):
+    """Return the mean deviation of the emulated means of the points near a bound; nan without."""
+    near = np.abs(truth.values[:, 0] - bound) < NEAR
+    if not near.any():
+        return np.nan
+    means = found.emulator.mean(found.coordinates.of_strings(truth.strings[near]))[:, 0]
+    return (means - truth.values[near, 0]).mean()
 
 
 def members(truth, found):
@@ -226,16 +291,17 @@ def score(name, seed, samples, truth, folder, aim="best", batch=BATCH):
             inside[probability >= 0.95].mean() if (probability >= 0.95).any() else np.nan,
             directions["hardness"][0] / directions["relative_speed"][0],
             float(found.calibration.passed),
+            *(away_at(bound, truth, found) for bound in bounds_of(name, found.criterion)),
             seconds,
         ),
         (probability, inside),
     )
 
 
-def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
+def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH, fresh=False):
     if folder is None:
         with tempfile.TemporaryDirectory() as scratch:
-            run(name, samples, seeds, jobs, scratch, aim, batch)
+            run(name, samples, seeds, jobs, scratch, aim, batch, fresh)
         return
     began = time.perf_counter()
     truth = known_truth(name, jobs, folder)
@@ -248,17 +314,18 @@ def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
     scores, pairs = [], []
     posteriors = Posteriors(truth) if name == "three" else None
     for seed in range(1, seeds + 1):
-        found, row, pair = score(name, seed, samples, truth, folder, aim, batch)
+        with fresh_samples() if fresh else nullcontext():
+            found, row, pair = score(name, seed, samples, truth, folder, aim, batch)
         scores.append(row)
         pairs.append(pair)
-        print(f"{seed:4}  " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
+        print(f"{seed:4}  " + "  ".join(f"{value:14.4f}" for value in row), flush=True)
         if posteriors is not None:
             posteriors.add(found)
     table = np.array(scores)
     error = table.std(0, ddof=min(1, seeds - 1)) / np.sqrt(seeds)
     rows = {"mean": table.mean(0), "error": error, "least": table.min(0), "most": table.max(0)}
     for label, row in rows.items():
-        print(f"{label:5} " + "  ".join(f"{value:14.3f}" for value in row), flush=True)
+        print(f"{label:5} " + "  ".join(f"{value:14.4f}" for value in row), flush=True)
     print_reliability(pairs)
     if posteriors is not None:
         posteriors.show()
@@ -266,21 +333,40 @@ def run(name, samples, seeds, jobs=1, folder=None, aim="best", batch=BATCH):
 
 def print_reliability(pairs):
     """Print true shares against P; `pairs` are P and true members at the points, for each seed."""
-    print("true share against P, all seeds:")
-    for low in np.arange(10) / 10:
-        bins = [(p > max(low, 0.01)) & (p <= low + 0.1) for p, _ in pairs]
-        count = np.array([some.sum() for some in bins])
-        if not count.any():
-            continue
-        believed = np.array([p[some].sum() for some, (p, _) in zip(bins, pairs, strict=True)])
-        true = np.array([inside[some].sum() for some, (_, inside) in zip(bins, pairs, strict=True)])
-        away = (true - believed).sum() / count.sum()
-        # Points of one seed share their luck: the error is that of a ratio of sums over seeds.
-        error = np.sqrt((((true - believed) - away * count) ** 2).sum()) / count.sum()
-        print(
-            f"  P {believed.sum() / count.sum():.3f}  share {true.sum() / count.sum():.3f}"
-            f"  away {away:+.3f} ± {error:.3f}  {count.sum()} points"
-        )
+    tenths, fifths = np.arange(11) / 10, np.arange(6) / 5
+    for title, edges in (("ten bins", tenths), ("five bins", fifths), ("middle", (0.15, 0.85))):
+        print(f"true share against P, all seeds, {title}:")
+        for lower, upper in pairwise(edges):
+            row = reliability(pairs, max(lower, LEAST), upper)
+            if row is not None:
+                print(
+                    f"  P {lower:.2f} to {upper:.2f}, mean {row.believed:.3f}  share {row.true:.3f}"
+                    f"  away {row.true - row.believed:+.3f} ± {row.error:.3f}  {row.points} points"
+                )
+
+
+class Reliability(NamedTuple):
+    """Mean P and true share of the points of one bin, the error of their difference, and points."""
+
+    believed: float
+    true: float
+    error: float
+    points: int
+
+
+def reliability(pairs, lower, upper):
+    """Return the reliability of P in (lower, upper]; None without points."""
+    bins = [(p > lower) & (p <= upper) for p, _ in pairs]
+    count = np.array([some.sum() for some in bins])
+    total = count.sum()
+    if not total:
+        return None
+    believed = np.array([p[some].sum() for some, (p, _) in zip(bins, pairs, strict=True)])
+    true = np.array([inside[some].sum() for some, (_, inside) in zip(bins, pairs, strict=True)])
+    # Points of one seed share their luck: the error is that of a ratio of sums over seeds.
+    away = (true - believed).sum() / total
+    squares = (((true - believed) - away * count) ** 2).sum() * len(pairs) / max(len(pairs) - 1, 1)
+    return Reliability(believed.sum() / total, true.sum() / total, np.sqrt(squares) / total, total)
 
 
 class Posteriors:
@@ -346,4 +432,5 @@ def test_print_how_right_the_set_of_a_question_is(name):
 if __name__ == "__main__":
     what, samples, seeds, *rest = sys.argv[1:]
     jobs = int(rest[0]) if rest else 1
-    run(what, int(samples), int(seeds), jobs, *rest[1:3], *map(int, rest[3:]))
+    batch = int(rest[3]) if len(rest) > 3 else BATCH
+    run(what, int(samples), int(seeds), jobs, *rest[1:3], batch=batch, fresh=rest[4:] == ["fresh"])
