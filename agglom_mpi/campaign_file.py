@@ -9,6 +9,7 @@ import numpy as np
 from agglom_mpi.analysis import tables
 from agglom_mpi.analysis.estimates import estimates_of
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.public_face import PublicFace
@@ -160,7 +161,12 @@ class CampaignFile(metaclass=PublicFace):
 
         Strings without a re-estimate follow in the order of the search; ties are broken by number.
         If the search has gone on, and its best string is not estimated again yet, the order is the
-        search's own.
+        search's own. There are fewer than k rows where fewer strings are judged.
+
+        Raises
+        ------
+        ValueError
+            If k is no whole number of at least 1.
 
         Examples
         --------
@@ -171,7 +177,7 @@ class CampaignFile(metaclass=PublicFace):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        data = self._snapshot()
+        k, data = self._count("k", k, least=1), self._snapshot()
         table, estimates = tables.strings(data), estimates_of(data)
         judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
         own = search_order(data, data.result_rows())
@@ -184,24 +190,28 @@ class CampaignFile(metaclass=PublicFace):
         frame.attrs["units"] = table.attrs["units"] | dict.fromkeys(ESTIMATED, "1")
         return frame
 
-    def feasible_set(self, tolerance: float = 0.05) -> "FeasibleSet":
+    def feasible_set(self, tolerance: float | str = 0.05) -> "FeasibleSet":
         """Return the set of strings that are compatible with the objective; takes seconds.
 
         Parameters
         ----------
         tolerance
-            Relative to the target or to the maximum; of a user's function, its largest value.
+            Relative to the target or to the maximum, between 0 and 1, as `0.05` or `"5%"`; of a
+            user's function, its largest value.
 
         Returns
         -------
         FeasibleSet
-            Its `probability(parameters)` says of any string how sure it is a member.
+            Its `probability(parameters)` says of any string how sure it is a member. Where it is
+            `empty`, `nearest` is the best that can be reached.
 
         Raises
         ------
         NoFeasibleSetError
             If there are too few strings, the emulator is not calibrated, or the noise of strings is
             correlated; with the reason.
+        ValueError
+            If the tolerance is impossible.
         """
         from agglom_mpi.analysis.feasible_set import feasible_set
 
@@ -409,6 +419,16 @@ class CampaignFile(metaclass=PublicFace):
         'time in which ranks simulate (%)'
         """
         return self._plot("busy", ax)
+
+    def _count(self, field: str, value: int, least: int = 0) -> int:
+        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
+        # Imported here: reading a file does not need what reads a campaign's text.
+        from agglom_mpi.config.yaml_source import ArgumentError
+
+        try:
+            return read_count(value, least)
+        except ValueError as error:
+            raise ArgumentError.of(self.path, field, error) from None
 
     def _plot(self, name: str, target: Any, string: int | None = None) -> Any:
         """Draw a figure of the report into axes or a figure, and return the axes."""

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 
+from agglom_mpi.display.fitted_table import LabelledTexts
 from agglom_mpi.kernels import cache_folder
 from agglom_mpi.launcher import launched_size
 from agglom_mpi.runtime.file_setup import processor
@@ -352,9 +352,7 @@ def run_checks(folder: Path) -> Iterator[Finding]:
 
 def as_table(findings: list[Finding]) -> RenderableType:
     """Return a table of findings with the advice below."""
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    table = LabelledTexts()
     for finding in findings:
         mark = "✗" if finding.broken else "!" if finding.advice else " "
         table.add_row(f"{mark} {finding.topic}", finding.found)

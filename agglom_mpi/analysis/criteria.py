@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.arguments import read_amount, read_fraction, shown
 from agglom_mpi.search.moment_targets import CENTRAL
 from agglom_mpi.statistics import probability_between
 
@@ -43,6 +44,17 @@ class Criterion(ABC):
             Of that quantity over the box, where the criterion is relative to it.
         """
         return -math.inf, math.inf
+
+    def bands(self, maximum: float = math.nan) -> list[tuple[float, float]]:
+        """Return the bounds of each quantity in the set; argument as for `bounds`."""
+        return [self.bounds(maximum)]
+
+    @abstractmethod
+    def distance(self, compared: Floats) -> Floats:
+        """Return how far values, (..., q), are from those of members, shape (...).
+
+        It is less the nearer they are, also among members; its unit is the criterion's own.
+        """
 
     @abstractmethod
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
@@ -82,6 +94,11 @@ class Band(Criterion):
         value = compared[..., 0]
         return np.asarray((value >= self.lower) & (value <= self.upper))
 
+    def distance(self, compared: Floats) -> Floats:
+        """Return by how much the value is beyond the nearer bound, negative between them."""
+        value = compared[..., 0]
+        return np.asarray(np.maximum(self.lower - value, value - self.upper))
+
     def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
         """Return the bounds."""
         return self.lower, self.upper
@@ -98,6 +115,10 @@ class NearMaximum(Band):
         text = f"mean b/b0 at least {1.0 - tolerance:.4g} of its maximum over the box"
         super().__init__("mean_radius_ratio", -math.inf, math.inf, text)
         self.share = 1.0 - tolerance
+
+    def distance(self, compared: Floats) -> Floats:
+        """Return the negative of the mean growth."""
+        return np.asarray(-compared[..., 0])
 
     def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
         """Return the share of the maximum, and inf."""
@@ -137,8 +158,16 @@ class MomentBands(Criterion):
 
     def bounds(self, maximum: float = math.nan) -> tuple[float, float]:
         """Return those of the first moment."""
-        target, half = float(self._targets[0]), float(self.half_widths[0])
-        return target - half, target + half
+        return self.bands()[0]
+
+    def bands(self, maximum: float = math.nan) -> list[tuple[float, float]]:
+        """Return those of each moment."""
+        ends = (self._targets - self.half_widths, self._targets + self.half_widths)
+        return list(zip(*(end.tolist() for end in ends), strict=True))
+
+    def distance(self, compared: Floats) -> Floats:
+        """Return the largest distance of a moment from its target, in units of its tolerance."""
+        return np.asarray((np.abs(compared - self._targets) / self.half_widths).max(axis=-1))
 
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
         """Return the mean radius ratio, then particles and sums of powers over the first number."""
@@ -188,6 +217,28 @@ def _moment(name: str, mean: Floats, central: tuple[Floats, Floats, Floats]) -> 
     return np.where(spread > 0.0, value, math.inf)
 
 
+def read_tolerance(objective: Mapping[str, Any], tolerance: float | str) -> float:
+    """Return the tolerance of an objective, given as a number or a text such as `5%`.
+
+    It is a fraction between 0 and 1, unless it is no fraction of anything: of moments whose targets
+    are all 0 it is positive, of a function any number.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
+    if objective["law"] == "function":
+        return read_amount(tolerance).value
+    targets = objective.get("targets", {})
+    if targets and not any(targets.values()):
+        value = read_amount(tolerance).value
+        if value <= 0.0:
+            raise ValueError(f"is {shown(tolerance)}; must be greater than 0")
+        return value
+    return read_fraction(tolerance)
+
+
 def criterion_of(objective: Mapping[str, Any], tolerance: float) -> Criterion:
     """Return the criterion of an objective.
 
@@ -202,7 +253,7 @@ def criterion_of(objective: Mapping[str, Any], tolerance: float) -> Criterion:
         case "growth_target":
             ratio = float(objective["ratio"])
             lower, upper = ratio * (1.0 - tolerance), ratio * (1.0 + tolerance)
-            text = f"mean b/b0 {lower:.4g} to {upper:.4g}"
+            text = f"mean b/b0 {_ends(lower, upper)}"
             return Band("mean_radius_ratio", lower, upper, text)
         case "maximum_growth":
             return NearMaximum(tolerance)
@@ -210,3 +261,9 @@ def criterion_of(objective: Mapping[str, Any], tolerance: float) -> Criterion:
             return MomentBands(objective["targets"], tolerance)
     text = f"mean value of the function at most {tolerance:.4g}"
     return Band("objective", -math.inf, tolerance, text)
+
+
+def _ends(lower: float, upper: float) -> str:
+    """Return `LOWER to UPPER`, to four digits or as many as tell them apart."""
+    texts = ((f"{lower:.{digits}g}", f"{upper:.{digits}g}") for digits in range(4, 18))
+    return " to ".join(next((pair for pair in texts if pair[0] != pair[1]), (f"{lower:g}",) * 2))

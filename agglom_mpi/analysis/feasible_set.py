@@ -1,19 +1,27 @@
 """The set of strings that are compatible with a campaign's question, and how sure that is."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Union
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from agglom_mpi.analysis.criteria import Band, NearMaximum, criterion_of
+from agglom_mpi.analysis.criteria import Band, NearMaximum, criterion_of, read_tolerance
 from agglom_mpi.analysis.failing import FailingShare
 from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.set_calibration import Calibration, calibrate
 from agglom_mpi.analysis.set_emulator import SetEmulator
 from agglom_mpi.analysis.set_points import SetPoints, spread_points, within
 from agglom_mpi.analysis.set_samples import favour_low_objectives, stored_samples
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.config.own_variables import (
+    OwnVariable,
+    Parameters,
+    given_names,
+    own_variables,
+    read_strings,
+)
+from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
@@ -24,12 +32,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.analysis.set_directions import SetVariable
+    from agglom_mpi.analysis.set_nearest import NearestString
     from agglom_mpi.analysis.set_posterior import Posterior
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
-Parameters = Union[Mapping[str, ArrayLike], "pd.DataFrame"]
 
 FEWEST: Final = 50
 """Strings of a campaign that has a set, at least."""
@@ -56,7 +64,8 @@ class NoFeasibleSetError(UserError, ValueError):
 
 SET_INTERNALS: Final = (
     *("campaign", "coordinates", "emulator", "points", "even_strings", "prior", "prior_near"),
-    *("moments_of", "failing_of", "probability_of", "table"),
+    *("moments_of", "failing_of", "probability_of", "table", "own", "names", "spans"),
+    *("evaluated", "near_maximum", "count", "mistaken"),
 )
 """Names of a set for the modules that are built on it."""
 
@@ -72,7 +81,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     Attributes
     ----------
     tolerance
-        Relative to the target or to the maximum; of a user's function, its largest value.
+        Relative to the target or to the maximum, between 0 and 1; of a user's function, its largest
+        value.
     criterion
         What makes a string a member.
     calibration
@@ -85,12 +95,10 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Whether a search for the best proposed some of these strings, by the results of others.
     """
 
-    def __init__(self, data: "CampaignData", tolerance: float = 0.05) -> None:
-        if not np.isfinite(tolerance):
-            raise NoFeasibleSetError(f"tolerance is {tolerance}; must be a number")
+    def __init__(self, data: "CampaignData", tolerance: float | str = 0.05) -> None:
         self.campaign: Campaign = recorded_campaign(data)
-        self.tolerance = tolerance
-        self.criterion = criterion_of(data.section("objective"), tolerance)
+        self.tolerance = tolerance_of(data, tolerance)
+        self.criterion = criterion_of(data.section("objective"), self.tolerance)
         _check_possible(self, data)
         stored = stored_samples(data)
         self.samples = len(stored.rows)
@@ -102,7 +110,9 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
                 f"{FEWEST} are needed for a feasible set"
             )
         self._kept: dict[Any, Any] = {}
+        self.evaluated = stored.strings
         self.coordinates = coordinates_of(self.campaign)
+        self.own: tuple[OwnVariable, ...] = own_variables(self.campaign.variables)
         numbers = self.criterion.numbers(stored.rows, self.campaign.scene.particles)
         points = self.coordinates.of_strings(stored.strings)
         groups = len(self.coordinates.groups)
@@ -116,6 +126,25 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         self.allowed = self.points.allowed
         self.calibration: Calibration = calibrate(self)
 
+    def __repr__(self) -> str:
+        if not self.calibration.passed:
+            known = "the emulator is not calibrated"
+        elif self.empty:
+            known = f"empty; nearest {self.nearest}"
+        else:
+            known = f"{100.0 * self.volume:.3g} % of the box"
+        return f"<FeasibleSet of {self.campaign.name!r}: {self.criterion.text}; {known}>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the searched variables, as the campaign gives them."""
+        return tuple(variable.name for variable in self.own)
+
+    @property
+    def spans(self) -> Floats:
+        """Change of the logarithm of each searched variable along its coordinate, (d,)."""
+        return self.coordinates.spans * [variable.power for variable in self.own]
+
     # At strings of the user's
 
     def probability(self, parameters: Parameters) -> Floats:
@@ -124,8 +153,14 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Parameters
         ----------
         parameters
-            Values in SI units by name, a mapping or a DataFrame, each (n,) or one for all.
-            Variables that the campaign fixed may be left out.
+            Values by name, as for `campaign.simulate`: SI numbers or texts with units, in a mapping
+            or a DataFrame, each (n,) or one for all; or all ten in SI units, (10,) or (n, 10).
+            Variables that the campaign fixed may be left out, those that it searched may not.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown, a value impossible, or another than the campaign fixed.
         """
         return self._at(parameters, self.probability_of)
 
@@ -149,6 +184,21 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         return self._at(parameters, lambda s: _flat(self.emulator.noise(self._coordinates(s))))
 
     # The set
+
+    @property
+    def empty(self) -> bool:
+        """Whether no string of the box, nor the nearest one, is a member with P ≥ `OUTER`."""
+        return self.outer == 0.0 and self.nearest.probability < OUTER
+
+    @property
+    def nearest(self) -> "NearestString":
+        """The string whose emulated mean comes nearest to what is asked for, and that mean."""
+        from agglom_mpi.analysis.set_nearest import nearest
+
+        if "nearest" not in self._kept:
+            self._kept["nearest"] = nearest(self)
+        found: NearestString = self._kept["nearest"]
+        return found
 
     @property
     def failing(self) -> int:
@@ -190,8 +240,20 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Returns
         -------
         pandas.DataFrame
-            The searched variables in SI units and `probability`; units in `.attrs["units"]`.
+            The searched variables, by the names and in the SI units of the campaign, and
+            `probability`; units in `.attrs["units"]`.
+
+        Raises
+        ------
+        ValueError
+            If n or seed is no whole number, or the set is empty.
         """
+        n, seed = self.count("n", n, least=1), self.count("seed", seed)
+        if self.empty:
+            raise NoFeasibleSetError(
+                f"{self.campaign.name}: the set is empty, so nothing can be drawn from it; nearest "
+                f"{self.nearest}"
+            )
         strings = self.points.draw(self, n, np.random.default_rng(seed))
         return self.table(strings, probability=self.probability_of(strings))
 
@@ -220,10 +282,11 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
             self._kept["variables"] = variables(self)
         return list(self._kept["variables"])
 
-    def posterior(self, measured: float, error: float) -> "Posterior":
+    def posterior(self, measured: float | str, error: float | str) -> "Posterior":
         """Return the posterior of the variables, given a measured mean and its standard error.
 
-        The prior is uniform over what is allowed of the box, in the coordinates of the search.
+        An error in percent, such as `"2%"`, is relative to the measured mean. The prior is uniform
+        over what is allowed of the box, in the coordinates of the search.
         """
         from agglom_mpi.analysis.set_posterior import posterior
 
@@ -277,9 +340,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         require_library("pandas", "report", "tables")
         import pandas as pd
 
-        searched = self.coordinates.searched
-        frame = pd.DataFrame({NAMES[i]: strings[:, i] for i in searched} | columns)
-        units = {NAMES[i]: VARIABLES[i].unit for i in searched}
+        frame = pd.DataFrame({v.name: v.values(strings) for v in self.own} | columns)
+        units = {variable.name: variable.unit for variable in self.own}
         frame.attrs["units"] = units | dict.fromkeys(columns, "1")
         return frame
 
@@ -292,20 +354,29 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         return found
 
     def _strings(self, parameters: Parameters) -> Floats:
-        given = {str(name): np.asarray(value, np.float64) for name, value in parameters.items()}
-        for name in given:
-            if name not in NAMES:
-                raise NoFeasibleSetError(f"{name}: unknown variable; allowed: {', '.join(NAMES)}")
-        missing = [name for name in self.coordinates.names if name not in given]
-        if missing:
-            raise NoFeasibleSetError(f"{missing[0]}: is missing; the campaign searched it")
-        shape = np.broadcast_shapes((1,), *(value.shape for value in given.values()))
-        if len(shape) != 1:
-            raise NoFeasibleSetError("parameters: each must be a number or one-dimensional")
-        strings = np.tile(self.campaign.parameters(), (*shape, 1))
-        for name, value in given.items():
-            strings[:, NAMES.index(name)] = value
+        strings, given = read_strings(self.campaign, parameters), given_names(parameters)
+        for variable in self.own:
+            if NAMES[variable.column] not in given:
+                raise self.mistaken(variable.name, "is missing; the campaign searches it")
+        for name, fixed in self.campaign.variables.fixed.items():
+            values = strings[:, NAMES.index(name)]
+            other = values[np.abs(values - fixed) > 1e-9 * abs(fixed)]
+            if len(other):
+                unit = VARIABLES[NAMES.index(name)].unit
+                value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
+                raise self.mistaken(name, f"is {other[0]:.7g}; the campaign fixed it at {value}")
         return strings
+
+    def mistaken(self, field: str, message: object) -> ArgumentError:
+        """Return the error about an argument."""
+        return ArgumentError.of(self.campaign.name, field, message)
+
+    def count(self, field: str, value: int, least: int = 0) -> int:
+        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
+        try:
+            return read_count(value, least)
+        except ValueError as error:
+            raise self.mistaken(field, error) from None
 
     def _inside(self, strings: Floats) -> NDArray[np.bool_]:
         some, box = self.coordinates.searched, self.campaign.variables
@@ -336,17 +407,21 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
     def _find_maximum(self, strings: Floats) -> None:
         """Draw functions, and find the maximum of each near where the expected mean is largest."""
-        from agglom_mpi.analysis.set_points import near_maximum
+        from agglom_mpi.analysis.set_points import near_best
 
         self._paths = self.emulator.paths(FUNCTIONS, self._stream(2))
-        candidates = near_maximum(self, strings)
+        candidates = near_best(self, strings)
         self._maxima = self._paths(self._coordinates(candidates))[..., 0].max(axis=1)
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Bounds of what is compared in the set, of the first moment if there are several."""
-        near_maximum = isinstance(self.criterion, NearMaximum)
-        return self.criterion.bounds(self.maximum[0] if near_maximum else np.nan)
+        return self.criterion.bounds(self.maximum[0] if self.near_maximum else np.nan)
+
+    @property
+    def near_maximum(self) -> bool:
+        """Whether members are those near the maximum of the emulated mean."""
+        return isinstance(self.criterion, NearMaximum)
 
     @property
     def maximum(self) -> tuple[float, float]:
@@ -373,6 +448,14 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         return search_stream(self.campaign.seed, FEASIBLE_SET, purpose)
 
 
+def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
+    """Return the tolerance of a file's objective; raise an ArgumentError if it is impossible."""
+    try:
+        return read_tolerance(data.section("objective"), tolerance)
+    except ValueError as error:
+        raise ArgumentError.of(data.path, "tolerance", error) from None
+
+
 def _flat(values: Floats) -> Floats:
     """Return values, (n, q), as (n,) where q is 1."""
     return values[:, 0] if values.shape[1] == 1 else values
@@ -391,13 +474,15 @@ def _check_possible(of: FeasibleSet, data: "CampaignData") -> None:
 
 
 @single_threaded
-def feasible_set(data: "CampaignData", tolerance: float = 0.05) -> FeasibleSet:
+def feasible_set(data: "CampaignData", tolerance: float | str = 0.05) -> FeasibleSet:
     """Return the feasible set of a campaign file.
 
     Raises
     ------
     NoFeasibleSetError
         If there is none, or the emulator is not calibrated, with the reason.
+    CampaignError
+        If the tolerance is impossible.
     """
     found = FeasibleSet(data, tolerance)
     if not found.calibration.passed:

@@ -7,12 +7,19 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.summary import Summary, as_dict, collect_summary
+from agglom_mpi.config.expressions import names_in
+from agglom_mpi.config.relations import Relations
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.variables import VARIABLES, volume_fraction
 
+CONSTRAINTS: Final = "constraints"
+UNITS: Final = {f"variables.{each.name}": each.unit for each in VARIABLES if each.unit != "1"}
 SHOWN: Final = 12
 """Most differing settings that are listed; more are counted."""
 
@@ -26,6 +33,7 @@ class Comparison(NamedTuple):
         In the order of the files.
     differences : dict
         Settings that are not the same everywhere: name -> value in each file, None if it has none.
+        Under `constraints` are lists of those that not all files have, as they are written.
     comparable : bool
         Whether all have the same objective and number of grains.
     """
@@ -38,16 +46,84 @@ class Comparison(NamedTuple):
 def compare(files: Sequence[CampaignData]) -> Comparison:
     """Compare campaign files, finished or not."""
     identities = [file.identity for file in files]
-    names = dict.fromkeys(name for identity in identities for name in identity)
+    names = dict.fromkeys(
+        CONSTRAINTS if name.startswith(f"{CONSTRAINTS}.") else name
+        for identity in identities
+        for name in identity
+    )
     differences = {}
     for name in names:
-        values = [identity.get(name) for identity in identities]
+        if name == CONSTRAINTS:
+            values = _different_constraints(files)
+        else:
+            values = [identity.get(name) for identity in identities]
         if any(value != values[0] for value in values):
             differences[name] = values
+    differences = _by_volume_fraction(differences, files)
     decisive = [
         name for name in differences if name == "scene.particles" or name.startswith("objective")
     ]
     return Comparison([collect_summary(file, best=1) for file in files], differences, not decisive)
+
+
+def _different_constraints(files: Sequence[CampaignData]) -> list[Any]:
+    """Return the constraints of each file that not all have, as written; None if there are none."""
+    found = [_constraints_of(file) for file in files]
+    everywhere = set(found[0]).intersection(*found)
+    texts = [[each[key] for key in each if key not in everywhere] for each in found]
+    return [some or None for some in texts]
+
+
+def _constraints_of(file: CampaignData) -> dict[str, str]:
+    """Return the constraints of a file as they are written, by what they are in SI units."""
+    stored = [v for n, v in file.identity.items() if n.startswith(f"{CONSTRAINTS}.")]
+    try:
+        relations = recorded_campaign(file).relations
+    except CampaignError:  # its text is damaged
+        return {str(canonical): str(canonical) for canonical in stored}
+    texts = [_written(relations, place) for place in range(len(relations.constraints))]
+    return dict(zip(relations.canonical(), texts, strict=True))
+
+
+def _written(relations: Relations, place: int) -> str:
+    """Return a constraint as it is written, with the derived quantities that it names."""
+    constraint = relations.constraints[place]
+    trees = {each.name: each for each in relations.derived}
+    named, wanted = dict[str, str](), [n for node in constraint.operands for n in names_in(node)]
+    while wanted:
+        name = wanted.pop(0)
+        if name in trees and name not in named:
+            named[name] = f"{name} = {trees[name].text}"
+            wanted += names_in(trees[name].tree)
+    return f"{constraint.text} ({', '.join(named.values())})" if named else constraint.text
+
+
+def _by_volume_fraction(
+    differences: dict[str, list[Any]], files: Sequence[CampaignData]
+) -> dict[str, list[Any]]:
+    """Return differences with the volume fraction in place of the size ratio, where all give it."""
+    ends = [name for name in differences if name.startswith("variables.size_ratio.")]
+    if not ends:
+        return differences
+    try:
+        boxes = [recorded_campaign(file).variables for file in files]
+    except CampaignError:
+        return differences
+    if not all(box.by_volume_fraction for box in boxes):
+        return differences
+    found: dict[str, list[Any]] = {}
+    for name, values in differences.items():
+        if name not in ends:
+            found[name] = values
+        elif all(isinstance(value, float) for value in values):
+            fractions = (
+                float(f"{volume_fraction(value, box.third_moment):.12g}")  # as it is written
+                for value, box in zip(values, boxes, strict=True)
+            )
+            found[name.replace("size_ratio", "volume_fraction")] = list(fractions)
+        else:
+            found[name.replace("size_ratio", "volume_fraction")] = values
+    return found
 
 
 def best_objectives(comparison: Comparison) -> dict[str, list[float]]:
@@ -66,11 +142,8 @@ def best_objectives(comparison: Comparison) -> dict[str, list[float]]:
 
 def comparison_table(comparison: Comparison) -> RenderableType:
     """Return a table of the files, the spread of their best strings and differing settings."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("file", "state"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("generations", "strings", "samples", "time", "best as searched", "re-estimate"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    counts = ("generations", "strings", "samples", "time")
+    table = FittedTable("file", "state", *counts, "best as searched", "re-estimate", left=(0, 1))
     for summary in comparison.summaries:
         table.add_row(*_cells(summary))
     return Group(table, "", *_footer(comparison))
@@ -103,11 +176,31 @@ def _footer(comparison: Comparison) -> Iterator[str]:
                 )
     settings = comparison.differences
     for name, values in list(settings.items())[:SHOWN]:
-        yield f"{name}: {', '.join('none' if value is None else str(value) for value in values)}"
+        yield _setting(name, values)
     if len(settings) > SHOWN:
         yield f"and {len(settings) - SHOWN} more settings differ (--json has all)"
     if not settings:
         yield "all are of the same campaign, with the same seed"
+
+
+def _setting(name: str, values: list[Any]) -> str:
+    """Return a setting with its value in each file, in a line; constraints with a line for each."""
+    unit = UNITS.get(name.rpartition(".")[0], "")
+    texts = [_text(value) for value in values]
+    if name == CONSTRAINTS:
+        return "\n".join([f"{name}:", *(f"  file {i}: {text}" for i, text in enumerate(texts, 1))])
+    return f"{name}: {', '.join(texts)}{f' {unit}' if unit else ''}"
+
+
+def _text(value: Any) -> str:
+    match value:
+        case None:
+            return "none"
+        case list():
+            return "; ".join(map(_text, value))
+        case float():
+            return repr(value).removesuffix(".0")
+    return str(value)
 
 
 def to_json(comparison: Comparison) -> str:

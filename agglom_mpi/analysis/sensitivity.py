@@ -10,9 +10,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Group, RenderableType
-from rich.table import Table
 
 from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.config.own_variables import own_variables
+from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.surrogate import best_and_spread
@@ -109,7 +110,7 @@ def sensitivity_of(data: CampaignData) -> tuple[tuple[str, ...], Sensitivity | N
     points = variables.space().to_unit(parameters_of(strings))
     samples = results["samples_used"] - results["failed"]
     found = sensitivity(points[finite], results["objective"][finite], samples[finite])
-    return variables.searched, found
+    return tuple(each.name for each in own_variables(variables)), found
 
 
 def as_dict(names: tuple[str, ...], found: Sensitivity | None) -> dict[str, Any] | None:
@@ -131,10 +132,7 @@ def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> Rend
     """Return a table of the variables by total index, the largest first, and notes."""
     if found is None:
         return "sensitivity: too few strings, or all of them are worth the same"
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("share of the variance of the objective", no_wrap=True)
-    table.add_column("alone", justify="right")
-    table.add_column("with others", justify="right")
+    table = FittedTable("share of the variance of the objective", "alone", "with others")
     for i in np.argsort(-found.total, kind="stable").tolist():
         table.add_row(names[i], f"{found.first_order[i]:.1%}", f"{found.total[i]:.1%}")
     return Group(

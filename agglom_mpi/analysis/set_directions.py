@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.groups import Group
-from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,24 +73,23 @@ def variables(of: "FeasibleSet") -> list[SetVariable]:
     """Return the searched variables of a set, in their order; none if the set is empty."""
     points = of.points
     mass = points.probability * points.weights
-    if mass.sum() <= 0.0:
+    if of.empty or mass.sum() <= 0.0:
         return []
     kept = _kept_shares(of)
     space = of.campaign.variables.space()
     units = space.to_unit(points.strings)
     found = []
-    for place, column in enumerate(of.coordinates.searched.tolist()):
-        values = points.strings[:, column]
+    for place, variable in enumerate(of.own):
+        values = variable.values(points.strings)
         outer = values[points.probability >= 0.05]
         outer = values[points.probability > 0.0] if not len(outer) else outer
         low, median, high = weighted_quantiles(values, mass, (0.05, 0.5, 0.95))
-        box = of.campaign.variables
         found.append(
             SetVariable(
-                NAMES[column],
-                VARIABLES[column].unit,
-                float(box.lower[column]),
-                float(box.upper[column]),
+                variable.name,
+                variable.unit,
+                variable.lower,
+                variable.upper,
                 float(outer.min()),
                 float(outer.max()),
                 low,
@@ -161,21 +159,22 @@ def directions(of: "FeasibleSet") -> "pd.DataFrame":
     """Return the active directions of a set (Constantine 2015); see `FeasibleSet.directions`."""
     import pandas as pd
 
-    names, coordinates = list(of.coordinates.names), of.coordinates
+    names, coordinates = list(of.names), of.coordinates
     columns = ["eigenvalue", "share", *names, "group", "cosine"]
-    if of.volume <= 0.0:
+    if of.empty or of.volume <= 0.0:
         return pd.DataFrame(columns=columns)
     slopes = _slopes(of)
     values, vectors = np.linalg.eigh(slopes.T @ slopes / len(slopes))
     rows = []
     for value, vector in list(zip(values, vectors.T, strict=True))[::-1]:
         group, cosine = nearest_group(vector, coordinates.group_directions, coordinates.groups)
-        exponents = vector / coordinates.spans
+        exponents = vector / of.spans
         main = int(np.argmax(np.abs(vector)))
         near = group is not None and cosine < 0.0
         scaled = exponents / abs(exponents[main]) * (-1.0 if near else np.sign(vector[main]) * 1.0)
         if group is not None:
-            scaled = scaled * np.sign(scaled[main] * group.powers.get(names[main], 1.0))
+            power = group.powers.get(coordinates.names[main], 1.0)
+            scaled = scaled * np.sign(scaled[main] * power)
         symbol = "" if group is None else group.symbol
         rows.append([value, value / values.sum(), *scaled, symbol, abs(cosine)])
     return pd.DataFrame(rows, columns=columns)

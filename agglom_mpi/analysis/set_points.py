@@ -21,9 +21,11 @@ POSSIBLE: Final = 1e-3
 MARGIN: Final = 0.1
 """By which it is widened, in units of its own edges."""
 STARTS: Final = 8
-"""Strings from which a maximum of the emulated mean is searched."""
+"""Strings from which the best emulated mean is searched."""
 CANDIDATES: Final = 256
 """Strings of the campaign at which it may be, too."""
+FARTHEST: Final = 1e30
+"""Distance that stands for one that is infinite or unknown."""
 MOST_DRAWS: Final = 1 << 22
 """Points drawn at most to find members."""
 
@@ -119,24 +121,32 @@ def within(
     return strings[of.campaign.allowed_strings(strings)]
 
 
-def near_maximum(of: "FeasibleSet", evaluated: Floats) -> Floats:
-    """Return allowed strings, (n, 10), at which the emulated mean may be largest."""
+def near_best(of: "FeasibleSet", evaluated: Floats) -> Floats:
+    """Return allowed strings, (n, 10), at which the emulated mean may be nearest to members.
+
+    Those of a maximum are where the mean may be largest.
+    """
     from scipy.optimize import minimize
 
     space, coordinates = of.campaign.variables.space(), of.coordinates
     known = np.unique(np.nan_to_num(evaluated), axis=0)
     known = space.from_unit(space.to_unit(known))
     pool = np.vstack((known, within(of)))
-    expected = of.emulator.mean_only(coordinates.of_strings(pool))[:, 0]
-    best = pool[np.argsort(-expected)[:CANDIDATES]]
 
-    def minus(point: Floats) -> float:
-        strings = coordinates.strings(np.clip(point, 0.0, 1.0)[None])
-        return -float(of.emulator.mean_only(coordinates.of_strings(strings))[0, 0])
+    def distances(strings: Floats) -> Floats:
+        compared = of.emulator.mean_only(coordinates.of_strings(strings))
+        return np.nan_to_num(of.criterion.distance(compared), nan=FARTHEST, posinf=FARTHEST)
+
+    best = pool[np.argsort(distances(pool))[:CANDIDATES]]
+
+    def distance(point: Floats) -> float:
+        return float(distances(coordinates.strings(np.clip(point, 0.0, 1.0)[None]))[0])
 
     starts = coordinates.own(best[:STARTS])
     bounds = [(0.0, 1.0)] * starts.shape[1]
     options = {"maxiter": 30}
-    ends = [minimize(minus, at, bounds=bounds, method="L-BFGS-B", options=options) for at in starts]
+    ends = [
+        minimize(distance, at, bounds=bounds, method="L-BFGS-B", options=options) for at in starts
+    ]
     found = np.vstack((best, coordinates.strings(np.array([np.clip(e.x, 0, 1) for e in ends]))))
     return found[of.campaign.allowed_strings(found)]

@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.set_directions import weighted_quantiles
+from agglom_mpi.config.arguments import read_error, read_number
+from agglom_mpi.config.suggestions import suggestion
+from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError
 
 if TYPE_CHECKING:
@@ -28,6 +31,8 @@ OUT_OF_REACH: Final = 6.0
 """Standard deviations from the measured mean beyond which a string has no weight."""
 FARTHEST: Final = 4.0
 """Standard deviations between the measured mean and that of the nearest string at most."""
+POSITIVE: Final = frozenset({"mean_radius_ratio", "mean"})
+"""Quantities that are positive, so that their error is a fraction of them."""
 CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Quantiles that are told of each variable."""
 
@@ -80,15 +85,24 @@ class Posterior(NamedTuple):
         return self.of.table(self.strings, weight=self.weights)
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
-        """Draw n strings, with replacement, with equal weights."""
+        """Draw n strings, with replacement, with equal weights; raises ValueError if n is none."""
+        n, seed = self.of.count("n", n, least=1), self.of.count("seed", seed)
         chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
         return self.of.table(self.strings[chosen])
 
     def quantiles(self, name: str) -> tuple[float, ...]:
-        """Return the `CREDIBLE` quantiles of a searched variable, in SI units."""
-        column = self.of.coordinates.names.index(name)
-        values = self.strings[:, self.of.coordinates.searched[column]]
-        return weighted_quantiles(values, self.weights, CREDIBLE)
+        """Return the `CREDIBLE` quantiles of a searched variable, in SI units.
+
+        Raises
+        ------
+        CampaignError
+            If the campaign does not search a variable of that name.
+        """
+        if name not in self.of.names:
+            hint = suggestion(name, self.of.names)
+            raise self.of.mistaken(name, f"is no searched variable; {hint}")
+        variable = self.of.own[self.of.names.index(name)]
+        return weighted_quantiles(variable.values(self.strings), self.weights, CREDIBLE)
 
     @property
     def correlations(self) -> Floats:
@@ -112,7 +126,7 @@ class Posterior(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the draws as plain values."""
-        names = self.of.coordinates.names
+        names = self.of.names
         return {
             "measured": self.measured,
             "error": self.error,
@@ -127,7 +141,7 @@ class Posterior(NamedTuple):
         }
 
 
-def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
+def posterior(of: "FeasibleSet", measured: float | str, error: float | str) -> Posterior:
     """Return the posterior; see `FeasibleSet.posterior`.
 
     The weight of a string is the density of the measured mean, with a variance that is the square
@@ -137,12 +151,10 @@ def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
     ------
     PosteriorError
         If several numbers are compared, or the measured mean is nowhere in the box.
+    ArgumentError
+        If the measured mean or its error is impossible.
     """
-    if not (math.isfinite(measured) and math.isfinite(error) and error > 0.0):
-        raise PosteriorError(
-            f"measured is {measured:g} with the error {error:g}; both must be finite and the "
-            "error greater than 0"
-        )
+    measured, error = measurement_of(of.campaign.name, of.criterion.quantities, measured, error)
     if len(of.criterion.quantities) > 1:
         raise PosteriorError(
             f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
@@ -167,6 +179,22 @@ def posterior(of: "FeasibleSet", measured: float, error: float) -> Posterior:
     some = weights > 1e-12 * weights.max()
     weights = weights[some] / weights[some].sum()
     return Posterior(of, measured, error, strings[some], weights, size, "importance weights")
+
+
+def measurement_of(
+    name: str, quantities: tuple[str, ...], measured: float | str, error: float | str
+) -> tuple[float, float]:
+    """Return a measured value of the first of some quantities, and its standard error.
+
+    Raises an ArgumentError if one of them is impossible; `name` stands for the file.
+    """
+    field: str = "measured"
+    try:
+        value = read_number(measured)
+        field = "error"
+        return value, read_error(error, value, positive=quantities[0] in POSITIVE)
+    except ValueError as problem:
+        raise ArgumentError.of(name, field, problem) from None
 
 
 def effective_size(weights: Floats) -> float:

@@ -1,15 +1,17 @@
 """The feasible set of a campaign as text and as plain values for JSON."""
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 
 from agglom_mpi.analysis.criteria import NearMaximum
 from agglom_mpi.analysis.feasible_set import INNER, OUTER, FeasibleSet
 from agglom_mpi.analysis.set_directions import rounded
+from agglom_mpi.analysis.set_nearest import quantity_name
 from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import format_digits, value_with_error
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
 SHOWN: Final = 0.01
 """Share from which a direction is shown."""
+LEAST_PROBABILITY: Final = 1e-6
+"""Probability below which only that is said of it."""
 SMALL: Final = 0.1
 """Weight in a direction, in units of the box, from which a variable is named in it."""
 
@@ -36,13 +40,11 @@ def percent(share: float, digits: int = 3) -> str:
 
 def measure_text(of: FeasibleSet) -> str:
     """Return in which measure shares are told: uniform in what the campaign searches by."""
-    box, names = of.campaign.variables, of.coordinates.names
-    searched = of.coordinates.searched
     kinds = {
-        "by the logarithm": [n for n, i in zip(names, searched, strict=True) if box.logarithmic[i]],
-        "by the cube": [n for n, i in zip(names, searched, strict=True) if box.cubic[i]],
+        "by the logarithm": [each.name for each in of.own if each.logarithmic],
+        "by the cube": [each.name for each in of.own if each.cubic],
     }
-    other = [name for name in names if not any(name in some for some in kinds.values())]
+    other = [name for name in of.names if not any(name in some for some in kinds.values())]
     parts = [f"{', '.join(some)} {kind}" for kind, some in kinds.items() if some]
     if not parts:
         return "uniform in every variable, as searched"
@@ -60,7 +62,9 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
     if not of.calibration.passed:
         return f"{of.calibration.text}; no set is given\n{heading}, {_rests_on(of)}"
     parts: list[RenderableType] = [f"{heading}\n{_rests_on(of)}", _shares(of)]
-    if of.volume > 0.0:
+    if of.empty:
+        parts.append(_nearest_table(of))
+    elif of.volume > 0.0:
         parts += [_variable_table(of), _direction_table(of)]
     parts += list(warnings(of))
     if posterior is not None:
@@ -72,22 +76,26 @@ def _rests_on(of: FeasibleSet) -> str:
     return f"by an emulator of {of.samples:,} samples of {of.strings:,} strings"
 
 
-def _shares(of: FeasibleSet) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    table.add_row(
-        "share of the box", f"{_share_text(of.volume, of.volume_error)}; {measure_text(of)}"
-    )
+def _shares(of: FeasibleSet) -> LabelledTexts:
+    table = LabelledTexts()
+    if of.empty:
+        table.add_row("the set", empty_text(of))
+        table.add_row("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}")
+    else:
+        table.add_row(
+            "share of the box", f"{_share_text(of.volume, of.volume_error)}; {measure_text(of)}"
+        )
     if of.allowed < 1.0:
-        table.add_row("constraints", f"{_allowed(of)} of the box; shares are of what they allow")
-    table.add_row(f"  surely (P ≥ {INNER:g})", percent(of.inner))
-    table.add_row(f"  possibly (P ≥ {OUTER:g})", percent(of.outer))
-    table.add_row(
-        "expected error",
-        f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
-        f"{samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
-    )
+        shares = "" if of.empty else "; shares are of what they allow"
+        table.add_row("constraints", f"{_allowed(of)} of the box{shares}")
+    if not of.empty:
+        table.add_row(f"  surely (P ≥ {INNER:g})", percent(of.inner))
+        table.add_row(f"  possibly (P ≥ {OUTER:g})", percent(of.outer))
+        table.add_row(
+            "expected error",
+            f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
+            f"{samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
+        )
     if isinstance(of.criterion, NearMaximum):
         table.add_row("maximum", f"mean b/b0 {value_with_error(*of.maximum)}")
     if of.failing:
@@ -114,16 +122,44 @@ def _allowed(of: FeasibleSet) -> str:
     return f"allow {allowed_share(of.campaign)}"
 
 
-def _variable_table(of: FeasibleSet) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("variable", no_wrap=True)
-    for heading in ("searched", "possible", "5 %", "50 %", "95 %", "may move over"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for each in of.variables:
-        unit = "" if each.unit == "1" else f" {each.unit}"
+def empty_text(of: FeasibleSet) -> str:
+    """Return why a set has no members, or none that can be told."""
+    if of.nearest.out_of_reach:
+        return f"empty: no string of the box is a member with P ≥ {OUTER:g}"
+    return (
+        f"empty as far as is known: no string of the box is a member with P ≥ {OUTER:g}, for the "
+        "emulator is less sure of its means than the tolerance is wide"
+    )
+
+
+def _probability(value: float) -> str:
+    """Return a probability that is nearly 0 as a text."""
+    return f"P = {value:.2g}" if value >= LEAST_PROBABILITY else f"P < {LEAST_PROBABILITY:g}"
+
+
+def _label(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name} {unit}"
+
+
+def _nearest_table(of: FeasibleSet) -> FittedTable:
+    """Return where the best that can be reached is."""
+    table = FittedTable("variable", "searched", "nearest at", "", left=(0, 3))
+    for each in of.own:
         table.add_row(
-            f"{each.name}{unit}",
+            _label(each.name, each.unit),
+            f"{each.lower:.4g} to {each.upper:.4g}",
+            f"{of.nearest.parameters[each.name]:.4g}",
+            f"{end} end" if (end := of.nearest.ends.get(each.name)) else "",
+        )
+    return table
+
+
+def _variable_table(of: FeasibleSet) -> FittedTable:
+    headings = ("searched", "possible", "5 %", "50 %", "95 %", "may move over")
+    table = FittedTable("variable", *headings, "", left=(0, 7))
+    for each in of.variables:
+        table.add_row(
+            _label(each.name, each.unit),
             f"{each.lower:.4g} to {each.upper:.4g}",
             f"{each.least:.3g} to {each.most:.3g}",
             *(f"{value:.3g}" for value in (each.low, each.median, each.high)),
@@ -133,11 +169,8 @@ def _variable_table(of: FeasibleSet) -> Table:
     return table
 
 
-def _direction_table(of: FeasibleSet) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("what decides", no_wrap=True)
-    table.add_column("share", justify="right")
-    table.add_column("", no_wrap=True)
+def _direction_table(of: FeasibleSet) -> FittedTable:
+    table = FittedTable("what decides", "share", "", left=(0, 2))
     for row in shown_directions(of):
         near = f"near {row['group']} (cosine {row['cosine']:.3f})" if row["group"] else ""
         table.add_row(row["product"], f"{100.0 * row['share']:.1f} %", near)
@@ -154,7 +187,7 @@ def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
             {
                 "eigenvalue": row["eigenvalue"],
                 "share": row["share"],
-                "exponents": {name: row[name] for name in of.coordinates.names},
+                "exponents": {name: row[name] for name in of.names},
                 "product": product_text(of, row),
                 "group": row["group"] or None,
                 "cosine": row["cosine"] if row["group"] else None,
@@ -165,10 +198,7 @@ def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
 
 def product_text(of: FeasibleSet, row: Any) -> str:
     """Return a direction as a product of powers, rounded, of the variables that matter in it."""
-    weights = {
-        name: abs(row[name]) * span
-        for name, span in zip(of.coordinates.names, of.coordinates.spans, strict=True)
-    }
+    weights = {name: abs(row[name]) * span for name, span in zip(of.names, of.spans, strict=True)}
     largest = max(weights.values())
     order = sorted(weights, key=lambda name: -weights[name])
     factors = [_factor(n, rounded(row[n])) for n in order if weights[n] > SMALL * largest]
@@ -182,9 +212,17 @@ def _factor(name: str, exponent: float) -> str:
 
 
 def warnings(of: FeasibleSet) -> Iterator[str]:
-    """Yield warnings about a set: where it touches the box, and if it is empty."""
+    """Yield warnings about a set: where it touches the box, and if it is empty or hard to see."""
+    if of.empty:
+        if of.nearest.ends:
+            ends = ", ".join(f"the {end} end of {name}" for name, end in of.nearest.ends.items())
+            yield f"warning: the nearest string is at {ends}; members may lie outside of the box"
+        return
     if of.volume <= 0.0 or of.outer == 0.0:
-        yield "warning: no string of the box is likely to be in the set"
+        yield (
+            "warning: the set is too small for the points by which it is measured; it is near "
+            f"{of.nearest}"
+        )
         return
     for each in of.variables:
         if each.touches and not each.free:
@@ -203,14 +241,12 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
         f"prior {measure_text(posterior.of)}; effective size "
         f"{posterior.effective_size:,.0f} of {len(posterior.weights):,} ({posterior.method})",
     ]
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("variable", no_wrap=True)
-    for heading in ("2.5 %", "25 %", "50 %", "75 %", "97.5 %"):
-        table.add_column(heading, justify="right")
-    for each in posterior.of.coordinates.names:
-        table.add_row(each, *(f"{value:.4g}" for value in posterior.quantiles(each)))
+    table = FittedTable("variable", "2.5 %", "25 %", "50 %", "75 %", "97.5 %")
+    for each in posterior.of.own:
+        quantiles = (f"{value:.4g}" for value in posterior.quantiles(each.name))
+        table.add_row(_label(each.name, each.unit), *quantiles)
     lines.append(table)
-    if len(posterior.of.coordinates.names) > 1:
+    if len(posterior.of.names) > 1:
         lines.append(_correlation_table(posterior))
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
@@ -219,21 +255,16 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
 
 def _quantity(of: FeasibleSet) -> str:
     """Return the name of what is compared."""
-    names = {"mean_radius_ratio": "mean b/b0", "objective": "value of the function"}
-    name = of.criterion.quantities[0]
-    return names.get(name, name)
+    return quantity_name(of.criterion.quantities[0])
 
 
-def _correlation_table(posterior: "Posterior") -> Table:
+def _correlation_table(posterior: "Posterior") -> FittedTable:
     """Return the largest correlations of pairs, partial ones first, which the others hide."""
-    names = posterior.of.coordinates.names
+    names = posterior.of.names
     plain, partial = posterior.correlations, posterior.partial_correlations
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     pairs.sort(key=lambda pair: -abs(partial[pair]))
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column("correlation", no_wrap=True)
-    table.add_column("all free", justify="right")
-    table.add_column("others kept", justify="right")
+    table = FittedTable("correlation", "all free", "others kept")
     for i, j in pairs[:6]:
         table.add_row(f"{names[j]}, {names[i]}", f"{plain[i, j]:+.2f}", f"{partial[i, j]:+.2f}")
     return table
@@ -252,17 +283,19 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
         return found | {"set": None, "reason": of.calibration.text}
     found["set"] = {
         "measure": measure_text(of),
+        "empty": of.empty,
         "volume": of.volume,
         "volume_error": of.volume_error,
         "allowed": of.allowed,
         "inner": of.inner,
         "outer": of.outer,
-        "expected_error": of.expected_error,
-        "samples_to_halve": samples_to_halve(of),
+        "expected_error": None if of.empty else finite(of.expected_error),
+        "samples_to_halve": None if of.empty else samples_to_halve(of),
         "failed_strings": of.failing,
         "favours_low_objectives": of.favours_low_objectives,
         "variables": [each._asdict() for each in of.variables],
         "directions": shown_directions(of),
+        "nearest": of.nearest.as_dict() if of.empty else None,
         "warnings": [text.removeprefix("warning: ") for text in warnings(of)],
     }
     if isinstance(of.criterion, NearMaximum):
@@ -270,6 +303,11 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
     if posterior is not None:
         found["posterior"] = posterior.as_dict()
     return found
+
+
+def finite(value: float) -> float | None:
+    """Return a number, None if it is not finite, which JSON lacks."""
+    return value if math.isfinite(value) else None
 
 
 def grid_table(of: FeasibleSet, most: int = 20_000) -> "pd.DataFrame":
@@ -280,7 +318,7 @@ def grid_table(of: FeasibleSet, most: int = 20_000) -> "pd.DataFrame":
     """
     import numpy as np
 
-    d = len(of.coordinates.names)
+    d = len(of.names)
     if d <= 4:
         places = (np.arange(side := int(most ** (1.0 / d) + 1e-9)) + 0.5) / side
         mesh = np.stack(np.meshgrid(*[places] * d, indexing="ij"), axis=-1).reshape(-1, d)

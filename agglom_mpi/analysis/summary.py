@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.measure import Measurement
-from rich.table import Table
 
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns, values_of
@@ -16,6 +15,7 @@ from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.analysis.tables import time_of_strings
+from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, number_or_none, pluralise
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.search.moment_targets import MomentTargets, interval_notes
@@ -184,11 +184,9 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     return Group(table, *_footer(summary, note))
 
 
-def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
-    table = Table(title=summary.title or None, title_justify="left", box=None, padding=(0, 1, 0, 0))
-    table.add_column("", no_wrap=True)
-    for rank in range(1, len(best) + 1):
-        table.add_column(f"#{rank}", justify="right", no_wrap=True)
+def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
+    ranks = (f"#{rank}" for rank in range(1, len(best) + 1))
+    table = FittedTable("", *ranks, gap=1, title=summary.title)
     _add_row(table, "string", best, "string", "d")
     for variable in VARIABLES:
         if best and variable.name in best[0]:
@@ -196,7 +194,6 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> Table:
             _add_row(table, variable.name + unit, best, variable.name, ".4g")
     for name, unit in summary.derived.items():
         _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
-    table.add_section()
     for name, label, style in (
         ("objective", "objective, as searched", ".4f"),
         ("standard_error", "± standard error", ".4f"),
@@ -233,14 +230,14 @@ def _time_row(best: list[dict[str, Any]]) -> tuple[str, str, str]:
 
 
 def _add_row(
-    table: Table, label: str, entries: Sequence[dict[str, Any] | None], name: str, style: str
+    table: FittedTable, label: str, entries: Sequence[dict[str, Any] | None], name: str, style: str
 ) -> None:
     """Add a number of each entry; its cell is empty where there is no entry."""
     cells = ("" if entry is None else number_or_none(entry[name], style) for entry in entries)
     table.add_row(label, *cells)
 
 
-def _add_moments(table: Table, entries: Sequence[dict[str, Any] | None], kind: str) -> None:
+def _add_moments(table: FittedTable, entries: Sequence[dict[str, Any] | None], kind: str) -> None:
     """Add what was reached of each target of moments, and its share of the objective."""
     found = [entry and entry.get("moments", {}) for entry in entries]
     for name, first in (next((each for each in found if each), None) or {}).items():

@@ -2,7 +2,6 @@
 
 import functools
 import io
-import math
 import resource
 import sys
 from collections.abc import Callable
@@ -170,20 +169,21 @@ def read_duration(
     return seconds
 
 
-def read_share(
-    context: click.Context, parameter: click.Parameter, text: str | None
-) -> float | None:
-    """Return a share above 0: `5%` or `0.05`."""
-    if text is None:
-        return None
-    number, percent, rest = text.strip().partition("%")
-    try:
-        share = float(number) / (100.0 if percent else 1.0)
-    except ValueError:
-        share = math.nan
-    if rest or not 0.0 < share < math.inf:
-        raise click.BadParameter(f"{text!r} is no share above 0; allowed: 5%, 0.05")
-    return share
+def checked_by(read: Callable[[str], object]) -> Callable[..., str | None]:
+    """Return a function that passes the text of an option on if `read` raises no ValueError.
+
+    What is allowed of a campaign's own numbers is known, and checked, where its file is read.
+    """
+
+    def check(context: click.Context, parameter: click.Parameter, text: str | None) -> str | None:
+        if text is not None:
+            try:
+                read(text)
+            except ValueError as error:
+                raise click.BadParameter(str(error)) from None
+        return text
+
+    return check
 
 
 def read_assignments(

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglom_mpi.cli.common import JSON, PATH, examples, exit_with, read_share, say
+from agglom_mpi.cli.common import JSON, PATH, checked_by, examples, exit_with, say
+from agglom_mpi.config.arguments import read_amount, read_number
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
@@ -46,17 +47,23 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--tolerance",
-    callback=read_share,
+    callback=checked_by(read_amount),
     metavar="SHARE",
     help="With --feasible-set: relative to the target or to the maximum, like 5% or 0.05; of a "
     "Python function its largest value.  [default: 5%]",
 )
 @click.option(
     "--measured",
-    type=float,
+    callback=checked_by(read_number),
+    metavar="NUMBER",
     help="With --feasible-set: a measured mean b/b0, for the posterior of the variables.",
 )
-@click.option("--error", type=float, help="Standard error of the measured mean.")
+@click.option(
+    "--error",
+    callback=checked_by(read_amount),
+    metavar="NUMBER",
+    help="Standard error of the measured mean, or a percentage of it, like 0.04 or 2%.",
+)
 @click.option(
     "--draws",
     type=PATH,
@@ -78,9 +85,9 @@ def report(
     stored_only: bool,
     sensitivity: bool,
     feasible_set: bool,
-    tolerance: float | None,
-    measured: float | None,
-    error: float | None,
+    tolerance: str | None,
+    measured: str | None,
+    error: str | None,
     draws: Path | None,
     grid: Path | None,
     as_json: bool,
@@ -173,14 +180,14 @@ def _write_page(
 
 def _set_request(
     wanted: bool,
-    tolerance: float | None,
-    measured: float | None,
-    error: float | None,
+    tolerance: str | None,
+    measured: str | None,
+    error: str | None,
     draws: Path | None,
     grid: Path | None,
 ) -> "SetRequest | None":
     """Return what is asked of the feasible set; None if it is not asked for."""
-    given: dict[str, float | Path | None] = {
+    given: dict[str, str | Path | None] = {
         "--tolerance": tolerance,
         "--measured": measured,
         "--error": error,
@@ -197,8 +204,7 @@ def _set_request(
         raise click.UsageError("--draws is for --measured")
     from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
 
-    tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    return SetRequest(tolerance, measured, error, draws, grid)
+    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, draws, grid)
 
 
 def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) -> Any:

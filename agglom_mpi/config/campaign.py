@@ -10,16 +10,19 @@ import numpy.typing as npt
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.alternatives import FRACTIONS
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
+from agglom_mpi.config.own_variables import Parameters, read_strings
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
+    ArgumentError,
     CampaignError,
     MissingSearchLibraryError,
     Problem,
@@ -203,30 +206,21 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         space = self.variables.space()
         return space.within(self.allowed_strings) if self.relations.constraints else space
 
-    def allowed(self, parameters: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.bool_]:
+    def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
         """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
 
         Parameters
         ----------
         parameters
-            Values in SI units by name, each (n,) or one for all; what is not given is fixed, or
-            the middle of its range.
+            Values by name, numbers in SI units or texts with units, each (n,) or one for all; what
+            is not given is fixed, or the middle of its range. Or all ten in SI units, (n, 10).
 
         Raises
         ------
         CampaignError
-            If a name is unknown.
+            If a name is unknown or a value impossible.
         """
-        unknown = [name for name in parameters if name not in NAMES]
-        if unknown:
-            message = f"unknown variable; allowed: {', '.join(NAMES)}"
-            raise CampaignError(Problem(self.name, None, unknown[0], message))
-        given = [np.asarray(value, np.float64) for value in parameters.values()]
-        shape = np.broadcast_shapes((1,), *(value.shape for value in given))
-        strings = np.tile(self.parameters(), (*shape, 1))
-        for name, value in zip(parameters, given, strict=True):
-            strings[..., NAMES.index(name)] = value
-        return self.allowed_strings(strings)
+        return self.allowed_strings(read_strings(self, parameters))
 
     def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
         """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
@@ -336,9 +330,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
-        if generations < 1:
-            message = f"is {generations}; must be at least 1"
-            raise CampaignError(Problem(self.name, None, "stopping.generations", message))
+        generations = self._count("stopping.generations", generations, least=1)
         stopping = self.stopping.model_copy(update={"generations": generations})
         return replace(self, plan=self._required_plan._replace(stopping=stopping))
 
@@ -437,7 +429,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """
         from agglom_mpi.config.simulate import simulate
 
-        string = self._string(parameters)
+        string, sample = self._string(parameters), self._count("sample", sample)
         self.check_scales(string)
         times = None if frames is None else self._frame_times(frames, string)
         return simulate(self, string, sample, self.engine(engine), times)
@@ -479,9 +471,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """
         from agglom_mpi.config.estimate import estimate_of
 
-        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-            message = f"is {samples!r}; must be a whole number of at least 1"
-            raise CampaignError(Problem(self.name, None, "samples", message))
+        samples = self._count("samples", samples, least=1)
         string, outcomes, failures = self._string(parameters), [], []
         for sample in range(samples):
             try:
@@ -501,7 +491,13 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         if string.shape != (COUNT,):
             message = f"have the shape {string.shape}; must be {COUNT} numbers"
             raise CampaignError(Problem(self.name, None, "parameters", message))
-        return string
+        return read_strings(self, string)[0]
+
+    def _count(self, field: str, value: Any, least: int = 0) -> int:
+        try:
+            return read_count(value, least)
+        except ValueError as error:
+            raise ArgumentError.of(self.name, field, error) from None
 
     def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         from agglom_mpi.simulation.frames import frame_times

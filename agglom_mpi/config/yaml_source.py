@@ -62,6 +62,15 @@ class CampaignError(UserError):
         return "\n".join(lines)
 
 
+class ArgumentError(CampaignError, ValueError):
+    """A wrong argument of a method, named as a wrong entry of a campaign is."""
+
+    @classmethod
+    def of(cls, file: object, field: str, message: object) -> "ArgumentError":
+        """Return the error about the argument `field` of what comes from `file`."""
+        return cls(Problem(str(file), None, field, str(message)))
+
+
 def warn(problems: Sequence[Problem], strict: bool, show: Callable[[str], None]) -> None:
     """Show each problem as a line that begins with `warning:`; if strict, raise a CampaignError."""
     if strict and problems:

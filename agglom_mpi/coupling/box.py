@@ -39,8 +39,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.public_face import PublicFace
@@ -141,6 +143,10 @@ class Box(metaclass=PublicFace, constructor=True):
         if not isinstance(campaign, Campaign):
             campaign = load_campaign(campaign)
         string = campaign.parameters(parameters)
+        try:
+            sample = read_count(sample)
+        except ValueError as error:
+            raise ArgumentError.of(campaign.name, "sample", error) from None
         campaign.check_scales(string)
         scene = campaign.scene.build(string, campaign.engine(engine))
         self._random = sample_stream(campaign.seed, string, sample, campaign.common_configurations)

@@ -6,9 +6,9 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
@@ -242,14 +242,10 @@ def _finite(value: float) -> float | None:
 
 def forecast_table(report: ForecastReport) -> RenderableType:
     """Return a table of forecasts, with the samples they are made from and an explanation."""
-    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    for name in ("ranks", "time", "busy", "simulated", "used", "wasted", "at best"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("reached", justify="right", no_wrap=True)
-    table.add_column("limit", no_wrap=True)
+    headings = ("ranks", "time", "busy", "simulated", "used", "wasted", "at best", "reached")
     again = any(f.again for f in report.forecasts)
-    if again:
-        table.add_column("+ again", justify="right", no_wrap=True)
+    more = ["+ again"] if again else []
+    table = FittedTable(*headings, "limit", *more, left=(8,), gap=1)
     for f in report.forecasts:
         table.add_row(
             str(f.ranks),

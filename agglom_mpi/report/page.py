@@ -93,6 +93,8 @@ def write_report(
     require_library("matplotlib", "report", "figures")
     require_library("jinja2", "report", "web pages")
     require_directory(directory)
+    if feasible_set is not None:
+        feasible_set.check(file)
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
     page = PageBuilder(file, directory, options, sensitivity)

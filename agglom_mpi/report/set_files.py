@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.analysis.criteria import criterion_of
+from agglom_mpi.analysis.feasible_set import FeasibleSet, tolerance_of
+from agglom_mpi.analysis.set_posterior import measurement_of
 from agglom_mpi.analysis.set_report import as_dict, grid_table, set_text
 from agglom_mpi.errors import require_library
 from agglom_mpi.report.export import with_units
@@ -26,17 +28,25 @@ class SetRequest(NamedTuple):
     Attributes
     ----------
     tolerance
+        As a number, or as a text such as `5%`.
     measured, error
         A measured mean and its standard error, for the posterior; None: no posterior.
     draws, grid
         CSV files to write; None: do not.
     """
 
-    tolerance: float = DEFAULT_TOLERANCE
-    measured: float | None = None
-    error: float | None = None
+    tolerance: float | str = DEFAULT_TOLERANCE
+    measured: float | str | None = None
+    error: float | str | None = None
     draws: Path | None = None
     grid: Path | None = None
+
+    def check(self, data: "CampaignData") -> None:
+        """Raise an ArgumentError, before anything is computed or written, if a number is wrong."""
+        tolerance = tolerance_of(data, self.tolerance)
+        if self.measured is not None and self.error is not None:
+            quantities = criterion_of(data.section("objective"), tolerance).quantities
+            measurement_of(str(data.path), quantities, self.measured, self.error)
 
     def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
         """Return the posterior that is asked for, None if none is, or the set is not known."""
@@ -57,6 +67,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
         If there is none, with the reason.
     """
     require_library("pandas", "report", "feasible sets")
+    request.check(data)
     for path in (request.draws, request.grid):
         if path is not None:
             require_absent(path)

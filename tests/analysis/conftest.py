@@ -2,12 +2,34 @@ import pytest
 from set_runs import three_variable_file
 
 from agglom_mpi import open_campaign
+from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.fixture(scope="session")
 def three(tmp_path_factory):
     """Return the file of a finished campaign of 240 samples in three variables."""
     return open_campaign(three_variable_file(tmp_path_factory.mktemp("three")))
+
+
+@pytest.fixture(scope="session")
+def filled(tmp_path_factory):
+    """Return the file of a campaign that searches the volume fraction, too slow to double them."""
+    replaced = {"size_ratio: 0.633": "volume_fraction: [0.1, 0.3]", "[0.1, 30]": "[0.1, 1.2]"}
+    folder = tmp_path_factory.mktemp("filled")
+    return read_campaign(three_variable_file(folder, replaced))
+
+
+@pytest.fixture(scope="session")
+def half(filled):
+    """Return the set of strings of it that grow to 1.5 or more."""
+    return FeasibleSet(filled, "25%")
+
+
+@pytest.fixture(scope="session")
+def unreachable(filled):
+    """Return the set of strings of it that double the grains, which is empty."""
+    return FeasibleSet(filled, 0.05)
 
 
 @pytest.fixture(scope="session")

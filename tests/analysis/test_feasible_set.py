@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
 from campaign_runs import finish
-from set_runs import three_variable_file, three_variable_text
+from set_runs import calibrated, three_variable_file, three_variable_text
 
 from agglom_mpi import open_campaign
-from agglom_mpi.analysis.feasible_set import NoFeasibleSetError
+from agglom_mpi.analysis.feasible_set import FeasibleSet, NoFeasibleSetError
+from agglom_mpi.analysis.set_directions import _slopes
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.storage.reader import read_campaign
 
 MEMBER = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
 """Near the first row of [A] table 1, which doubles the grains."""
@@ -79,13 +82,116 @@ def test_the_same_file_gives_the_same_set(three, doubling):
     ("parameters", "said"),
     [
         ({"relative_speed": 4.0, "hardness": 6e7}, "friction: is missing"),
-        (MEMBER | {"speed": 4.0}, "speed: unknown variable"),
-        (MEMBER | {"friction": [[0.1], [0.2]]}, "one-dimensional"),
+        (MEMBER | {"speed": 4.0}, "speed: unknown variable; did you mean 'relative_speed'"),
+        (MEMBER | {"friction": [[0.1], [0.2]]}, "friction: .*one-dimensional"),
+        (MEMBER | {"friction": [0.1, np.nan]}, "friction: is nan; must be a finite number"),
+        (MEMBER | {"hardness": "60 m/s"}, "hardness: wrong unit: 'm/s' is speed"),
+        (MEMBER | {"density": 5000.0}, "density: is 5000; the campaign fixed it at 6141.898"),
+        (MEMBER | {"friction": [0.1, 0.2], "hardness": [6e7] * 3}, "hardness 3, friction 2"),
+        (np.zeros(9), "parameters: have the shape"),
+        (7.0, "parameters: have the shape"),
+        ("fast", "parameters: are str"),
     ],
 )
 def test_wrong_parameters_are_named(doubling, parameters, said):
-    with pytest.raises(NoFeasibleSetError, match=said):
+    with pytest.raises(CampaignError, match=said):
         doubling.probability(parameters)
+
+
+def test_texts_with_units_are_the_numbers_that_simulate_takes_them_for(doubling):
+    texts = {"relative_speed": "430 cm/s", "hardness": ["67 MPa", "0.1 GPa"], "friction": 0.3}
+    numbers = MEMBER | {"hardness": np.array([67e6, 1e8])}
+    assert doubling.probability(texts) == pytest.approx(doubling.probability(numbers), abs=1e-12)
+    strings = [doubling.campaign.parameters(MEMBER | {"hardness": h}) for h in (67e6, 1e8)]
+    assert np.array_equal(doubling.mean(strings), doubling.mean(numbers))
+
+
+def test_the_campaign_names_its_variables(half):
+    names = ["relative_speed", "volume_fraction", "hardness", "friction"]
+    members = half.sample(20, seed=1)
+    assert list(members) == [*names, "probability"]
+    assert members["volume_fraction"].between(0.1, 0.3).all()
+    assert [each.name for each in half.variables] == names
+    assert half.variables[1].lower == pytest.approx(0.1)
+    assert half.variables[1].upper == pytest.approx(0.3)
+    own = half.probability(members[names])
+    assert own == pytest.approx(members["probability"].to_numpy())
+    ratio = (6.0 * members["volume_fraction"] / np.pi) ** (1.0 / 3.0)
+    by_ratio = members[names].drop(columns="volume_fraction").assign(size_ratio=ratio)
+    assert half.probability(by_ratio) == pytest.approx(own, rel=1e-6, abs=1e-9)
+    with pytest.raises(CampaignError, match="volume_fraction: is missing"):
+        half.probability(members[names].drop(columns="volume_fraction"))
+
+
+def test_exponents_are_those_of_the_named_variables(half):
+    """φ ~ l³, so that l^p is φ^(p/3)."""
+    slopes = _slopes(half)
+    along = np.linalg.eigh(slopes.T @ slopes)[1][:, -1] / half.coordinates.spans
+    [row, *_] = half.directions.to_dict("records")
+    wanted = along[1] / 3.0 / along[0]
+    assert row["volume_fraction"] / row["relative_speed"] == pytest.approx(wanted)
+    assert row["hardness"] / row["relative_speed"] == pytest.approx(along[2] / along[0])
+
+
+@pytest.mark.parametrize("tolerance", [-1, 0, 5, 1.0, np.nan, np.inf, True, None, "wide", "-5%"])
+def test_a_tolerance_is_a_fraction(three, tolerance):
+    with pytest.raises(ValueError, match=r"tolerance: is .*; must be greater than 0 and less than"):
+        three.feasible_set(tolerance)
+
+
+def test_a_tolerance_that_is_too_large_may_be_meant_in_percent(three):
+    with pytest.raises(CampaignError, match=r"is 5, which is 500 %; .* did you mean '5%'\?"):
+        three.feasible_set(5)
+
+
+def test_a_tolerance_in_percent_is_that_fraction(three, doubling):
+    found = three.feasible_set("5%")
+    assert found.tolerance == doubling.tolerance
+    assert found.volume == pytest.approx(doubling.volume, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True, "3"])
+def test_counts_are_whole_numbers(three, doubling, count):
+    for call in (three.best, doubling.sample, doubling.posterior(2.0, 0.1).sample):
+        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+            call(count)
+    with pytest.raises(ValueError, match="seed: is -1; must be a whole number of at least 0"):
+        doubling.sample(1, seed=-1)
+
+
+def test_an_empty_set_names_the_nearest_string(unreachable):
+    found = unreachable.nearest
+    assert unreachable.empty
+    assert found.out_of_reach
+    assert found.probability < 0.05
+    assert found.ends["relative_speed"] == "upper"
+    assert found.parameters["relative_speed"] == pytest.approx(1.2)
+    mean, deviation = found.mean["mean_radius_ratio"], found.deviation["mean_radius_ratio"]
+    assert unreachable.mean(found.parameters)[0] == pytest.approx(mean)
+    assert found.away == pytest.approx((1.9 - mean) / deviation)
+    assert unreachable.variables == []
+    assert unreachable.directions.empty
+    with pytest.raises(NoFeasibleSetError, match="the set is empty"):
+        unreachable.sample(3)
+
+
+def test_no_string_of_the_box_is_nearer_than_the_nearest(unreachable):
+    strings = unreachable.even_strings(1 << 12)
+    means = unreachable.emulator.mean(unreachable.coordinates.of_strings(strings))[:, 0]
+    assert means.max() <= unreachable.nearest.mean["mean_radius_ratio"] + 1e-9
+
+
+def test_what_the_emulator_is_too_unsure_to_tell_is_not_out_of_reach(three):
+    narrow = FeasibleSet(read_campaign(three.path), 1e-9)
+    assert narrow.empty
+    assert not narrow.nearest.out_of_reach
+
+
+def test_the_object_says_what_it_is(doubling, unreachable, monkeypatch):
+    assert "mean b/b0 1.9 to 2.1" in repr(doubling)
+    assert f"{100.0 * doubling.volume:.3g} % of the box" in repr(doubling)
+    monkeypatch.setattr(unreachable, "calibration", calibrated(unreachable))
+    assert f"empty; nearest {unreachable.nearest}" in repr(unreachable)
 
 
 def test_constraints_cut_the_set_and_their_share_is_told(tmp_path):

@@ -48,8 +48,12 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
 
 
 def said(files):
+    return drawn(comparison_table(compare(files)), 200)
+
+
+def drawn(content, width):
     out = io.StringIO()
-    Console(file=out, width=200).print(comparison_table(compare(files)))
+    Console(file=out, width=width).print(content)
     return out.getvalue()
 
 
@@ -112,6 +116,51 @@ def test_re_estimates_are_not_mixed_with_objectives_as_searched(tmp_path):
     Console(file=out, width=200).print(comparison_table(found))
     assert "of 3 files, as searched: median 0.2000, from 0.1000 to 0.3000" in out.getvalue()
     assert "of 2 files, re-estimated: median 0.6000, from 0.5000 to 0.7000" in out.getvalue()
+
+
+def constrained(folder, name, *constraints, derived=""):
+    text = "".join(f"  - {each}\n" for each in constraints)
+    sections = f"{derived}constraints:\n{text}objective:"
+    return file_of(folder, name, [0.1], changed=("objective:", sections))
+
+
+def test_constraints_are_printed_as_they_are_written(tmp_path):
+    both, one, other = "relative_speed > 1 m/s", "density > 1.2 g/cm^3", "hardness < 100 MPa"
+    files = [
+        constrained(tmp_path, "one", one, both),
+        constrained(tmp_path, "other", both, other, one),
+        file_of(tmp_path, "none", [0.1]),
+    ]
+    assert compare(files[:2]).differences == {"constraints": [None, [other]]}
+    assert compare(files).differences["constraints"] == [[one, both], [both, other, one], None]
+    shown = said(files[:2])
+    assert "constraints:\n  file 1: none\n  file 2: hardness < 100 MPa\n" in shown
+    assert "100000000" not in shown
+
+
+def test_constraints_of_derived_quantities_name_their_definitions(tmp_path):
+    pressure = "pressure < 1 MPa"
+    files = [
+        constrained(tmp_path, f"{n}", pressure, derived=f"derived: {{pressure: {n} * hardness}}\n")
+        for n in (2, 3)
+    ]
+    assert compare(files).differences["constraints"] == [
+        [f"{pressure} (pressure = {n} * hardness)"] for n in (2, 3)
+    ]
+
+
+def test_constraints_that_mean_the_same_do_not_differ(tmp_path):
+    texts = ("density > 1200 kg/m^3", "density > 1.2 g/cm^3")
+    files = [constrained(tmp_path, f"n{n}", text) for n, text in enumerate(texts)]
+    assert compare(files).differences == {}
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_number_is_cut_on_a_narrow_terminal(tmp_path, width):
+    compared = comparison_table(compare([file_of(tmp_path, f"n{n}", [0.3]) for n in (1, 2)]))
+    wide, narrow = (drawn(compared, columns) for columns in (400, width))
+    assert {word for word in wide.split() if word[0].isdigit()} <= set(narrow.split())
+    assert "…" not in narrow
 
 
 def test_json_has_every_summary_and_difference(tmp_path):

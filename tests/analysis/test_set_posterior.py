@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.analysis.set_posterior import PosteriorError, effective_size
+from agglom_mpi.analysis.set_posterior import effective_size
+from agglom_mpi.config.yaml_source import CampaignError
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +51,26 @@ def test_drawn_strings_follow_the_weights(posterior):
     ("measured", "error", "said"),
     [
         (2.0, 0.0, "greater than 0"),
-        (float("nan"), 0.1, "must be finite"),
+        (float("nan"), 0.1, "must be a finite number"),
+        (2.0, 5, r"must be less than the measured 2, .*did you mean '5%'\?"),
+        (2.0, "wide", "a percentage like '5%'"),
+        (2.0, True, "is True"),
+        (2.0, "100%", "must be less than the measured 2"),
         (9.0, 0.01, "no string of the box can give"),
     ],
 )
 def test_impossible_measurements_are_said(doubling, measured, error, said):
-    with pytest.raises(PosteriorError, match=said):
+    with pytest.raises(ValueError, match=said):
         doubling.posterior(measured, error)
+
+
+def test_an_error_in_percent_is_relative_to_what_was_measured(doubling):
+    assert doubling.posterior("2", "2%").error == pytest.approx(0.04)
+
+
+def test_quantiles_are_of_searched_variables(doubling):
+    with pytest.raises(CampaignError, match=r"speed: .* did you mean 'relative_speed'"):
+        doubling.posterior(2.0, 0.1).quantiles("speed")
 
 
 def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monkeypatch):

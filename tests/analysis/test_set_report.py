@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rich.console import Console
+from set_runs import calibrated
 
 from agglom_mpi.analysis.set_directions import nearest_group, rounded, weighted_quantiles
 from agglom_mpi.analysis.set_report import (
@@ -16,8 +17,8 @@ from agglom_mpi.analysis.set_report import (
 from agglom_mpi.config.groups import IMPACT_PRESSURE
 
 
-def printed(content):
-    console = Console(width=160)
+def printed(content, width=160):
+    console = Console(width=width)
     with console.capture() as capture:
         console.print(content)
     return capture.get()
@@ -62,6 +63,39 @@ def test_the_report_says_that_a_search_for_the_best_favours_what_it_liked(doubli
     assert "favour what the search liked" not in printed(set_text(doubling))
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_number_is_cut_on_a_narrow_terminal(doubling, width):
+    content = set_text(doubling, doubling.posterior(2.0, 0.05))
+    shown = printed(content, width)
+    assert set(printed(content).split()) <= set(shown.split())
+    assert max(map(len, shown.splitlines())) <= width
+
+
+def test_an_empty_set_is_called_so_without_quantiles(unreachable, monkeypatch):
+    monkeypatch.setattr(unreachable, "calibration", calibrated(unreachable))
+    lines = printed(set_text(unreachable)).splitlines()
+    [state] = [line for line in lines if line.startswith("the set ")]
+    assert state.split()[2] == "empty:"
+    assert unreachable.nearest.reached in "\n".join(lines)
+    [speed] = [line for line in lines if line.startswith("relative_speed m/s ")]
+    assert speed.split()[-3:] == ["1.2", "upper", "end"]
+    assert not any(line.startswith(("share of the box", "expected error")) for line in lines)
+    assert any(line.startswith("warning: the nearest string is at the upper end") for line in lines)
+    found = json.loads(json.dumps(as_dict(unreachable), allow_nan=False))["set"]
+    assert found["empty"] is True
+    assert found["nearest"]["parameters"] == unreachable.nearest.parameters
+    assert found["variables"] == found["directions"] == []
+    assert found["expected_error"] is None
+
+
+def test_names_are_those_of_the_campaign(half, monkeypatch):
+    monkeypatch.setattr(half, "calibration", calibrated(half))
+    assert "size_ratio" not in printed(set_text(half, half.posterior(1.6, "5%")))
+    assert measure_text(half).endswith("hardness by the logarithm; the others linear")
+    assert "size_ratio" not in json.dumps(as_dict(half))
+    assert grid_table(half, most=16)["volume_fraction"].between(0.1, 0.3).all()
+
+
 def test_json_holds_the_same_numbers(doubling):
     found = json.loads(json.dumps(as_dict(doubling, doubling.posterior(2.0, 0.05))))
     assert found["set"]["volume"] == doubling.volume
@@ -71,9 +105,7 @@ def test_json_holds_the_same_numbers(doubling):
 
 
 def test_an_emulator_that_is_not_calibrated_gives_no_set(doubling, monkeypatch):
-    [near, *others] = doubling.calibration.regions
-    wrong = doubling.calibration._replace(regions=[near._replace(coverage=0.5), *others])
-    monkeypatch.setattr(doubling, "calibration", wrong)
+    monkeypatch.setattr(doubling, "calibration", calibrated(doubling, coverage=0.5))
     first, *rest = printed(set_text(doubling)).splitlines()
     assert first.startswith("the emulator is not calibrated: its 90 % intervals hold 50.0 %")
     assert "share of the box" not in " ".join(rest)

@@ -21,7 +21,7 @@ def report(*arguments):
 
 def test_the_set_is_printed_with_its_posterior_and_written(path, tmp_path):
     draws, grid = tmp_path / "draws.csv", tmp_path / "grid.csv"
-    options = ["--measured", 2, "--error", 0.1, "--draws", draws, "--grid", grid]
+    options = ["--measured", 2, "--error", "5%", "--draws", draws, "--grid", grid]
     done = report(path, "--feasible-set", "--tolerance", "10%", *options)
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("feasible set: mean b/b0 1.8 to 2.2")
@@ -65,8 +65,12 @@ def test_existing_files_are_kept(path, tmp_path):
     ("options", "said"),
     [
         (["--tolerance", "5%"], "--tolerance is for --feasible-set"),
-        (["--feasible-set", "--tolerance", "wide"], "is no share above 0"),
-        (["--feasible-set", "--tolerance", "-5%"], "is no share above 0"),
+        (["--feasible-set", "--tolerance", "wide"], "is 'wide'; must be a number like 0.05"),
+        (["--feasible-set", "--tolerance", "-5%"], "tolerance: is -5%; must be greater than 0"),
+        (["--feasible-set", "--tolerance", "5"], "did you mean '5%'?"),
+        (["--feasible-set", "--measured", "nan", "--error", "0.1"], "must be a finite number"),
+        (["--feasible-set", "--measured", "2", "--error", "5"], "did you mean '5%'?"),
+        (["--feasible-set", "--measured", "2", "--error", "0"], "error: is 0; must be greater"),
         (["--feasible-set", "--measured", "2"], "--measured and --error go together"),
         (["--feasible-set", "--draws", "x.csv"], "--draws is for --measured"),
     ],
@@ -77,12 +81,33 @@ def test_options_that_make_no_sense_are_told(path, options, said):
     assert said in done.stderr
 
 
+def test_a_wrong_number_leaves_no_page_behind(path, tmp_path):
+    done = report(path, "--feasible-set", "--tolerance", "5", "--out", tmp_path / "page")
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "page").exists()
+
+
 def test_too_few_strings_are_one_line(tmp_path):
     path = three_variable_file(tmp_path, generations=2)
     done = report(path, "--feasible-set")
     assert done.exit_code == 2
     assert done.stderr.count("\n") == 1
     assert "at least 50 are needed" in done.stderr
+
+
+def test_the_page_of_an_empty_set_shows_what_can_be_reached(path, tmp_path, monkeypatch):
+    from agglom_mpi.analysis.set_calibration import Calibration
+
+    monkeypatch.setattr(Calibration, "passed", True)
+    options = ["--tolerance", "1e-9", "--out", tmp_path / "page", "--stored-only"]
+    done = report(path, "--feasible-set", *options)
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "share of the box" not in page
+    for name in ("set_reach", "set_reliability"):
+        assert (tmp_path / "page" / f"{name}.png").stat().st_size > 5000
+    assert not (tmp_path / "page" / "set_marginals.png").exists()
 
 
 def test_the_page_has_the_figures_of_the_set(path, tmp_path):

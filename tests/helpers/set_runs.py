@@ -18,9 +18,22 @@ def three_variable_text(generations=14, **changed):
     return text
 
 
-def three_variable_file(folder, **options):
-    """Run such a campaign, without estimates at its end; the path of its file."""
+def three_variable_file(folder, replaced=None, **options):
+    """Run such a campaign, without estimates at its end; the path of its file.
+
+    Parts of its text are `replaced`, a mapping.
+    """
     options.setdefault("final", "none")
-    (folder / "three.yaml").write_text(three_variable_text(**options))
+    text = three_variable_text(**options)
+    for old, new in (replaced or {}).items():
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "three.yaml").write_text(text)
     finish(folder, "three.yaml")
     return folder / "three.h5"
+
+
+def calibrated(found, coverage=0.9):
+    """Return the calibration of a set as if its intervals held that share near the set."""
+    [near, *others] = found.calibration.regions
+    return found.calibration._replace(regions=[near._replace(coverage=coverage), *others])

@@ -16,7 +16,6 @@ from agglom_mpi.report.drawing import (
     scaled_unit,
     style_axes,
 )
-from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -35,6 +34,8 @@ MOST: Final = 6
 """Variables of the pair plot at most; the decided ones come first."""
 PANEL: Final = 1.9
 """Width and height of a panel of a pair plot, inches."""
+REACH_BARS: Final = 40
+"""Bars of a distribution over the box."""
 LABELS: Final = {"mean_radius_ratio": "mean b/b⁰ (1)", "objective": "value of the function (1)"}
 
 
@@ -59,7 +60,7 @@ class PlottedSet(NamedTuple):
 
     def place(self, variable: "SetVariable") -> int:
         """Return the column of a variable in `units`."""
-        return self.of.coordinates.names.index(variable.name)
+        return self.of.names.index(variable.name)
 
     def ends(self, variable: "SetVariable") -> tuple[float, float]:
         """Return the range that the points span, in units of the box."""
@@ -79,7 +80,18 @@ def plotted(of: FeasibleSet) -> PlottedSet:
 def set_drawings(of: FeasibleSet) -> list[Drawing]:
     """Return the figures of a calibrated set; of one that is empty, its reliability alone."""
     drawings = []
-    if of.volume > 0.0:
+    if of.empty:
+        count = len(of.criterion.quantities)
+        drawings.append(
+            Drawing(
+                "set_reach",
+                "The set is empty. How the emulated mean is spread over the box, by points that "
+                "fill it evenly; the band is what is asked for, the line what comes nearest to it.",
+                lambda figure: draw_reach(figure, of),
+                (max(6.4, 3.2 * count), 4.2),
+            )
+        )
+    elif of.volume > 0.0:
         shown = plotted(of)
         count = min(len(shown.variables), MOST)
         side = max(PANEL * count + 1.0, 4.0)
@@ -224,21 +236,20 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     """Mark values of a variable on an axis of its coordinate, with its name and unit."""
     from matplotlib.ticker import LogLocator, MaxNLocator
 
-    box, place = shown.of.campaign.variables, NAMES.index(each.name)
+    place = shown.place(each)
+    variable, space = shown.of.own[place], shown.of.campaign.variables.space()
     low, high = shown.ends(each)
-    space = box.space()
-    strings = np.tile(shown.of.points.strings[0], (2, 1))
     units = np.zeros((2, shown.units.shape[1]))
-    units[:, shown.place(each)] = low, high
+    units[:, place] = low, high
     strings = space.from_unit(units)
-    first, last = strings[:, place]
+    first, last = variable.values(strings)
     factor, unit = scaled_unit(each.unit, each.upper)
-    locator = LogLocator(subs=(1.0, 2.0, 5.0)) if box.logarithmic[place] else MaxNLocator(4)
+    locator = LogLocator(subs=(1.0, 2.0, 5.0)) if variable.logarithmic else MaxNLocator(4)
     ticks = np.asarray(locator.tick_values(first / factor, last / factor)) * factor
     ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
     marked = np.tile(strings[0], (len(ticks), 1))
-    marked[:, place] = ticks
-    at = space.to_unit(marked)[:, shown.place(each)]
+    marked[:, variable.column] = variable.components(ticks)
+    at = space.to_unit(marked)[:, place]
     axis.set_ticks(at, [f"{tick / factor:.3g}" for tick in ticks] if label else [""] * len(ticks))
     axis.set_tick_params(labelsize=7)
     if label:
@@ -289,13 +300,38 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
     return ax
 
 
+def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
+    """Draw how each compared quantity is spread over the box, and return the axes, (q,)."""
+    points = of.coordinates.of_strings(of.even_strings(1 << 13))
+    values = of.emulator.mean_only(points)
+    bands = of.criterion.bands(of.maximum[0] if of.near_maximum else np.nan)
+    nearest = of.nearest
+    axes = figure.subplots(1, len(bands), squeeze=False)[0]
+    for ax, name, column, (lower, upper) in zip(
+        axes, of.criterion.quantities, values.T, bands, strict=True
+    ):
+        style_axes(ax)
+        finite = column[np.isfinite(column)]
+        weights = np.full(len(finite), 100.0 / max(len(column), 1))
+        ax.hist(finite, REACH_BARS, weights=weights, color=COLOURS[0])
+        ax.axvline(nearest.mean[name], color="black", label=f"nearest, {nearest.mean[name]:.4g}")
+        left, right = ax.get_xlim()
+        first = lower if np.isfinite(lower) else min(left, upper)
+        last = upper if np.isfinite(upper) else max(right, lower)
+        ax.axvspan(first, last, color=COLOURS[4], alpha=0.35, label="target")
+        ax.set_xlabel(LABELS.get(name, f"{name} (1)"))
+        legend_below(ax)
+    axes[0].set_ylabel("share of the box (%)")
+    return axes
+
+
 def _combination(of: FeasibleSet, row: dict[str, Any], strings: Floats) -> Floats:
     """Return the group that a direction is near, or else its product of powers, (n,)."""
     for group in of.coordinates.groups:
         if group.symbol == row["group"]:
             return of.coordinates.group_values(strings, group)
-    powers = [row["exponents"][name] for name in of.coordinates.names]
-    values = np.maximum(strings[:, of.coordinates.searched], 1e-300)
+    powers = [row["exponents"][name] for name in of.names]
+    values = np.maximum(np.column_stack([each.values(strings) for each in of.own]), 1e-300)
     return np.asarray(np.prod(values ** np.array(powers), axis=1))
 
 

@@ -1,0 +1,129 @@
+"""Numbers that people give as arguments: counts, amounts and percentages, within their limits.
+
+Options of commands and arguments of Python methods are read here alike. Every reader raises a
+ValueError that begins with `is` and says what is allowed; the caller names the field.
+"""
+
+import math
+from numbers import Integral, Real
+from typing import Any, Final, NamedTuple
+
+MAX_CHARACTERS: Final = 60
+"""Longest value that is quoted in a message in full."""
+FRACTION_RULE: Final = "must be greater than 0 and less than 1, like 0.05 or '5%'"
+
+
+class Amount(NamedTuple):
+    """A finite number, and whether it was given in percent, as `5%`, which is 0.05."""
+
+    value: float
+    percent: bool
+
+
+def read_count(value: Any, least: int = 0) -> int:
+    """Return a whole number of at least `least`; raise a ValueError for anything else."""
+    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least:
+        return int(value)
+    raise ValueError(f"is {shown(value)}; must be a whole number of at least {least}")
+
+
+def read_number(value: Any) -> float:
+    """Return a finite number, or that of a text; raise a ValueError for anything else."""
+    number = _number(value)
+    if not math.isfinite(number):
+        raise ValueError(f"is {shown(value)}; must be a finite number")
+    return number
+
+
+def read_amount(value: Any) -> Amount:
+    """Return a finite number, or that of a text such as `0.05` or `5%`.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+    """
+    plain = value.strip() if isinstance(value, str) else value
+    percent = isinstance(plain, str) and plain.endswith("%")
+    number = _number(plain[:-1] if percent else plain) / (100.0 if percent else 1.0)
+    if not math.isfinite(number):
+        raise ValueError(f"is {shown(value)}; must be a number like 0.05 or a percentage like '5%'")
+    return Amount(number, percent)
+
+
+def read_fraction(value: Any) -> float:
+    """Return a fraction between 0 and 1, both excluded, given as `0.05` or `5%`.
+
+    Raises
+    ------
+    ValueError
+        If it is none; suggests a percentage for a number that may be meant as one.
+    """
+    try:
+        amount = read_amount(value)
+    except ValueError:
+        raise ValueError(f"is {shown(value)}; {FRACTION_RULE}") from None
+    if not 0.0 < amount.value < 1.0:
+        raise ValueError(f"is {shown(value)}{as_percent(amount)}; {FRACTION_RULE}{meant(amount)}")
+    return amount.value
+
+
+def read_error(value: Any, measured: float, positive: bool) -> float:
+    """Return the standard error of a measured value; a percentage is relative to that value.
+
+    Parameters
+    ----------
+    value
+        Such as `0.05`, or `2%` of the measured value.
+    measured
+        The measured value.
+    positive
+        Whether what is measured is a positive quantity, whose error is less than itself.
+
+    Raises
+    ------
+    ValueError
+        If it is impossible; suggests a percentage for a number that may be meant as one.
+    """
+    amount = read_amount(value)
+    if amount.value <= 0.0 or (amount.percent and measured == 0.0):
+        rule = "greater than 0, like 0.05" + (" or '2%'" if measured else "")
+        raise ValueError(f"is {shown(value)}; must be {rule}")
+    error = amount.value * (abs(measured) if amount.percent else 1.0)
+    if positive and error >= measured > 0.0:
+        raise ValueError(
+            f"is {shown(value)}; must be less than the measured {measured:g}, like '2%' of it"
+            f"{meant(amount)}"
+        )
+    return error
+
+
+def as_percent(amount: Amount) -> str:
+    """Return what a number that is too large for a fraction means in percent, or nothing."""
+    return f", which is {100.0 * amount.value:g} %" if amount.value >= 1.0 else ""
+
+
+def meant(amount: Amount) -> str:
+    """Return `; did you mean '5%'?` of a plain number that may be one in percent, or nothing."""
+    likely = not amount.percent and 1.0 <= amount.value < 100.0
+    return f"; did you mean '{amount.value:g}%'?" if likely else ""
+
+
+def shown(value: Any) -> str:
+    """Return a value as it is quoted in a message: numbers plain, texts in quotes, not too long."""
+    if isinstance(value, str):
+        is_number = math.isfinite(_number(value.strip().removesuffix("%")))
+        text = value.strip() if is_number else repr(value)
+    else:
+        text = str(value) if isinstance(value, Real) else repr(value)
+    return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 3]}..."
+
+
+def _number(value: Any) -> float:
+    """Return a number or that of a text; nan where there is none."""
+    if isinstance(value, bool) or not isinstance(value, Real | str):
+        return math.nan
+    try:
+        return float(value)
+    except (OverflowError, ValueError):
+        return math.nan

@@ -1,0 +1,204 @@
+"""The searched variables of a campaign as its file names them, and strings given by these names.
+
+A file may give the volume fraction in place of the size ratio, which is what strings hold.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglom_mpi.config.alternatives import FRACTIONS
+from agglom_mpi.config.bounds import Bounds, read_variable
+from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
+from agglom_mpi.variables import (
+    COUNT,
+    NAMES,
+    VARIABLES,
+    VOLUME_FRACTION,
+    size_ratio,
+    volume_fraction,
+)
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+
+Floats = NDArray[np.float64]
+
+
+class NamedColumns(Protocol):
+    """A table of named columns, such as a pandas DataFrame."""
+
+    def items(self) -> Any:
+        """Return pairs of a name and its values."""
+
+
+Parameters = Mapping[str, Any] | NamedColumns | ArrayLike
+"""Values by name, numbers in SI units or texts with units, one or (n,); or strings, (n, 10)."""
+
+UNREMARKABLE: Final = 0.1
+"""A number that every variable may have."""
+
+
+class OwnVariable(NamedTuple):
+    """A searched variable by the name and in the unit that the campaign gives it.
+
+    Attributes
+    ----------
+    name, unit
+    column
+        Its place in a string.
+    lower, upper
+        The range that is searched, in SI units.
+    logarithmic, cubic
+        Whether the campaign searches by its logarithm, or by its cube.
+    cubes
+        Of a volume fraction, the `third_moment` of the law of sizes; None for others.
+    """
+
+    name: str
+    unit: str
+    column: int
+    lower: float
+    upper: float
+    logarithmic: bool
+    cubic: bool
+    cubes: float | None = None
+
+    @property
+    def power(self) -> float:
+        """Power of the component of a string that it is, but for a factor: 3 or 1."""
+        return 1.0 if self.cubes is None else 3.0
+
+    def values(self, strings: Floats) -> Floats:
+        """Return its values at strings, (n, 10), shape (n,)."""
+        return self.of_components(strings[:, self.column])
+
+    def of_components(self, components: Floats) -> Floats:
+        """Return its values for values of the component of a string, (n,)."""
+        if self.cubes is None:
+            return components
+        return np.array([volume_fraction(c, self.cubes) for c in components.tolist()])
+
+    def components(self, values: Floats) -> Floats:
+        """Return the values of the component of a string for its values, (n,)."""
+        if self.cubes is None:
+            return values
+        return np.array([size_ratio(value, self.cubes) for value in values.tolist()])
+
+
+def own_variables(box: Bounds) -> tuple[OwnVariable, ...]:
+    """Return the searched variables of a campaign's box, in the order of the strings."""
+    found = []
+    for i in np.flatnonzero(box.lower < box.upper).tolist():
+        variable, cubes = VARIABLES[i], None
+        if variable.name == "size_ratio" and box.by_volume_fraction:
+            variable, cubes = VOLUME_FRACTION, box.third_moment
+        logarithmic, cubic = bool(box.logarithmic[i]), bool(box.cubic[i]) and cubes is None
+        own = OwnVariable(variable.name, variable.unit, i, 0.0, 0.0, logarithmic, cubic, cubes)
+        lower, upper = own.of_components(np.array([box.lower[i], box.upper[i]])).tolist()
+        found.append(own._replace(lower=lower, upper=upper))
+    return tuple(found)
+
+
+def given_names(parameters: Parameters) -> set[str]:
+    """Return the components of a string that parameters by name give; all of an array."""
+    if not hasattr(parameters, "items"):
+        return set(NAMES)
+    names = {str(name) for name, _ in parameters.items()}
+    return names | ({"size_ratio"} if VOLUME_FRACTION.name in names else set())
+
+
+def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
+    """Return strings of a campaign, (n, 10) in SI units, as `campaign.simulate` reads one.
+
+    Parameters
+    ----------
+    campaign
+    parameters
+        Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each (n,)
+        or one for all; what is not given is fixed, or the middle of its range. Or all ten in SI
+        units, shape (10,) or (n, 10).
+
+    Raises
+    ------
+    CampaignError
+        If a name is unknown or a value impossible.
+    """
+    if not hasattr(parameters, "items"):
+        return _whole_strings(campaign, parameters)
+    box, problems = campaign.variables, []
+    columns: dict[str, tuple[str, Floats]] = {}
+    for key, value in parameters.items():
+        try:
+            name, values = _read_column(str(key), value, box.third_moment)
+            if name in columns:
+                other = columns[name][0]
+                raise ValueError(f"is given beside {other}; give one of {', '.join(FRACTIONS)}")
+            columns[name] = str(key), values
+        except ValueError as error:
+            problems.append(Problem(campaign.name, None, str(key), str(error)))
+    if problems:
+        raise CampaignError(*problems)
+    try:
+        shape = np.broadcast_shapes((1,), *(values.shape for _, values in columns.values()))
+    except ValueError:
+        lengths = {key: len(values) for key, values in columns.values() if values.shape}
+        said = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        message = f"have different lengths ({said}); must have one, or be one value for all"
+        raise ArgumentError.of(campaign.name, "parameters", message) from None
+    strings = np.tile(campaign.parameters(), (*shape, 1))
+    for name, (_, values) in columns.items():
+        if name in box.used:
+            strings[:, NAMES.index(name)] = values
+    return strings
+
+
+def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:
+    """Return strings of all ten numbers, of which those that the scene uses must be finite."""
+    try:
+        strings = np.atleast_2d(np.asarray(parameters, np.float64))
+    except (TypeError, ValueError):
+        message = f"are {type(parameters).__name__}; must be values by name, or {COUNT} numbers"
+        raise ArgumentError.of(campaign.name, "parameters", message) from None
+    if strings.ndim != 2 or strings.shape[1] != COUNT:
+        message = f"have the shape {np.shape(parameters)}; must be {COUNT} numbers, or (n, {COUNT})"
+        raise ArgumentError.of(campaign.name, "parameters", message)
+    for name in campaign.variables.used:
+        values = strings[:, NAMES.index(name)]
+        wrong = values[~(np.isfinite(values) & (values >= 0.0))]
+        if len(wrong):
+            message = f"is {wrong[0]:g}; must be a finite number of at least 0"
+            raise ArgumentError.of(campaign.name, name, message)
+    return strings
+
+
+def _read_column(key: str, value: Any, third_moment: float) -> tuple[str, Floats]:
+    """Return the component that values of a variable give, and its values, (n,) or ()."""
+    if isinstance(value, str) or np.ndim(value) == 0:
+        one = value.item() if hasattr(value, "item") else value
+        name, number = read_variable(key, one, third_moment)
+        return name, np.asarray(number)
+    if np.ndim(value) != 1:
+        raise ValueError(f"has the shape {np.shape(value)}; must be one value or one-dimensional")
+    name, _ = read_variable(key, UNREMARKABLE, third_moment)
+    values = np.asarray(value)
+    if values.dtype.kind not in "iuf":  # of a list, as it is: numpy makes texts of its numbers
+        listed = np.asarray(value, object).tolist()
+        return name, np.array([read_variable(key, one, third_moment)[1] for one in listed])
+    values = values.astype(np.float64)
+    for one in _extremes(values):
+        read_variable(key, one, third_moment)
+    if key == VOLUME_FRACTION.name:
+        values = np.array([size_ratio(one, third_moment) for one in values.tolist()])
+    return name, values
+
+
+def _extremes(values: Floats) -> list[float]:
+    """Return those of some numbers, (n,), between which all are allowed if these are."""
+    odd = values[~np.isfinite(values)]
+    if len(odd) or not len(values):
+        return odd[:1].tolist()
+    sizes = np.abs(values[values != 0.0])
+    return [float(values.min()), float(values.max()), *([float(sizes.min())] if len(sizes) else [])]

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from set_runs import three_variable_text
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_variables import own_variables, read_strings
+from agglom_mpi.config.yaml_source import CampaignError
+
+TEXT = three_variable_text()
+FILLED = TEXT.replace("size_ratio: 0.633", "volume_fraction: [0.1, 0.3]")
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return Campaign.from_text(FILLED)
+
+
+def test_a_variable_has_the_name_and_range_of_the_file(campaign):
+    speed, fraction, hardness, _ = own_variables(campaign.variables)
+    assert (speed.name, fraction.name, fraction.unit) == ("relative_speed", "volume_fraction", "1")
+    assert (fraction.lower, fraction.upper) == pytest.approx((0.1, 0.3))
+    assert not fraction.cubic
+    assert hardness.logarithmic
+    assert (hardness.power, fraction.power) == (1.0, 3.0)
+    values = np.array([0.1, 0.2, 0.3])
+    assert fraction.of_components(fraction.components(values)) == pytest.approx(values)
+
+
+def test_values_are_read_as_simulate_reads_them(campaign):
+    """One by one, and all at once."""
+    speeds, hardnesses = ["1 m/s", "250 cm/s", 3.0], ["10 MPa", "2e7 Pa", "0.1 GPa"]
+    fractions = np.array([0.1, 0.2, 0.3])
+    together = read_strings(
+        campaign, {"relative_speed": speeds, "hardness": hardnesses, "volume_fraction": fractions}
+    )
+    for row, values in zip(together, zip(speeds, hardnesses, fractions, strict=True), strict=True):
+        names = ("relative_speed", "hardness", "volume_fraction")
+        one = campaign.parameters(dict(zip(names, values, strict=True)))
+        assert np.array_equal(row, one, equal_nan=True)
+    assert np.array_equal(read_strings(campaign, together), together, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"speed": 1.0},
+        {"hardness": "60 m/s"},
+        {"relative_speed": -1.0},
+        {"volume_fraction": 0.5},
+        {"volume_fraction": 0.2, "size_ratio": 0.6},
+        {"density": np.nan},
+        {"temperature": True},
+    ],
+)
+def test_a_mistake_is_named_as_simulate_names_it(campaign, parameters):
+    """The same words for one value, and for that value among others."""
+    with pytest.raises(CampaignError) as wanted:
+        campaign.simulate(parameters)
+    for given in (parameters, {name: [value, value] for name, value in parameters.items()}):
+        with pytest.raises(CampaignError) as found:
+            read_strings(campaign, given)
+        assert str(found.value) == str(wanted.value)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[1.0, -1.0, 2.0], [1.0, np.inf], [np.nan, 1.0], [1.0, 1e-200], [1.0, 1e200]],
+)
+def test_one_impossible_value_among_many_is_found(campaign, values):
+    with pytest.raises(CampaignError, match="relative_speed: is "):
+        read_strings(campaign, {"relative_speed": np.array(values)})
+
+
+def test_no_strings_are_no_mistake(campaign):
+    empty = read_strings(campaign, {"relative_speed": [], "volume_fraction": np.array([])})
+    assert empty.shape == (0, 10)
+
+
+def test_strings_that_simulate_refuses_are_refused(campaign):
+    string = campaign.parameters()
+    string[2] = np.nan
+    for call in (campaign.simulate, campaign.allowed, campaign.estimate):
+        with pytest.raises(CampaignError, match="density: is nan; must be a finite number"):
+            call(string)
+
+
+@pytest.mark.parametrize("sample", [-1, 1.5, True, "1", None, np.nan])
+def test_the_number_of_a_sample_is_a_whole_number(campaign, sample):
+    with pytest.raises(ValueError, match=r"sample: is .*; must be a whole number of at least 0"):
+        campaign.simulate({}, sample)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5, True, "9"])
+def test_the_number_of_samples_is_a_whole_number(campaign, samples):
+    with pytest.raises(ValueError, match=r"samples: is .*; must be a whole number of at least 1"):
+        campaign.estimate({}, samples)
+
+
+def test_constraints_are_asked_by_the_names_of_the_file():
+    text = FILLED + 'constraints: ["volume_fraction < 0.2", "hardness > 50 MPa"]\n'
+    campaign = Campaign.from_text(text)
+    found = campaign.allowed({"volume_fraction": [0.1, 0.25], "hardness": "60 MPa"})
+    assert found.tolist() == [True, False]
