@@ -198,7 +198,7 @@ def test_more_generations_make_a_longer_campaign() -> None:
     longer = campaign().with_generations(9)
     assert longer.stopping.generations == 9
     assert longer.max_strings == 12 + 8 * 8
-    with pytest.raises(CampaignError, match=r"stopping\.generations: is 0; must be at least 1"):
+    with pytest.raises(CampaignError, match=r"stopping\.generations: is 0; must be a whole number"):
         campaign().with_generations(0)
 
 
