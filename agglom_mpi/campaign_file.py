@@ -432,6 +432,8 @@ class CampaignFile(metaclass=PublicFace):
 
     def _plot(self, name: str, target: Any, string: int | None = None) -> Any:
         """Draw a figure of the report into axes or a figure, and return the axes."""
+        if string is not None:
+            string = self._count("string", string)
         require_library("matplotlib", "report", "figures")
         from agglom_mpi.report.figures import FIGURES
         from agglom_mpi.report.figures.figure import FigureOptions

@@ -24,7 +24,8 @@ def read_count(value: Any, least: int = 0) -> int:
     """Return a whole number of at least `least`; raise a ValueError for anything else."""
     if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least:
         return int(value)
-    raise ValueError(f"is {shown(value)}; must be a whole number of at least {least}")
+    text = f"the text {value!r}"[:MAX_CHARACTERS] if isinstance(value, str) else shown(value)
+    raise ValueError(f"is {text}; must be a whole number of at least {least}")
 
 
 def read_number(value: Any) -> float:

@@ -387,6 +387,9 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         if text is None:
             return self.scene.engine
         if not isinstance(text, str):
+            if not hasattr(text, "law"):
+                message = f"is {text!r}; must be event, fixed, fixed:STEPS or adaptive"
+                raise ArgumentError.of(self.name, "engine", message)
             return text
         try:
             return parse_engine(text, self.scene.engine)
@@ -487,11 +490,11 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     ) -> npt.NDArray[np.float64]:
         if isinstance(parameters, Mapping):
             return self.parameters(parameters)
-        string = np.asarray(parameters, dtype=np.float64)
-        if string.shape != (COUNT,):
-            message = f"have the shape {string.shape}; must be {COUNT} numbers"
-            raise CampaignError(Problem(self.name, None, "parameters", message))
-        return read_strings(self, string)[0]
+        strings = read_strings(self, parameters)
+        if np.ndim(parameters) != 1:
+            message = f"have the shape {np.shape(parameters)}; must be {COUNT} numbers"
+            raise ArgumentError.of(self.name, "parameters", message)
+        return strings[0]
 
     def _count(self, field: str, value: Any, least: int = 0) -> int:
         try:

@@ -3,6 +3,7 @@ from set_runs import three_variable_file
 
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.reader import read_campaign
 
 
@@ -23,13 +24,13 @@ def filled(tmp_path_factory):
 @pytest.fixture(scope="session")
 def half(filled):
     """Return the set of strings of it that grow to 1.5 or more."""
-    return FeasibleSet(filled, "25%")
+    return single_threaded(FeasibleSet)(filled, "25%")
 
 
 @pytest.fixture(scope="session")
 def unreachable(filled):
     """Return the set of strings of it that double the grains, which is empty."""
-    return FeasibleSet(filled, 0.05)
+    return single_threaded(FeasibleSet)(filled, 0.05)
 
 
 @pytest.fixture(scope="session")

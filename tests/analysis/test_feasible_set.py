@@ -7,6 +7,7 @@ from agglom_mpi import open_campaign
 from agglom_mpi.analysis.feasible_set import FeasibleSet, NoFeasibleSetError
 from agglom_mpi.analysis.set_directions import _slopes
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.reader import read_campaign
 
 MEMBER = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
@@ -182,7 +183,7 @@ def test_no_string_of_the_box_is_nearer_than_the_nearest(unreachable):
 
 
 def test_what_the_emulator_is_too_unsure_to_tell_is_not_out_of_reach(three):
-    narrow = FeasibleSet(read_campaign(three.path), 1e-9)
+    narrow = single_threaded(FeasibleSet)(read_campaign(three.path), 1e-9)
     assert narrow.empty
     assert not narrow.nearest.out_of_reach
 

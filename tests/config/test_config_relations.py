@@ -68,9 +68,7 @@ def test_strings_are_allowed_by_all_constraints_whatever_the_names():
     allowed = loaded.allowed({"relative_speed": speed, "hardness": hardness})
     assert allowed.tolist() == [True, True, False]
     assert loaded.allowed({"relative_speed": 50.0, "hardness": 1e8}).tolist() == [False]
-    with pytest.raises(
-        CampaignError, match=r"speed: .* did you mean 'relative_speed'"
-    ):
+    with pytest.raises(CampaignError, match=r"speed: .* did you mean 'relative_speed'"):
         loaded.allowed({"speed": speed})
 
 

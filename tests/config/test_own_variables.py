@@ -101,3 +101,21 @@ def test_constraints_are_asked_by_the_names_of_the_file():
     campaign = Campaign.from_text(text)
     found = campaign.allowed({"volume_fraction": [0.1, 0.25], "hardness": "60 MPa"})
     assert found.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ("fast", "are str"),
+        (None, "have the shape"),
+        (np.zeros((2, 10)), r"have the shape \(2, 10\)"),
+    ],
+)
+def test_what_is_no_string_is_refused(campaign, parameters, said):
+    with pytest.raises(ValueError, match=f"parameters: {said}"):
+        campaign.simulate(parameters)
+
+
+def test_an_engine_is_named(campaign):
+    with pytest.raises(ValueError, match="engine: is 5; must be event, fixed"):
+        campaign.simulate({}, engine=5)

@@ -40,6 +40,12 @@ def test_distributions_are_drawn_the_same_for_the_same_sample():
     np.testing.assert_allclose(first.masses, 2500 * 4 / 3 * np.pi * first.radii**3, rtol=1e-13)
 
 
+@pytest.mark.parametrize("sample", [-1, 1.5, True, "1"])
+def test_the_number_of_a_sample_is_a_whole_number(sample):
+    with pytest.raises(ValueError, match=r"sample: is .*; must be a whole number of at least 0"):
+        Box(GAS, sample=sample)
+
+
 def test_spheres_of_different_sizes_are_placed_apart():
     rows = Box(GAS, radii=stats.uniform(2e-4, 1e-3), particles=400).particles
     for i in range(399):
