@@ -26,7 +26,7 @@ from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
 from agglom_mpi.search.gaussian_process import single_threaded
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -358,14 +358,25 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         for variable in self.own:
             if NAMES[variable.column] not in given:
                 raise self.mistaken(variable.name, "is missing; the campaign searches it")
-        for name, fixed in self.campaign.variables.fixed.items():
-            values = strings[:, NAMES.index(name)]
-            other = values[np.abs(values - fixed) > 1e-9 * abs(fixed)]
-            if len(other):
-                unit = VARIABLES[NAMES.index(name)].unit
-                value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
-                raise self.mistaken(name, f"is {other[0]:.7g}; the campaign fixed it at {value}")
+        self._check_fixed(strings)
         return strings
+
+    def _check_fixed(self, strings: Floats) -> None:
+        """Raise an ArgumentError if strings have another value than the campaign fixed."""
+        box = self.campaign.variables
+        for name, fixed in box.fixed.items():
+            values = strings[:, NAMES.index(name)]
+            other = values[np.abs(values - fixed) > 1e-9 * abs(fixed)][:1]
+            if not len(other):
+                continue
+            given, unit = float(other[0]), VARIABLES[NAMES.index(name)].unit
+            if name == "size_ratio" and box.by_volume_fraction:
+                name, given, fixed = (
+                    VOLUME_FRACTION.name,
+                    *map(self.campaign.fraction, (given, fixed)),
+                )
+            value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
+            raise self.mistaken(name, f"is {given:.7g}; the campaign fixed it at {value}")
 
     def mistaken(self, field: str, message: object) -> ArgumentError:
         """Return the error about an argument."""
