@@ -64,6 +64,34 @@ def test_members_have_all_moments_at_once(moments):
     assert moments.directions["share"].sum() == pytest.approx(1.0)
 
 
+def test_the_nearest_string_to_a_maximum_is_where_the_mean_is_largest(growth):
+    found = growth.nearest
+    strings = growth.even_strings(1 << 12)
+    means = growth.emulator.mean(growth.coordinates.of_strings(strings))[:, 0]
+    assert found.mean["mean_radius_ratio"] >= means.max() - 1e-9
+    assert not growth.empty
+
+
+def test_the_nearest_string_to_moments_has_all_of_them(moments):
+    found = moments.nearest
+    assert list(found.mean) == list(found.deviation) == ["mean", "spread"]
+    assert found.probability > 0.5
+    assert found.away < 1.645
+    assert not found.out_of_reach
+    assert found.reached.startswith("mean ")
+    assert ", spread " in found.reached
+
+
+def test_what_moments_reach_is_drawn_one_by_one(moments):
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    from agglom_mpi.report.figures.feasible_set import draw_reach
+
+    axes = draw_reach(Figure(), moments)
+    assert [ax.get_xlabel() for ax in axes] == ["mean (1)", "spread (1)"]
+
+
 def test_failures_are_where_strings_failed():
     rng = np.random.default_rng(1)
     points = rng.random((300, 2))
