@@ -17,16 +17,14 @@ from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.config.own_variables import (
     OwnVariable,
     Parameters,
-    given_names,
     own_variables,
-    read_strings,
+    read_searched,
 )
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
 from agglom_mpi.search.gaussian_process import single_threaded
-from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -346,37 +344,12 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         return frame
 
     def _at(self, parameters: Parameters, function: Any) -> Floats:
-        strings = self._strings(parameters)
+        strings = read_searched(self.campaign, parameters)
         inside = self._inside(strings)
         values = np.asarray(function(strings[inside]))
         found = np.full((len(strings), *values.shape[1:]), np.nan)
         found[inside] = values
         return found
-
-    def _strings(self, parameters: Parameters) -> Floats:
-        strings, given = read_strings(self.campaign, parameters), given_names(parameters)
-        for variable in self.own:
-            if NAMES[variable.column] not in given:
-                raise self.mistaken(variable.name, "is missing; the campaign searches it")
-        self._check_fixed(strings)
-        return strings
-
-    def _check_fixed(self, strings: Floats) -> None:
-        """Raise an ArgumentError if strings have another value than the campaign fixed."""
-        box = self.campaign.variables
-        for name, fixed in box.fixed.items():
-            values = strings[:, NAMES.index(name)]
-            other = values[np.abs(values - fixed) > 1e-9 * abs(fixed)][:1]
-            if not len(other):
-                continue
-            given, unit = float(other[0]), VARIABLES[NAMES.index(name)].unit
-            if name == "size_ratio" and box.by_volume_fraction:
-                name, given, fixed = (
-                    VOLUME_FRACTION.name,
-                    *map(self.campaign.fraction, (given, fixed)),
-                )
-            value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
-            raise self.mistaken(name, f"is {given:.7g}; the campaign fixed it at {value}")
 
     def mistaken(self, field: str, message: object) -> ArgumentError:
         """Return the error about an argument."""

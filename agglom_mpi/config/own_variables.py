@@ -37,6 +37,8 @@ class NamedColumns(Protocol):
 Parameters = Mapping[str, Any] | NamedColumns | ArrayLike
 """Values by name, numbers in SI units or texts with units, one or (n,); or strings, (n, 10)."""
 
+ROUNDING: Final = 1e-9
+"""Relative difference from a fixed value that is only rounding."""
 UNREMARKABLE: Final = 0.1
 """A number that every variable may have."""
 
@@ -153,6 +155,44 @@ def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
         if name in box.used:
             strings[:, NAMES.index(name)] = values
     return strings
+
+
+def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
+    """Return strings, (n, 10), of which every searched variable is given, and no other is changed.
+
+    Parameters
+    ----------
+    campaign
+    parameters
+        As for `read_strings`.
+
+    Raises
+    ------
+    CampaignError
+        If a name is unknown, a value impossible or missing, or another than the campaign fixed.
+    """
+    strings, given = read_strings(campaign, parameters), given_names(parameters)
+    for variable in own_variables(campaign.variables):
+        if NAMES[variable.column] not in given:
+            message = "is missing; the campaign searches it"
+            raise ArgumentError.of(campaign.name, variable.name, message)
+    for name, fixed in campaign.variables.fixed.items():
+        values = strings[:, NAMES.index(name)]
+        other = values[np.abs(values - fixed) > ROUNDING * abs(fixed)]
+        if len(other):
+            raise _other_than_fixed(campaign, name, float(other[0]), fixed)
+    return strings
+
+
+def _other_than_fixed(campaign: "Campaign", name: str, given: float, fixed: float) -> ArgumentError:
+    """Return the error about a value that is not what the campaign fixed."""
+    unit = VARIABLES[NAMES.index(name)].unit
+    if name == "size_ratio" and campaign.variables.by_volume_fraction:
+        name = VOLUME_FRACTION.name
+        given, fixed = campaign.fraction(given), campaign.fraction(fixed)
+    value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
+    message = f"is {given:.7g}; the campaign fixed it at {value}"
+    return ArgumentError.of(campaign.name, name, message)
 
 
 def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:

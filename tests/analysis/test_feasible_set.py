@@ -6,8 +6,6 @@ from set_runs import calibrated, three_variable_file, three_variable_text
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.feasible_set import FeasibleSet, NoFeasibleSetError
 from agglom_mpi.analysis.set_directions import _slopes
-from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.reader import read_campaign
@@ -220,13 +218,3 @@ def test_too_few_strings_are_refused(tmp_path):
     path = three_variable_file(tmp_path, generations=2)
     with pytest.raises(NoFeasibleSetError, match="of 32 different strings; at least 50"):
         open_campaign(path).feasible_set()
-
-
-def test_a_fixed_volume_fraction_is_called_so():
-    text = three_variable_text().replace("size_ratio: 0.633", "volume_fraction: 0.2")
-    found = object.__new__(FeasibleSet)
-    found.campaign = Campaign.from_text(text)
-    found.own = own_variables(found.campaign.variables)
-    assert found._strings(MEMBER | {"volume_fraction": 0.2}).shape == (1, 10)
-    with pytest.raises(CampaignError, match=r"volume_fraction: is 0\.25; .* fixed it at 0\.2$"):
-        found._strings(MEMBER | {"volume_fraction": "25%"})

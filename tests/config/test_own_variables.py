@@ -3,7 +3,7 @@ import pytest
 from set_runs import three_variable_text
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.own_variables import own_variables, read_strings
+from agglom_mpi.config.own_variables import own_variables, read_searched, read_strings
 from agglom_mpi.config.yaml_source import CampaignError
 
 TEXT = three_variable_text()
@@ -119,3 +119,11 @@ def test_what_is_no_string_is_refused(campaign, parameters, said):
 def test_an_engine_is_named(campaign):
     with pytest.raises(ValueError, match="engine: is 5; must be event, fixed"):
         campaign.simulate({}, engine=5)
+
+
+def test_what_is_fixed_may_be_given_but_not_changed():
+    campaign = Campaign.from_text(TEXT.replace("size_ratio: 0.633", "volume_fraction: 0.2"))
+    searched = {"relative_speed": 4.3, "hardness": "67 MPa", "friction": 0.3}
+    assert read_searched(campaign, searched | {"volume_fraction": 0.2}).shape == (1, 10)
+    with pytest.raises(CampaignError, match=r"volume_fraction: is 0\.25; .* fixed it at 0\.2$"):
+        read_searched(campaign, searched | {"volume_fraction": "25%"})
