@@ -21,10 +21,10 @@ from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import require_library
+from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
-from agglom_mpi.storage.signature import is_hdf5
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """A scene with fixed variables needs no plan: it is checked and simulated, but not searched."""
 
 import pytest
-from campaign_text import campaign, edited
+from campaign_text import TEXT, campaign, edited
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -168,3 +168,21 @@ def test_what_is_beyond_is_a_matter_of_the_string() -> None:
         loaded.simulate({"activation_energy": 3e7})
     timed = campaign(("  end_time", "  end_time: 1 s"))
     timed.check_scales(timed.parameters({"activation_energy": 3e7}))
+
+
+def test_a_range_that_makes_a_file_a_search_is_named_where_sections_are_missing() -> None:
+    text = "\n".join(line for line in TEXT.splitlines() if not line.startswith("objective"))
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(text)
+    [problem] = caught.value.problems
+    assert problem.field == "objective"
+    assert "variables.relative_speed, line 17, is a range to search" in problem.message
+
+
+def test_a_section_that_makes_a_file_a_search_is_named_where_others_are_missing() -> None:
+    lines = TEXT.replace("[0.1, 30]", "1").replace("[0.4, 0.8]", "0.5").replace("[1e7, 2e8]", "1e7")
+    text = lines.partition("ensemble:")[0]
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(text)
+    assert [problem.field for problem in caught.value.problems] == ["ensemble", "stopping"]
+    assert all("section search, line 27," in p.message for p in caught.value.problems)
