@@ -258,7 +258,7 @@ def _add_moments(table: FittedTable, entries: Sequence[dict[str, Any] | None], k
             _add_row(table, label, reached, key, ".4g")
 
 
-def _add_filled(table: Table, best: list[dict[str, Any]]) -> None:
+def _add_filled(table: FittedTable, best: list[dict[str, Any]]) -> None:
     """Add what the drawn grains of completed samples fill of the box, where grains differ."""
     found = [entry.get("drawn_volume_fraction") for entry in best]
     if any(found):
