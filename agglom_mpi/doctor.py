@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import sysconfig
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -74,16 +75,23 @@ def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[
     yield Finding("Slurm", found, "" if kinds else "start ranks with mpirun in a batch script")
 
 
-EXTRAS: Final = {
-    "report": ("pandas", "matplotlib", "threadpoolctl"),
-    "search": ("cmaes", "threadpoolctl"),
-}
-"""Libraries of each extra."""
 NEEDED_FOR: Final = {
-    "report": "tables and figures",
+    "report": "tables, figures, pages and posteriors",
     "search": "the searches surrogate and cmaes",
 }
-"""What each extra is needed for."""
+"""What each extra that users install is needed for; `check_mpi` looks for the extra `mpi`."""
+
+_REQUIREMENT: Final = re.compile(r"([\w.-]+)[^;]*(?:;.*\bextra == ['\"]([\w.-]+)['\"])?")
+
+
+def libraries_of(extra: str) -> tuple[str, ...]:
+    """Return the libraries of an extra, as the metadata of the installed package lists them."""
+    try:
+        lines = requires("agglom_mpi") or []
+    except PackageNotFoundError:  # run from its sources, without being installed
+        return ()
+    found = (_REQUIREMENT.match(line) for line in lines)
+    return tuple(match[1] for match in found if match is not None and match[2] == extra)
 
 
 def check_libraries() -> Iterator[Finding]:
@@ -91,10 +99,13 @@ def check_libraries() -> Iterator[Finding]:
     core = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "mpi4py"))
     yield Finding("agglom_mpi", f"{__version__}, Python {platform.python_version()}, {core}")
     yield _hdf5()
-    for extra, names in EXTRAS.items():
+    for extra, purpose in NEEDED_FOR.items():
+        names = libraries_of(extra)
         missing = [name for name in names if not is_installed(name)]
-        if missing:
-            advice = f"for {NEEDED_FOR[extra]}: pip install 'agglom_mpi[{extra}]'"
+        if not names:
+            yield Finding(f"extra {extra}", "not known: agglom_mpi is not installed by pip")
+        elif missing:
+            advice = f"for {purpose}: pip install 'agglom_mpi[{extra}]'"
             yield Finding(f"extra {extra}", f"without {', '.join(missing)}", advice)
         else:
             found = ", ".join(f"{name} {version(name)}" for name in names)
@@ -280,7 +291,7 @@ def check_storage(folder: Path) -> Iterator[Finding]:
     if kind in SHARED_FILE_SYSTEMS:
         advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=/tmp/numba_$(id -u)"
     compiled = sum(1 for _ in kernels.rglob("*.nbi"))
-    state = f"{compiled} compiled" if compiled else "none compiled yet, 10 to 25 s for a new scene"
+    state = f"{compiled} compiled" if compiled else "none compiled yet: a first run compiles them"
     yield Finding("kernel cache", f"{kernels} ({kind}), {state}", advice)
 
 

@@ -7,17 +7,19 @@ keyed by a hash of every source that can end up in a kernel.
 import functools
 import gc
 import hashlib
+import logging
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
 import llvmlite.binding as ll
 import numba
+from numba.core import event
 from numba.extending import intrinsic, overload
 
 from agglom_mpi.kernel_linking import COMPILER
@@ -64,6 +66,9 @@ _DISPATCHED: Final[Any] = {
 }
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+LOG: Final = logging.getLogger(__name__)
+"""Receives a line on each kernel that is compiled when it is first called."""
 
 
 @functools.cache
@@ -140,15 +145,46 @@ def runs_compiled() -> bool:
 def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> None:
     """Compile a kernel for arguments like these, or load it from the cache, and do not run it.
 
-    No reference cycles are looked for meanwhile, which takes a tenth of the time of a compiler.
+    The caller reports it: nothing is logged here. No reference cycles are looked for meanwhile,
+    which takes a tenth of the time of a compiler.
     """
     collecting = gc.isenabled()
     gc.disable()
     try:
-        compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
+        with _FIRST_CALLS.muted():
+            compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
     finally:
         if collecting:
             gc.enable()
+
+
+class _FirstCalls(event.Listener):
+    """Logs each kernel of the package that its first call compiles, which takes seconds."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        if not self._depth and function.__module__.startswith("agglom_mpi."):
+            LOG.info("compiling the kernel %s", function.__name__)
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+
+    @contextmanager
+    def muted(self) -> Iterator[None]:
+        """Log nothing within."""
+        self._depth += 1
+        try:
+            yield
+        finally:
+            self._depth -= 1
+
+
+_FIRST_CALLS: Final = _FirstCalls()
+event.register("numba:compile", _FIRST_CALLS)
 
 
 def code_key(sources: Iterable[Path]) -> str:

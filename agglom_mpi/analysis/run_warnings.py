@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from agglom_mpi.analysis.derived import values_of
+from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
+from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.outcome import COMPLETED, FailureReason
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -26,12 +28,19 @@ def run_warnings(file: "CampaignData") -> list[str]:
     """Return lines on a finished campaign; none of one that is still to go on.
 
     They say that the target was not reached, that the best string lies at the edge of the search
-    box, and in how many strings nothing happened.
+    box, has few particles left or samples that jammed, and in how many strings nothing happened.
     """
     ranked = rank_strings(file)
     if file.status().state != "finished" or not ranked.order:
         return []
-    return [*_target(file, ranked), *_edges(file, ranked.order[0]), *_idle(file, ranked)]
+    best = ranked.order[0]
+    return [
+        *_target(file, ranked),
+        *_edges(file, best),
+        *_few(file, best),
+        *_jammed(file, best),
+        *_idle(file, ranked),
+    ]
 
 
 def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
@@ -72,6 +81,30 @@ def _edges(file: "CampaignData", best: int) -> Iterator[str]:
                     f"variables.{variable.name}: is {value:.4g}{unit} in the best string, at the "
                     f"{end} end of its range, {lower:g} to {upper:g}; better ones may lie beyond"
                 )
+
+
+def _few(file: "CampaignData", best: int) -> list[str]:
+    """Return a line if few particles are left in the samples of the best string."""
+    rows = file.all_sample_rows()
+    rows = rows[(rows["string"] == best) & (rows["state"] == COMPLETED)]
+    if not len(rows):
+        return []
+    left = float(rows["particles"].mean())
+    return few_left(left, int(file.identity["scene.particles"]), " in the best string")
+
+
+def _jammed(file: "CampaignData", best: int) -> Iterator[str]:
+    """Yield how many samples found no place for grains that differ in size, and what that does."""
+    rows = file.all_sample_rows()
+    jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
+    drawn = drawn_fraction(file, best) if jammed else None
+    if drawn is not None:
+        filled = value_with_error(drawn.completed.value, drawn.completed.error)
+        yield (
+            f"scene.sizes: {jammed:,} of {len(rows):,} samples found no place for the grains they "
+            f"drew, mostly large ones; the completed samples of the best string fill {filled} of "
+            f"the box, not {drawn.wanted:.3g}"
+        )
 
 
 def _idle(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:

@@ -11,6 +11,7 @@ from rich.measure import Measurement
 
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
@@ -102,6 +103,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         best=[
             _entry(file, rows[string], parameters[string], again.get(string))
             | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
+            | _filled(file, string)
             | {
                 column.name: float(values_of(file, [string], column.name)[0])
                 for column in derived_columns(file)
@@ -149,6 +151,12 @@ def _moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
     if not isinstance(law, MomentTargets):
         return {}
     return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
+
+
+def _filled(file: CampaignData, string: int) -> dict[str, Any]:
+    """Return the volume fraction of the grains of a string's completed samples; empty if equal."""
+    drawn = drawn_fraction(file, string)
+    return {} if drawn is None else {"drawn_volume_fraction": drawn.as_dict()}
 
 
 class FitWidth:
@@ -211,6 +219,7 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
         ):
             _add_row(table, label, again, name, style)
         _add_moments(table, again, "re-estimate")
+    _add_filled(table, best)
     for name, label, style in (
         ("mean_radius_ratio", "mean b/b0, as searched", ".4g"),
         ("growth_number", "  (mean b/b0)^3", ".4g"),
@@ -247,6 +256,14 @@ def _add_moments(table: FittedTable, entries: Sequence[dict[str, Any] | None], k
             ("  adds to objective", "miss"),
         ):
             _add_row(table, label, reached, key, ".4g")
+
+
+def _add_filled(table: FittedTable, best: list[dict[str, Any]]) -> None:
+    """Add what the drawn grains of completed samples fill of the box, where grains differ."""
+    found = [entry.get("drawn_volume_fraction") for entry in best]
+    if any(found):
+        _add_row(table, "volume fraction drawn", found, "mean", ".4f")
+        _add_row(table, "± standard error", found, "standard_error", ".4f")
 
 
 SEARCH_ESTIMATES: Final = (

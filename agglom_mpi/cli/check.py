@@ -5,7 +5,7 @@ import json
 import click
 
 from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
-from agglom_mpi.storage.signature import is_hdf5
+from agglom_mpi.file_kinds import is_hdf5
 
 
 @click.command(

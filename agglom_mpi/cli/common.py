@@ -2,10 +2,11 @@
 
 import functools
 import io
+import logging
 import resource
 import sys
-from collections.abc import Callable
-from contextlib import nullcontext, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +33,27 @@ LEAST_ADDRESS_SPACE: Final = 1 << 29
 def say(text: str, error: bool = False) -> None:
     """Print a text, on standard error if asked for, without what would command a terminal."""
     click.echo(printable(text), err=error)
+
+
+class _SaidOnStandardError(logging.Handler):
+    """Prints what the package logs on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage(), error=True)
+
+
+@contextmanager
+def printing_log() -> Iterator[None]:
+    """Print what the package logs meanwhile, such as what is being compiled, on standard error."""
+    log, handler = logging.getLogger("agglom_mpi"), _SaidOnStandardError()
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
 
 
 def launch(command: click.Command, simulates: bool) -> None:
@@ -72,7 +94,7 @@ def _too_little_memory() -> int:
 def _exit_code(command: click.Command, simulates: bool) -> int:
     """Run a command, print its errors, and return what the process ends with."""
     try:
-        with nullcontext() if is_first_rank() else redirect_stdout(None):
+        with printing_log() if is_first_rank() else redirect_stdout(None):
             return int(command(standalone_mode=False) or FINISHED)
     except SystemExit as end:
         return int(end.code or FINISHED)

@@ -136,6 +136,8 @@ def report(
             else:
                 text = _summary(opened[0], sensitivity, as_json)
             _show(text, as_json)
+            if not several:
+                _warn(opened[0])
     return max(code, *map(_mention_damage, opened))
 
 
@@ -146,6 +148,14 @@ def _show(text: Any, as_json: bool) -> None:
     from agglom_mpi.display.display import print_wide
 
     print_wide(text)
+
+
+def _warn(file: "CampaignData") -> None:
+    """Show what a finished run is warned of, as at its end, on standard error."""
+    from agglom_mpi.analysis.run_warnings import run_warnings
+
+    for line in run_warnings(file):
+        say(f"warning: {line}", error=True)
 
 
 def _mention_damage(file: "CampaignData") -> int:

@@ -31,6 +31,11 @@ def _edge(scene: "SceneSection", value: Value) -> float:
     return 2.0 * scales.half_width(scene, value)
 
 
+def _mean_flow(scene: "SceneSection", value: Value) -> float:
+    """Return the speed in m/s that all grains have in common."""
+    return math.hypot(*scene.velocities.mean) if scene.velocities.law == "spread" else 0.0
+
+
 def _impact_pressure(scene: "SceneSection", value: Value) -> float:
     """Return ρv⁰²/(6βH), the mean pressure of an impact of equal grains over twice the hardness."""
     exponent = 0.0
@@ -56,13 +61,20 @@ def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
     yield "end time", BY_NAME["end_time"]
     yield "collisions per grain", BY_NAME["expected_collisions"]
     yield "grain mass", BY_NAME["grain_mass"]
+    if scene.velocities.law == "spread" and any(scene.velocities.mean):
+        yield "mean flow", Quantity("mean_flow", "m/s", "", _mean_flow)
     if scene.restitution.law == "pressure":
+        yield "fastest approach", Quantity("fastest", "m/s", "", scales.fastest_approach)
+        yield "grains bond from", Quantity("critical_speed", "m/s", "", scales.critical_speed)
         yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
     if scene.fragmentation.law != "none":
         yield "surface/impact energy", Quantity("surface", "1", "", _surface_energy)
 
 
 NOTES: Final = {
+    "mean flow": "of all grains alike, by velocities.mean; no grain meets another by it",
+    "fastest approach": "of two grains at the start, head on",
+    "grains bond from": "of two grains that meet head on at the starting temperature",
     "collisions per grain": "by Enskog's theory, were all elastic",
     "impact pressure/hardness": "of grains that meet at relative_speed; they bond from {final:g}",
     "surface/impact energy": "of a grain, over that of two that meet at relative_speed",

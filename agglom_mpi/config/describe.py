@@ -64,14 +64,26 @@ def _unused(scene: SceneSection) -> set[str]:
     )
 
 
+SETTING_UNITS: Final = {
+    "mean": " m/s",
+    "contact_time": " s",
+    "surroundings": " K",
+    "ambient": " K",
+    "convection": " W/m^2/K",
+}
+"""Units of settings of laws that are no pure numbers."""
+
+
 def _settings(part: Section | str) -> str:
     if isinstance(part, str):
         return ""
-    pairs = [
-        f"{key} {_plain(value)}"
-        for key, value in part
-        if key != "law" and (key, value) != ("contact_time", 0.0)
-    ]
+    pairs = []
+    for key, value in part:
+        if key == "law" or (key, value) == ("contact_time", 0.0):
+            continue
+        unit = SETTING_UNITS.get(key, "")
+        by_default = "" if key in part.model_fields_set else " (default)"
+        pairs.append(f"{key} {_plain(value)}{unit}{by_default}")
     return f"; {', '.join(pairs)}" if pairs else ""
 
 

@@ -1,7 +1,7 @@
 """The campaign file as one typed model, with the checks between sections."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
@@ -206,12 +206,14 @@ class CampaignDocument(SceneDocument):
 def read_document(text: str, name: str, read_sizes: SizeReader = unread) -> SceneDocument:
     """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
     source = parse(text, name)
-    model = CampaignDocument if _is_searched(source.data) else SceneDocument
+    reason = _reason_for_search(source)
+    model = CampaignDocument if reason else SceneDocument
     data = _with_sizes(source, read_sizes)
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise to_campaign_error(error, source, model) from None
+        needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
+        raise to_campaign_error(error, source, model, needs) from None
 
 
 def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
@@ -252,13 +254,22 @@ def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
     return data
 
 
-def _is_searched(data: dict[str, Any]) -> bool:
-    """Return whether there is a range or a section of a search; then all of these are required."""
-    variables = data.get("variables")
-    entries = variables.values() if isinstance(variables, dict) else ()
-    return any(isinstance(entry, list) for entry in entries) or any(
-        data.get(section) is not None for section in Plan._fields
-    )
+NEEDED_TO_SEARCH: Final = ("objective", "ensemble", "stopping")
+"""Sections that a search needs beside its ranges."""
+
+
+def _reason_for_search(source: Source) -> str:
+    """Return what makes a file that of a search, a range or a section; empty for a scene alone."""
+    variables = source.data.get("variables")
+    for name, entry in variables.items() if isinstance(variables, dict) else ():
+        if isinstance(entry, list):
+            line = source.line(("variables", name))
+            return f"variables.{name}, line {line}, is a range to search; one value makes a scene"
+    for section in Plan._fields:
+        if source.data.get(section) is not None:
+            line = source.line((section,))
+            return f"the section {section}, line {line}, makes this a search"
+    return ""
 
 
 def check_given_strings(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from agglom_mpi.config.derived import columns_of
 from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
+from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.moment_targets import interval_notes
 from agglom_mpi.search.objectives import ReachedMoment
@@ -76,6 +77,10 @@ class StringEstimate(metaclass=PublicFace):
         Where the objective has targets for moments: each with what was reached.
     ledger : dict
         Of each column of the ledger the worst sample's.
+    volume_fraction : MeanEstimate or None
+        Where grains have different sizes: share of the box that the drawn grains of the completed
+        samples fill. It is lower than the volume fraction of `parameters` where samples with large
+        grains find no place for them and fail.
     """
 
     parameters: dict[str, float]
@@ -95,6 +100,7 @@ class StringEstimate(metaclass=PublicFace):
     cpu_seconds: MeanEstimate
     moments: tuple[ReachedMoment, ...]
     ledger: dict[str, float]
+    volume_fraction: MeanEstimate | None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate as plain values for JSON; nan and inf become None."""
@@ -106,10 +112,13 @@ class StringEstimate(metaclass=PublicFace):
                 for name, (value, unit) in self.derived.items()
             },
             "samples": self.samples,
+            "failed": self.failed,
             "objective": _plain(self.objective),
             "measured": {MEASURED[name]: _plain(mean) for name, mean in means.items()},
             "ledger": self.ledger,
         }
+        if self.volume_fraction is not None:
+            found["volume_fraction"] = _plain(self.volume_fraction)
         if self.moments:
             found["moments"] = {m.name: m.as_dict() for m in self.moments}
         return found
@@ -135,6 +144,8 @@ class StringEstimate(metaclass=PublicFace):
             for label, m in means.items()
             if m.samples
         ]
+        if (filled := self.volume_fraction) is not None:
+            lines.append(f"  {'volume fraction':<22}{value_with_error(filled.value, filled.error)}")
         if self.moments:
             lines.append("targets")
             lines += [f"  {moment.name:<22}{moment}" for moment in self.moments]
@@ -206,4 +217,20 @@ def estimate_of(
         cpu_seconds=mean_of([outcome.cpu_seconds for outcome in outcomes]),
         moments=objective.reached(summaries),
         ledger={name: max((o.ledger[name] for o in outcomes), key=abs) for name in LEDGER},
+        volume_fraction=_filled(campaign, parameters, outcomes),
     )
+
+
+def _filled(
+    campaign: "Campaign", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
+) -> MeanEstimate | None:
+    """Return the volume fraction of the grains of completed samples; None if all are equal.
+
+    By the mass at the end, which is that of the start.
+    """
+    if campaign.scene.size_law is None:
+        return None
+    value = dict(zip(NAMES, parameters.tolist(), strict=True))
+    volume = (2.0 * half_width(campaign.scene, value)) ** 3
+    masses = [float(outcome.final.masses.sum()) for outcome in outcomes]
+    return mean_of([mass / (value["density"] * volume) for mass in masses])

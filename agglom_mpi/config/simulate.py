@@ -14,7 +14,7 @@ from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames, without_temperatures
-from agglom_mpi.simulation.sample import Outcome, simulate_scene
+from agglom_mpi.simulation.sample import Outcome, count_changes, simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
@@ -87,6 +87,24 @@ def simulate(
         final=final,
         frames=frames,
     )
+
+
+def changes_until(
+    campaign: "Campaign",
+    parameters: npt.ArrayLike,
+    sample: int,
+    share: float,
+    engine: Any = None,
+) -> int:
+    """Return the number of merges and breakups of a sample until a share of its end time.
+
+    Arguments as for `simulate`. A sample that finds no place for its grains has none.
+    """
+    vector = np.asarray(parameters, dtype=np.float64)
+    scene = campaign.scene.build(vector, engine)
+    random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
+    ensure_compiled(scene)
+    return count_changes(scene, random, share * scene.end_time)
 
 
 def _objective_value(

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from agglom_mpi.config.bounded_reading import read_bounded
 from agglom_mpi.config.units import quoted, to_si
+from agglom_mpi.file_kinds import begins_as_hdf5
 
 MAX_BYTES: Final = 1 << 20
 """Largest size of a file of sizes."""
@@ -64,6 +65,8 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     if not name.isprintable():
         raise ValueError(f"is {quoted(name)}, which holds a character that cannot be printed")
     path = folder / name
+    if begins_as_hdf5(path):
+        raise ValueError(f"is {quoted(name)}, an HDF5 file; must be a text of one diameter a line")
     try:
         text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:

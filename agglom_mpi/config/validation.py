@@ -1,7 +1,7 @@
 """Base class and types of sections, and their errors with file, line and field."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -34,16 +34,24 @@ EXPECTATIONS = {
 
 
 def to_campaign_error(
-    error: ValidationError, source: Source, model: type[BaseModel]
+    error: ValidationError,
+    source: Source,
+    model: type[BaseModel],
+    needs: Mapping[FieldPath, str] | None = None,
 ) -> CampaignError:
-    """Return the CampaignError of a failed validation of `source.data` by `model`."""
-    return CampaignError(
-        *(
-            Problem(source.name, source.line(path), ".".join(map(str, path)), message)
-            for details in error.errors(include_url=False)
-            for path, message in _messages(dict(details), source, model)
-        )
-    )
+    """Return the CampaignError of a failed validation of `source.data` by `model`.
+
+    `needs` gives the reason why an entry is needed, for the message where it is missing.
+    """
+    problems = []
+    for details in error.errors(include_url=False):
+        for path, message in _messages(dict(details), source, model):
+            if details["type"] == "missing" and needs and path in needs:
+                message = f"{message}; {needs[path]}"
+            problems.append(
+                Problem(source.name, source.line(path), ".".join(map(str, path)), message)
+            )
+    return CampaignError(*problems)
 
 
 def _messages(

@@ -16,6 +16,7 @@ from ruamel.yaml.scanner import Scanner
 
 from agglom_mpi.config.bounded_reading import read_bounded
 from agglom_mpi.errors import MissingLibraryError, UserError
+from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
 from agglom_mpi.formatting import pluralise
 
 FieldPath = tuple[str | int, ...]
@@ -112,10 +113,11 @@ MAX_BYTES: Final = 1 << 20
 def read_text(name: str) -> str:
     """Return the text of the file `name`; raise a CampaignError if it cannot be read as UTF-8."""
     try:
+        if begins_as_hdf5(name):  # asked first: it is mostly larger than a text may be
+            raise CampaignError(Problem(name, None, "", HDF5_IS_NO_YAML))
         content = read_bounded(name, MAX_BYTES)
-        if content.startswith(b"\x89HDF"):
-            message = "is an HDF5 file, not YAML; agglom report and simulate read it"
-            raise CampaignError(Problem(name, None, "", message))
+        if content.startswith(SIGNATURE):  # from a pipe
+            raise CampaignError(Problem(name, None, "", HDF5_IS_NO_YAML))
         return content.decode("utf-8-sig")
     except FileNotFoundError:
         message = "no such file"
@@ -164,7 +166,8 @@ def parse(text: str, name: str) -> Source:
         raise CampaignError(Problem(name, None, "", "is empty; a campaign needs a scene"))
     builder = _Builder(yaml, name)
     if not isinstance(root, MappingNode):
-        raise builder.error(root, (), "must be a mapping of sections such as `scene:`")
+        found = "a list" if isinstance(root, SequenceNode) else "one text"
+        raise builder.error(root, (), f"is {found}; must be a mapping of sections such as `scene:`")
     return Source(name, builder.build(root, (), root), builder.lines)
 
 

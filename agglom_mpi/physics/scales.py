@@ -68,11 +68,30 @@ def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
     return mass
 
 
+def critical_speed(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the approach speed in m/s from which two grains bond at the starting temperature.
+
+    √(6 a_f H β/ρ) of equal grains, where ρv²/(6β) reaches a_f H; the heat of an impact softens
+    them, so that they may bond from a lower speed on. Arguments as for `half_width`; the scene has
+    restitution by pressure.
+
+    Raises
+    ------
+    OverflowError
+        If the hardness at the starting temperature is no number.
+    """
+    hardness = value["hardness"]
+    if scene.hardness.law == "arrhenius":
+        hardness *= math.exp(value["activation_energy"] / (GAS_CONSTANT * value["temperature"]))
+    square = 6.0 * scene.contact_area.final * hardness * scene.duration.length_ratio
+    return math.sqrt(square / value["density"])
+
+
 def end_time(scene: Any, value: Mapping[str, float]) -> float:
     """Return the end time in s; T = (S/v_crit)·ln(0.01)/ln(0.9) if the scene says so  [A 13].
 
-    S is the mean gap between neighbours and v_crit the critical approach speed of equal spheres
-    √(6 a_f H β/ρ) with the hardness at the starting temperature; arguments as for `half_width`.
+    S is the mean gap between neighbours and v_crit the `critical_speed`; arguments as for
+    `half_width`.
 
     Raises
     ------
@@ -82,7 +101,6 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
     if not isinstance(scene.end_time, str):
         return float(scene.end_time)
     spacing = 2.0 * half_width(scene, value) / scene.particles ** (1.0 / 3.0)
-    hardness = value["hardness"]
     if scene.hardness.law == "arrhenius":
         exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
         if exponent > LARGEST_EXPONENT:
@@ -90,16 +108,14 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
                 f"the characteristic end time vanishes where U/(R theta) is {exponent:.4g}; must "
                 f"be at most {LARGEST_EXPONENT:g}, or give a time like '10 ms'"
             )
-        hardness *= math.exp(exponent)
-    square = 6.0 * scene.contact_area.final * hardness * scene.duration.length_ratio
-    critical_speed = math.sqrt(square / value["density"])
-    if not 0.0 < critical_speed < math.inf:
+    speed = critical_speed(scene, value)
+    if not 0.0 < speed < math.inf:
         raise ValueError(
-            f"the characteristic end time needs a critical speed, which is {critical_speed:g} m/s; "
+            f"the characteristic end time needs a critical speed, which is {speed:g} m/s; "
             "give a time like '10 ms'"
         )
     gap = spacing - 2.0 * grain_radius(scene, value)
-    return gap / critical_speed * math.log(0.01) / math.log(0.9)
+    return gap / speed * math.log(0.01) / math.log(0.9)
 
 
 def speed_variance(scene: Any, value: Mapping[str, float]) -> float:
@@ -112,6 +128,17 @@ def speed_variance(scene: Any, value: Mapping[str, float]) -> float:
         return value["relative_speed"] ** 2 / 12.0
     width = 2.0 * value["relative_speed"]
     return width**2 * (1.0 + 2.0 * scene.velocities.transverse**2) / 12.0
+
+
+def fastest_approach(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the highest approach speed of two grains at the start in m/s, v⁰ or 2v⁰√(1 + 2t²).
+
+    The first of `uniform_x`, whose speeds are from 0 to v⁰; the other of `spread` with t the
+    `transverse` spread, whose mean does not matter. Arguments as for `half_width`.
+    """
+    if scene.velocities.law == "uniform_x":
+        return value["relative_speed"]
+    return 2.0 * value["relative_speed"] * math.sqrt(1.0 + 2.0 * scene.velocities.transverse**2)
 
 
 def collision_rate(scene: Any, value: Mapping[str, float]) -> float:

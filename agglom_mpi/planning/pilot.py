@@ -22,7 +22,12 @@ STRINGS_PER_SAMPLE: Final = 4
 """Ratio of strings to samples per string: times differ more between strings than within one."""
 
 
-def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -> PilotSamples:
+def run_pilot(
+    campaign: Campaign,
+    seconds: float,
+    show: Callable[[str], None],
+    announce: Callable[[str], None] | None = None,
+) -> PilotSamples:
     """Simulate samples of random strings for `seconds`, compilation not counted.
 
     The first strings are those of the campaign's first generation.
@@ -35,6 +40,8 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
         Time limit, s.
     show
         Called with a line on the progress.
+    announce
+        Called with a line on what is compiled; by default `show`.
 
     Raises
     ------
@@ -43,7 +50,7 @@ def run_pilot(campaign: Campaign, seconds: float, show: Callable[[str], None]) -
     """
     runner = SampleRunner(InversionExperiment(campaign), 0)
     show("loading the simulation")
-    runner.warm_up(show)
+    runner.warm_up(announce or show)
     # A timer thread, because a single sample may take longer than the time limit.
     alarm = Timer(seconds, runner.abort_flag.stop)
     alarm.start()

@@ -1,7 +1,8 @@
 """Forecasting the run time of a campaign: pilot samples, then the scheduler on simulated ranks."""
 
+import logging
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -21,6 +22,9 @@ from agglom_mpi.planning.forecast import ForecastReport, PilotSummary
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.search.inversion import Inversion
+
+LOG: Final = logging.getLogger(__name__)
+"""Receives lines on what is compiled, where no terminal shows them."""
 
 
 class Options(NamedTuple):
@@ -47,21 +51,29 @@ def plan(options: Options) -> ForecastReport:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     campaign.check_libraries()
-    with Console(stderr=True).status("") as status:  # only a terminal shows it
-        samples = pilot_samples(campaign, options, status.update)
+    console = Console(stderr=True)
+    with console.status("") as status:  # only a terminal shows it
+        announce = status.update if console.is_terminal else LOG.info
+        samples = pilot_samples(campaign, options, status.update, announce)
         return forecast_all(campaign, samples, options, status.update)
 
 
 def pilot_samples(
-    campaign: Campaign, options: Options, show: Callable[[str], None]
+    campaign: Campaign,
+    options: Options,
+    show: Callable[[str], None],
+    announce: Callable[[str], None],
 ) -> PilotSamples:
-    """Return samples read from the file `options.source`, or else simulated now."""
+    """Return samples read from the file `options.source`, or else simulated now.
+
+    `show` is called with lines on the progress, `announce` with lines on what is compiled.
+    """
     if options.source is not None:
         show("reading samples")
         return read_recorded_samples(options.source, campaign)
     from agglom_mpi.planning.pilot import run_pilot  # loads the kernels
 
-    return run_pilot(campaign, options.seconds, show)
+    return run_pilot(campaign, options.seconds, show, announce)
 
 
 def forecast_all(

@@ -1,7 +1,8 @@
 """One parameter string simulated, and what `agglom simulate` prints and writes of it."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -16,15 +17,16 @@ from agglom_mpi.analysis.resimulation import (
     recorded_parameters,
     recorded_sample,
 )
+from agglom_mpi.analysis.result_warnings import EARLY, EARLY_SAMPLES, early_changes, few_left
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import require_library
+from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
-from agglom_mpi.storage.signature import is_hdf5
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -101,9 +103,11 @@ def simulate_string(
 ) -> tuple[str, int]:
     """Simulate a parameter string, and return the text to print and the exit code.
 
-    `show` is called with warnings about what is unlikely in a YAML campaign.
+    `show` is called with warnings about what is unlikely in a YAML campaign, and about what the
+    samples are like.
 
-    The exit code is 1 if a sample fails, or differs from the recorded one.
+    Samples that fail are left out and counted. The exit code is 1 if one fails, or differs from the
+    recorded one.
 
     Raises
     ------
@@ -125,24 +129,62 @@ def simulate_string(
     samples = range(request.samples) if request.sample is None else [request.sample]
     numbers = [first + sample for sample in samples]
     engine, frames = campaign.engine(request.engine), request.frames
-    try:
-        campaign.simulate(parameters, numbers[0], engine, frames)  # compiles, not to be timed
-        outcomes = [campaign.simulate(parameters, number, engine, frames) for number in numbers]
-    except RuntimeError as error:
-        return (json.dumps({"failed": str(error)}) if as_json else str(error)), 1
-    estimate, code = estimate_of(campaign, parameters, outcomes), 0
-    extra: dict[str, Any] = {}
+    completed, failures = _simulate(selected, numbers, engine, frames)
+    outcomes = list(completed.values())
+    if not outcomes:
+        return (json.dumps({"failed": failures[0]}) if as_json else failures[0]), 1
+    estimate = estimate_of(campaign, parameters, outcomes, len(failures))
+    code = 1 if failures else 0
+    for line in [
+        *few_left(estimate.particles_left.value, campaign.scene.particles),
+        *_early_changes(selected, completed, engine),
+    ]:
+        show(f"warning: {line}")
+    extra: dict[str, Any] = {"reasons": failures[:1]} if failures else {}
     if campaign.user_function is not None and campaign.user_function.source is None:
         extra["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
         same = is_same(recorded, outcomes[0].record, version)
         extra["replay"] = AGREEMENT[same]
-        code = 0 if same else 1
+        code = max(code, 0 if same else 1)
     if request.out is not None:
         extra["files"] = _write_frames(request, campaign, parameters, outcomes[0])
     if as_json:
         return json.dumps(estimate.as_dict() | extra, indent=2), code
     return _as_text(estimate, extra), code
+
+
+def _simulate(
+    selected: SelectedString, numbers: Sequence[int], engine: Any, frames: int | None
+) -> tuple[dict[int, Outcome], list[str]]:
+    """Simulate samples; return the completed ones by their numbers, and why others failed."""
+    campaign, parameters = selected.campaign, selected.parameters
+    completed, failures = {}, []
+    with suppress(RuntimeError):
+        campaign.simulate(parameters, numbers[0], engine, frames)  # compiles, not to be timed
+    for number in numbers:
+        try:
+            completed[number] = campaign.simulate(parameters, number, engine, frames)
+        except RuntimeError as error:
+            failures.append(str(error))
+    return completed, failures
+
+
+def _early_changes(
+    selected: SelectedString, completed: Mapping[int, Outcome], engine: Any
+) -> list[str]:
+    """Return a line if all changes of the first samples are early; looks until one is not."""
+    from agglom_mpi.config.simulate import changes_until
+
+    first = list(completed.items())[:EARLY_SAMPLES]
+    changes = 0
+    for number, outcome in first:
+        total = outcome.merges + outcome.breakups
+        early = changes_until(selected.campaign, selected.parameters, number, EARLY, engine)
+        if early < total:
+            return []
+        changes += total
+    return early_changes(changes, len(first)) if changes else []
 
 
 def _set_string(request: SimulationRequest) -> SelectedString:
@@ -177,7 +219,8 @@ def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void |
 
 def _as_text(estimate: StringEstimate, extra: dict[str, Any]) -> str:
     """Return an estimate and what is said beside it as lines for the terminal."""
-    lines = [str(estimate), *(extra[name] for name in ("note", "replay") if name in extra)]
+    lines = [str(estimate), *extra.get("reasons", [])]
+    lines += [extra[name] for name in ("note", "replay") if name in extra]
     return "\n".join([*lines, *extra.get("files", [])])
 
 

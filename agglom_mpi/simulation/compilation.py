@@ -6,6 +6,7 @@ calls, which are in the cache by the time that the first process comes to them.
 """
 
 import hashlib
+import logging
 import os
 import pickle
 import subprocess
@@ -42,6 +43,13 @@ CELLS: Final = "cells"
 
 _ALL: Final = "without frames"
 
+LOG: Final = logging.getLogger(__name__)
+"""Receives lines on what is being compiled where no function is given for them.
+
+Commands print them; a program that imports the package sees them with
+`logging.basicConfig(level=logging.INFO)`.
+"""
+
 
 def kind_of(scene: Scene) -> str:
     """Return the names of the types that kernels of a scene are compiled for, as text.
@@ -65,7 +73,7 @@ def is_compiled(scene: Scene, frames: bool = False) -> bool:
 
 
 def compile_kernels(
-    scene: Scene, frames: bool = False, show: Callable[[str], None] = lambda line: None
+    scene: Scene, frames: bool = False, show: Callable[[str], None] = LOG.info
 ) -> float:
     """Compile the kernels of a kind of scene, or load them from the cache.
 
@@ -76,7 +84,8 @@ def compile_kernels(
     frames
         Whether frames at set times will be taken.
     show
-        Called with a line on what is being compiled, where there is something.
+        Called with a line on what is being compiled, where there is something; by default it goes
+        to `LOG`.
 
     Returns
     -------
@@ -104,7 +113,7 @@ def compile_kernels(
 
 
 def ensure_compiled(scene: Scene, frames: bool = False) -> None:
-    """Compile the kernels of a kind of scene where they are not in the cache."""
+    """Compile the kernels of a kind of scene where they are not in the cache, and log it."""
     kind = kind_of(scene), frames
     if kind not in READY:
         if not is_compiled(scene, frames):

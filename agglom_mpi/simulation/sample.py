@@ -30,7 +30,9 @@ from agglom_mpi.simulation.measurement import (
     to_mass_frame,
 )
 from agglom_mpi.simulation.particles import (
+    BREAKUPS,
     EXHAUSTED,
+    MERGES,
     Ledger,
     Particles,
     new_ledger,
@@ -199,6 +201,20 @@ def simulate_scene(
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0], particles
+
+
+def count_changes(scene: Scene, random: np.random.Generator, until: float) -> int:
+    """Return the number of merges and breakups of a sample until a time in s before its end.
+
+    The sample is that of `simulate_scene` with the same stream; it is not carried further.
+    """
+    capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
+    particles, ledger = new_particles(scene, capacity), new_ledger()
+    if place_grains(scene, random, particles):
+        state, initial = kept_engine_state(scene, capacity), np.zeros(1, INITIAL)
+        abort = np.zeros(1, np.uint8)
+        run_engine(without_law(scene), particles, ledger, state, initial, until, abort)
+    return int(ledger.counts[MERGES] + ledger.counts[BREAKUPS])
 
 
 def without_law(scene: Scene) -> Scene:

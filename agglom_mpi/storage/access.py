@@ -14,6 +14,7 @@ import numpy as np
 from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 
 from agglom_mpi.errors import FAILURE, UserError
+from agglom_mpi.file_kinds import YAML_IS_NO_HDF5, reads_like_a_campaign
 from agglom_mpi.storage.header import check_attributes
 from agglom_mpi.storage.schema import (
     FORMAT,
@@ -229,7 +230,8 @@ def _access_list(world: "Intracomm | None" = None) -> h5p.PropFAID:
 
 def _explain(path: Path, message: str) -> NotACampaign:
     if "signature not found" in message:
-        return NotACampaign(f"{path}: not an HDF5 file")
+        found = f"; {YAML_IS_NO_HDF5}" if reads_like_a_campaign(path) else ""
+        return NotACampaign(f"{path}: not an HDF5 file{found}")
     if "truncated file" in message:
         return DamagedCampaign(f"{path}: a truncated HDF5 file")
     return DamagedCampaign(f"{path}: a damaged HDF5 file ({message})")

@@ -1,8 +1,20 @@
 """`agglom compile`: kernels ahead of a run."""
 
+import json
+import logging
+import os
 import re
+import subprocess
+import sys
 
+import numba
+import pytest
+from campaign_runs import environment
+from processes import HANG
+
+from agglom_mpi.cli.common import printing_log
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.kernels import cache_folder
 from agglom_mpi.simulation import compilation
 
 
@@ -33,3 +45,53 @@ def test_a_campaign_with_code_is_compiled_without_running_it(agglom, tiny_folder
     done = agglom("compile", path)
     assert (done.exit_code, done.stderr) == (0, "")
     assert done.stdout.startswith(f"{path}: compiled")
+
+
+@pytest.fixture
+def unmarked_cache(agglom, tmp_path):
+    """Return a folder for kernels with all machine code there is, and nothing marked compiled."""
+    assert agglom("compile", "tiny.yaml").exit_code == 0
+    folder = tmp_path / "cache" / cache_folder().name
+    folder.mkdir(parents=True)
+    for path in cache_folder().iterdir():
+        if path.suffix != ".compiled":
+            (folder / path.name).symlink_to(path)
+    return folder.parent
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled")
+def test_a_simulation_says_what_it_compiles_beside_its_json_and_only_once(unmarked_cache):
+    program = "from agglom_mpi.cli import agglom; agglom()"
+    words = [sys.executable, "-c", program, "simulate", "tiny.yaml", "--samples", "1", "--json"]
+    runs = [
+        subprocess.run(
+            words,
+            env=environment(NUMBA_CACHE_DIR=str(unmarked_cache)),
+            capture_output=True,
+            text=True,
+            timeout=HANG,
+            check=True,
+        )
+        for _ in range(2)
+    ]
+    for done in runs:
+        assert json.loads(done.stdout)["samples"] == 1
+    lines = [[line for line in done.stderr.splitlines() if "compil" in line] for done in runs]
+    assert lines[0][0].startswith("compiling 3 kernels of a new kind of scene: placement, ")
+    assert len(lines[0]) == 4
+    assert lines[1] == []
+
+
+def test_a_kernel_that_its_first_call_compiles_is_said_by_commands_alone(capsys):
+    def doubled(x):
+        return 2.0 * x
+
+    doubled.__module__ = "agglom_mpi.example"
+    compiled = numba.njit(doubled)
+    assert compiled(1) == 2.0
+    assert capsys.readouterr().err == ""
+    with printing_log():
+        assert compiled(1.5) == compiled(1.5) == 3.0
+    said = "" if numba.config.DISABLE_JIT else "compiling the kernel doubled\n"
+    assert capsys.readouterr().err == said
+    assert logging.getLogger("agglom_mpi").handlers == []

@@ -9,7 +9,7 @@ from agglom_mpi import open_campaign
 def test_the_best_strings_are_shown_with_the_end_of_the_run(agglom):
     done = agglom("report", "tiny.h5")
     assert done.exit_code == 0
-    assert done.stderr == ""
+    assert all(line.startswith("warning: ") for line in done.stderr.splitlines())
     best = open_campaign("tiny.h5").best(4)
     label = "objective, as searched"
     row = next(line for line in done.stdout.splitlines() if line.startswith(label))

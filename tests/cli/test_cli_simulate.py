@@ -8,6 +8,8 @@ from campaign_runs import QUICKSTART, SMALL, write_campaign
 
 from agglom_mpi import load_campaign
 from agglom_mpi.analysis import resimulation
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.simulate import changes_until
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.report import simulate as module
 from agglom_mpi.storage.reader import read_campaign
@@ -164,6 +166,54 @@ def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):
     assert (done.exit_code, done.stdout) == (1, "sample 0 failed: non-finite state\n")
     done = agglom("simulate", "tiny.yaml", "--json")
     assert json.loads(done.stdout) == {"failed": "sample 0 failed: non-finite state"}
+
+
+def test_a_few_samples_that_fail_are_left_out_and_told_by_the_exit_code(agglom, monkeypatch):
+    simulate = Campaign.simulate
+
+    def sometimes(self, parameters, sample=0, engine=None, frames=None):
+        if sample in (0, 2):
+            raise RuntimeError(f"sample {sample} failed: non-finite state")
+        return simulate(self, parameters, sample, engine, frames)
+
+    monkeypatch.setattr(Campaign, "simulate", sometimes)
+    done = agglom("simulate", "tiny.yaml", "--samples", 5)
+    assert done.exit_code == 1
+    assert "mean ± standard error over 3 samples" in done.stdout
+    assert "2 of 5 samples failed" in done.stdout
+    assert done.stdout.splitlines()[-1] == "sample 0 failed: non-finite state"
+    report = json.loads(agglom("simulate", "tiny.yaml", "--samples", 5, "--json").stdout)
+    assert (report["samples"], report["failed"]) == (3, 2)
+    assert report["reasons"] == ["sample 0 failed: non-finite state"]
+
+
+@pytest.mark.parametrize("end_time", ["characteristic", "300 s"])
+def test_results_of_a_crowded_box_are_warned_of(agglom, tmp_path, end_time):
+    text, path = Path("tiny.yaml").read_text(), tmp_path / "crowded.yaml"
+    path.write_text(text.replace("end_time: characteristic", f"end_time: {end_time}"))
+    values = {"relative_speed": 30.0, "hardness": 10e6, "size_ratio": 0.8}
+    settings = [word for name in values for word in ("--set", f"{name}={values[name]}")]
+    done = agglom("simulate", path, *settings, "--samples", 3)
+    campaign = load_campaign(path)
+    outcomes = [campaign.simulate(values, sample) for sample in range(3)]
+    string = campaign.parameters(values)
+    early = [changes_until(campaign, string, sample, 0.1) for sample in range(3)]
+    merges = [outcome.merges for outcome in outcomes]
+    found = [line for line in done.stderr.splitlines() if line.startswith("warning: scene.")]
+    said = f"warning: scene.end_time: all {sum(merges)} merges and breakups of 3 samples happen in"
+    assert any(line.startswith(said) for line in found) == (early == merges)
+    few = sum(outcome.particles for outcome in outcomes) / 3 < 10
+    assert any(line.startswith("warning: scene.particles: ") for line in found) == few
+
+
+def test_changes_until_the_end_are_those_of_the_sample(tiny_folder):
+    campaign = load_campaign(tiny_folder / "tiny.yaml")
+    string, outcome = campaign.parameters(), campaign.simulate({}, 3)
+    counts = [changes_until(campaign, string, 3, share) for share in (0.0, 0.1, 0.5, 1.0)]
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] == outcome.merges + outcome.breakups > 0
+    assert campaign.simulate({}, 3).record.tobytes() == outcome.record.tobytes()
 
 
 @pytest.mark.parametrize(

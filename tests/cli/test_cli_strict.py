@@ -45,7 +45,7 @@ def test_check_of_a_file_prints_json(agglom):
 def test_a_value_that_nothing_depends_on_is_warned_of(agglom):
     done = agglom("simulate", "tiny.yaml", "--set", "surface_energy=3", "--samples", 1)
     assert done.exit_code == 0
-    assert done.stderr == (
+    assert done.stderr.startswith(
         "warning: tiny.yaml: surface_energy: is 3.0, but nothing depends on it: the scene has no "
         "fragmentation\n"
     )

@@ -375,7 +375,11 @@ def test_a_wrong_entry_is_located_and_explained(
     [
         ("", "campaign.yaml: is empty; a campaign needs a scene"),
         ("# only a comment\n", "campaign.yaml: is empty; a campaign needs a scene"),
-        ("- a\n- b\n", "campaign.yaml:1: must be a mapping of sections such as `scene:`"),
+        ("diameter (um)\n40\n", "campaign.yaml:1: is one text; must be a mapping of sections"),
+        (
+            "- a\n- b\n",
+            "campaign.yaml:1: is a list; must be a mapping of sections such as `scene:`",
+        ),
         ("a: [1, 2\nb: 3\n", "campaign.yaml:2: not valid YAML: expected ',' or ']', but got ':'"),
         ("a: 1\n\tb: 2\n", "campaign.yaml:2: not valid YAML: "),
         ("title: a\x01\n", "campaign.yaml:1: not valid YAML: the character U+0001 is not allowed"),

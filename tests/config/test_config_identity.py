@@ -100,7 +100,7 @@ def test_constant_restitution_leaves_out_what_it_does_not_ask() -> None:
         (
             "2 us",
             "the same, but elastic within contact_time (s) of either's last impact; "
-            "value 0.9, contact_time 2e-06",
+            "value 0.9, contact_time 2e-06 s",
         ),
     ],
 )

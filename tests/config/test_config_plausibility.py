@@ -12,7 +12,9 @@ JOBS = Path(__file__).parents[2] / "jobs"
 
 
 def lines(loaded: Campaign, **given: float | str) -> list[str]:
-    return [str(warning) for warning in loaded.warnings(given or None)]
+    """Warnings, but for the one that no grains of this campaign are fast enough to bond."""
+    found = [str(warning) for warning in loaded.warnings(given or None)]
+    return [line for line in found if "duration.length_ratio" not in line]
 
 
 def test_an_ordinary_campaign_is_not_warned_of() -> None:
@@ -78,6 +80,55 @@ def test_values_that_are_given_are_warned_of_by_their_names() -> None:
         "fragmentation",
         "campaign.yaml: density: is 2.5 kg/m^3; usual is from 20 kg/m^3, foams, to 22600, osmium",
     ]
+
+
+def test_the_hardness_of_cold_grains_is_one_that_matter_has() -> None:
+    fixed_time = ("  end_time", "  end_time: 1 ms")
+    [line] = lines(campaign(("  activation", "  activation_energy: 0.7 MJ/mol"), fixed_time))
+    assert line.startswith("campaign.yaml:24: variables.activation_energy: is 700000 J/mol")
+    assert "10^130 Pa" in line  # 2e8 exp(7e5/(300 R))
+    [line] = lines(campaign(("  activation", "  activation_energy: 1e9"), fixed_time))
+    assert line.startswith("campaign.yaml:24: variables.activation_energy: is 1e+09 J/mol; usual")
+    softer = ("  activation", "  activation_energy: 15 kJ/mol")
+    assert not any("activation" in line for line in lines(campaign(softer, fixed_time)))
+
+
+def spread(settings: str) -> tuple[str, str]:
+    return "  velocities", f"  velocities: {{law: spread, {settings}}}"
+
+
+@pytest.mark.parametrize(
+    ("edit", "place"),
+    [
+        (spread("mean: [0, 0, 3e6 m/s]"), "6: scene.velocities.mean: makes speeds up to 3e+06 m/s"),
+        (spread("transverse: 1e3"), "6: scene.velocities.transverse: is 1000, which makes speeds"),
+        (
+            ("  relative_speed", "  relative_speed: 3e6"),
+            "17: variables.relative_speed: makes speeds",
+        ),
+    ],
+)
+def test_speeds_of_which_newton_knew_nothing(edit: tuple[str, str], place: str) -> None:
+    found = lines(campaign(edit, ("  end_time", "  end_time: 1 ms")))
+    assert any(line.startswith(f"campaign.yaml:{place}") for line in found)
+
+
+def test_a_mean_flow_of_kilometres_per_second_is_that_of_a_projectile() -> None:
+    assert lines(campaign(spread("mean: [0, 0, 20 km/s]"))) == []
+
+
+def test_grains_that_are_too_slow_to_bond_are_told_the_speed() -> None:
+    [line] = map(str, campaign().warnings())
+    # sqrt(6 a_f H beta/rho) with a_f = 1, H = 10 MPa, beta = 1, rho = 6000 kg/m^3
+    assert line.startswith("campaign.yaml:3: scene.duration.length_ratio: is 1: two grains ")
+    assert "bond from 100 m/s on" in line
+    assert "no more than 30 m/s" in line
+    short = ("  contact_area", "  duration: {law: mean_speed, length_ratio: 1e-6}")
+    assert campaign(short).warnings() == []
+    assert not any(
+        "length_ratio" in str(w)
+        for w in campaign().warnings({"relative_speed": 60, "hardness": 1e7})
+    )
 
 
 def test_grains_at_rest_are_not_expected_to_meet() -> None:

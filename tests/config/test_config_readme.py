@@ -22,7 +22,10 @@ def test_every_message_in_the_readme_is_one_of_the_sources():
     said = readme.partition("## What is said")[2].partition("## To add")[0]
     messages = re.findall(r"^\|.*\| `(.+)` \|$", said, re.MULTILINE)
     assert len(messages) > 50
-    modules = [*(PACKAGE / "config").glob("*.py"), PACKAGE / "analysis" / "run_warnings.py"]
+    modules = [
+        *(PACKAGE / "config").glob("*.py"),
+        *(PACKAGE / "analysis" / f"{name}_warnings.py" for name in ("result", "run")),
+    ]
     known = {text.strip() for m in modules for text in texts(m)}
     known |= {text.strip() for text in texts(PACKAGE / "runtime" / "file_setup.py")}
     assert [message for message in messages if message not in known] == []

@@ -1,7 +1,7 @@
 """A scene with fixed variables needs no plan: it is checked and simulated, but not searched."""
 
 import pytest
-from campaign_text import campaign, edited
+from campaign_text import TEXT, campaign, edited
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -168,3 +168,45 @@ def test_what_is_beyond_is_a_matter_of_the_string() -> None:
         loaded.simulate({"activation_energy": 3e7})
     timed = campaign(("  end_time", "  end_time: 1 s"))
     timed.check_scales(timed.parameters({"activation_energy": 3e7}))
+
+
+def test_a_range_that_makes_a_file_a_search_is_named_where_sections_are_missing() -> None:
+    text = "\n".join(line for line in TEXT.splitlines() if not line.startswith("objective"))
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(text)
+    [problem] = caught.value.problems
+    assert problem.field == "objective"
+    assert "variables.relative_speed, line 17, is a range to search" in problem.message
+
+
+def test_a_section_that_makes_a_file_a_search_is_named_where_others_are_missing() -> None:
+    lines = TEXT.replace("[0.1, 30]", "1").replace("[0.4, 0.8]", "0.5").replace("[1e7, 2e8]", "1e7")
+    text = lines.partition("ensemble:")[0]
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(text)
+    assert [problem.field for problem in caught.value.problems] == ["ensemble", "stopping"]
+    assert all("section search, line 27," in p.message for p in caught.value.problems)
+
+
+DEFAULTS = """
+scene: {particles: 300, half_width: 1 cm, velocities: spread, end_time: 10 ms, heating: none}
+variables:
+  {relative_speed: 20, size_ratio: 0.5, density: 2500, hardness: 48 MPa, temperature: 300,
+  activation_energy: 0}
+"""
+
+
+def test_defaults_of_laws_are_described_with_what_follows() -> None:
+    lines = Campaign.from_text(DEFAULTS).describe().splitlines()
+    followed = {line[2:28].strip(): line[28:54].strip() for line in lines}
+    assert followed["mean flow"] == "101 m/s"  # |(10, 10, 100)|
+    assert followed["fastest approach"] == "40.4 m/s"  # 2 v0 sqrt(1 + 2 0.1**2)
+    assert followed["grains bond from"] == "339 m/s"  # sqrt(6 H/rho)
+    [spread] = [line for line in lines if line.startswith("  velocities: spread")]
+    assert "mean (10, 10, 100) m/s (default)" in spread
+    assert any("length_ratio 1 (default)" in line for line in lines)
+    given = DEFAULTS.replace("spread,", "{law: spread, mean: [0, 0, 0], transverse: 1},")
+    lines = Campaign.from_text(given).describe().splitlines()
+    assert not any("mean flow" in line for line in lines)
+    [spread] = [line for line in lines if line.startswith("  velocities: spread")]
+    assert spread.endswith("mean (0, 0, 0) m/s, transverse 1")

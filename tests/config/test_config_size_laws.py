@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -225,3 +226,27 @@ def test_check_says_what_the_sizes_are():
     assert "grains: mean diameter 51.8 µm; the box follows from it" in text
     assert "by Enskog's theory of mixtures, were all elastic" in text
     assert "number of grains" not in text.partition("not known of a particle")[2]
+
+
+def drawn(spread, particles=50, fraction=0.2):
+    """Share of samples in % that fail and volume fraction of the others, by a warning, or None."""
+    loaded = campaign(
+        ("  particles", f"  particles: {particles}"),
+        ("  half_width", f"  half_width: 0.01\n  sizes: {{law: lognormal, spread: {spread}}}"),
+        ("  size_ratio", f"  volume_fraction: [0.01, {fraction}]"),
+    )
+    found = [w for w in loaded.warnings() if w.field == "scene.sizes"]
+    if not found:
+        return None
+    assert found[0].line == 6
+    numbers = re.search(r"about ([\d.]+) % of samples.* samples fill ([\d.]+) of", found[0].message)
+    return float(numbers[1]), float(numbers[2])
+
+
+def test_a_law_that_loses_its_large_draws_is_warned_of():
+    # Of 300 samples 6 fail, and the others fill 0.181 +- 0.006 of the box, not 0.2.
+    share, filled = drawn(2.0)
+    assert 1.0 < share < 4.0
+    assert 0.165 < filled < 0.191
+    assert drawn(3.0)[1] < filled
+    assert drawn(1.3) is drawn(2.0, fraction=0.02) is drawn(2.0, particles=5000) is None

@@ -1,4 +1,6 @@
 import os
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,30 @@ def test_a_missing_extra_is_named_with_what_it_is_for(monkeypatch):
     assert found["extra search"].found == "without cmaes"
     assert "pip install 'agglom_mpi[search]'" in found["extra search"].advice
     assert not found["extra report"].advice
+
+
+@pytest.mark.parametrize("extra", doctor.NEEDED_FOR)
+def test_the_libraries_of_an_extra_are_those_of_the_project(extra):
+    """By the metadata of the installed package: install it again where they differ."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    listed = project["optional-dependencies"][extra]
+    assert doctor.libraries_of(extra) == tuple(re.match(r"[\w.-]+", line)[0] for line in listed)
+
+
+@pytest.mark.parametrize("library", ["jinja2", "emcee", "pandas"])
+def test_an_extra_without_one_of_its_libraries_is_not_complete(monkeypatch, library):
+    monkeypatch.setattr(doctor, "is_installed", lambda name: name != library)
+    found = {finding.topic: finding for finding in doctor.check_libraries()}
+    assert found["extra report"].found == f"without {library}"
+
+
+def test_of_a_package_that_is_not_installed_no_extra_is_called_complete(monkeypatch):
+    def missing(name):
+        raise doctor.PackageNotFoundError
+
+    monkeypatch.setattr(doctor, "requires", missing)
+    found = {finding.topic: finding.found for finding in doctor.check_libraries()}
+    assert "not known" in found["extra report"]
 
 
 def test_slurm_is_asked_what_it_speaks(tmp_path):

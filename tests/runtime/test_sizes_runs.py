@@ -8,9 +8,17 @@ import pytest
 from campaign_runs import SMALL, assert_sound, finish, invert, write_campaign
 from click.testing import CliRunner
 
+from agglom_mpi.analysis.drawn_sizes import drawn_fraction
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.resimulation import recorded_campaign
+from agglom_mpi.analysis.run_warnings import run_warnings
+from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.outcome import FailureReason
+from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.variables import NAMES
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +68,36 @@ def test_all_grains_are_in_the_particles_that_are_left(run):
     _, campaign = run
     final = campaign.simulate({}).final
     assert final.grains.sum() == campaign.scene.particles
+
+
+def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
+    file = read_campaign(run[0] / "sizes.h5")
+    campaign, string = recorded_campaign(file), int(rank_strings(file).order[0])
+    rows = file.all_sample_rows()
+    rows = rows[(rows["string"] == string) & (rows["state"] == 1)]
+    parameters = file.parameters[string]
+    scene = campaign.scene.build(parameters)
+    filled = [
+        campaign.simulate(parameters, int(sample)).final.masses.sum()
+        / (scene.mass / (4.0 / 3.0 * np.pi * scene.radius**3) * (2.0 * scene.half_width) ** 3)
+        for sample in rows["sample"]
+    ]
+    drawn = drawn_fraction(file, string)
+    assert drawn.completed.value == pytest.approx(np.mean(filled), rel=1e-12)
+    assert drawn.completed.samples == len(rows)
+    best = collect_summary(file).best[0]
+    assert best["drawn_volume_fraction"] == drawn.as_dict()
+    size_ratio = file.parameters[string][NAMES.index("size_ratio")]
+    assert drawn.wanted == pytest.approx(campaign.fraction(size_ratio), rel=1e-12)
+    estimate = campaign.estimate(parameters, 3)
+    assert estimate.volume_fraction.value == pytest.approx(np.mean(filled[:3]), rel=1e-12)
+
+
+def test_jammed_samples_of_a_wide_law_are_warned_of(run, monkeypatch):
+    file = read_campaign(run[0] / "sizes.h5")
+    assert not any(line.startswith("scene.sizes") for line in run_warnings(file))
+    rows = file.all_sample_rows().copy()
+    rows["reason"][:2] = FailureReason.PLACEMENT_JAMMED
+    monkeypatch.setattr(type(file), "all_sample_rows", lambda self: rows)
+    [line] = [line for line in run_warnings(file) if line.startswith("scene.sizes")]
+    assert line.startswith(f"scene.sizes: 2 of {len(rows)} samples found no place")

@@ -12,10 +12,12 @@ from scenes import HALF, ball_mass, state
 
 from agglom_mpi import Box
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.plausibility import MOST_FILLED
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.physics.kinetic_theory import mixture_rates
 from agglom_mpi.physics.sizes import ListedSizes, LognormalSizes, draw_radii
-from agglom_mpi.simulation.initial_state import Sizes, scatter
+from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.initial_state import Sizes, UniformX, scatter
 from agglom_mpi.simulation.sample import simulate_scene
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
@@ -232,3 +234,22 @@ def mixture(law, fraction, seed):
     velocities = theory.maxwellian(ball_mass(radius) * ratios**3, 1.0, random)
     scene = scene._replace(radius=radius, mass=ball_mass(radius))
     return scene, state(scene, places.T, velocities, radii)
+
+
+def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
+    """The rule by which a wide law is warned of before a run: see `plausibility.MOST_FILLED`."""
+    law, count, half = LognormalSizes(math.log(2.0)), 50, 1.0
+    unit = half * (0.2 * 6.0 / math.pi / math.exp(3.0 * math.log(2.0) ** 2)) ** (1 / 3)
+    places = np.empty((3, count))
+    outcomes = {}
+    for seed in range(300):
+        random = np.random.default_rng(seed)
+        radii = unit / count ** (1 / 3) * draw_radii(law, random, count)
+        filled = 4.0 / 3.0 * math.pi * (radii**3).sum() / (2.0 * half) ** 3
+        if filled > 0.45 and radii[0] < half:
+            sizes = Sizes(radii, float(radii[0]))
+            placed = scatter(Periodic(), UniformX(1.0), random, sizes, half, places, places.copy())
+            outcomes[filled] = placed
+    assert len(outcomes) > 5
+    assert all(placed for filled, placed in outcomes.items() if filled < MOST_FILLED - 0.05)
+    assert not any(placed for filled, placed in outcomes.items() if filled > MOST_FILLED + 0.2)

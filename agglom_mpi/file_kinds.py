@@ -1,0 +1,51 @@
+"""What a file that a command was given is, told by its first bytes, before any library reads it."""
+
+import os
+import re
+from pathlib import Path
+from typing import Final
+
+SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file."""
+
+HEAD: Final = 1 << 16
+"""Bytes of a text in which a section of a campaign is looked for."""
+
+_SECTION: Final = re.compile(rb"^(\xef\xbb\xbf)?(scene|variables):", re.MULTILINE)
+
+HDF5_IS_NO_YAML: Final = (
+    "is an HDF5 file, not YAML; agglom report, check, simulate and export read campaign files"
+)
+YAML_IS_NO_HDF5: Final = (
+    "it reads like a campaign in YAML: agglom-invert runs it, and agglom check, plan and simulate "
+    "read it"
+)
+
+
+def is_hdf5(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is to be read as HDF5: by its name, or by what the file begins with."""
+    return Path(path).suffix == ".h5" or begins_as_hdf5(path)
+
+
+def begins_as_hdf5(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as HDF5 does, whatever its size and its name."""
+    return _head(path, len(SIGNATURE)) == SIGNATURE
+
+
+def reads_like_a_campaign(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a text with a section of a campaign."""
+    return _SECTION.search(_head(path, HEAD)) is not None
+
+
+def _head(path: str | os.PathLike[str], size: int) -> bytes:
+    """Return the first bytes of a regular file; none of anything else.
+
+    A pipe, which can be read only once, is not looked into: HDF5 cannot be read from one.
+    """
+    try:
+        if not Path(path).is_file():
+            return b""
+        with Path(path).open("rb") as file:
+            return file.read(size)
+    except (OSError, ValueError):  # ValueError: a null byte in the name
+        return b""
