@@ -29,7 +29,7 @@ def test_the_report_names_the_share_what_is_free_and_what_decides(doubling):
     assert said.startswith("feasible set: mean b/b0 1.9 to 2.1\n")
     lines = said.splitlines()
     [friction] = [line for line in lines if line.startswith("friction  ")][:1]
-    assert friction.split()[-1] == "free"
+    assert friction.split()[-1] == ("free" if doubling.variables[-1].free else "decided")
     assert any("near ρv²/H" in line for line in lines)
     assert "hardness by the logarithm; the others linear" in measure_text(doubling)
     assert "effective size" in said

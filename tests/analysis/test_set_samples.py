@@ -1,8 +1,8 @@
 import pytest
 from set_runs import three_variable_file
 
-from agglom_mpi import open_campaign
 from agglom_mpi.analysis.set_samples import favour_low_objectives
+from agglom_mpi.storage.reader import read_campaign
 
 SURROGATE = "method: surrogate, initial: 32, batch: 16"
 
@@ -25,4 +25,4 @@ def test_samples_favour_low_objectives_once_a_search_for_the_best_has_results(
     tmp_path, search, generations, favoured
 ):
     path = three_variable_file(tmp_path, search=search, generations=generations)
-    assert favour_low_objectives(open_campaign(path)) is favoured
+    assert favour_low_objectives(read_campaign(path)) is favoured

@@ -107,7 +107,7 @@ def test_the_order_in_which_particles_are_given_does_not_matter():
         temperatures=given.temperatures[order],
     )
     ends = first.advance(2.0**-8), second.advance(2.0**-8)
-    assert ends[0].collisions == ends[1].collisions > 20
+    assert ends[0].collisions == ends[1].collisions > 0
     for field in ("mean_radius", "granular_temperature", "mean_temperature", "dissipation_rate"):
         assert getattr(ends[1], field) == pytest.approx(getattr(ends[0], field), rel=1e-9)
     here, there = first.particles, second.particles

@@ -1,6 +1,7 @@
 """The number of stretches that a box is run in does not matter; it is run as a sample is."""
 
 import copy
+import math
 import pickle
 
 import numpy as np
@@ -32,7 +33,8 @@ def test_eight_stretches_are_one_to_the_bit(name):
     states = [parts.advance(time / 8) for _ in range(8)]
     assert bits(parts) == bits(whole)
     for field in INSTANTANEOUS:
-        assert getattr(states[-1], field) == getattr(at_once, field)
+        last, whole_one = getattr(states[-1], field), getattr(at_once, field)
+        assert last == whole_one or (math.isnan(last) and math.isnan(whole_one))
     assert states[-1].momentum_density.tobytes() == at_once.momentum_density.tobytes()
     for field in COUNTS:
         assert sum(getattr(state, field) for state in states) == getattr(at_once, field)
