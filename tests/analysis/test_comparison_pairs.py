@@ -129,7 +129,7 @@ def test_a_report_says_that_pairs_were_compared_and_tells_what_they_tell(common)
         difference = paired.difference(estimates[0].string, estimate.string)
         wanted = stats.ttest_rel(signed[0], signed[place]).pvalue
         assert paired_p_value(difference) == pytest.approx(wanted, rel=1e-6)
-    told = json.loads(CliRunner().invoke(main, ["report", "--json", str(common)]).output)
+    told = json.loads(CliRunner().invoke(main, ["report", "--json", str(common)]).stdout)
     assert told["verdict"]["test"] == "paired t on common configurations"
 
 

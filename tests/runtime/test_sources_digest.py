@@ -22,7 +22,7 @@ SAME = [
     ("config/consequences.py", "mean free path", "free path"),
     ("config/estimate.py", "result of 1 sample", "result of one sample"),
     ("config/campaign.py", "allow {share} of the box; a narrower", "allow {share}; a narrower"),
-    ("config/campaign.py", "must be at least 1", "must be 1 at least"),
+    ("config/campaign.py", "must be event, fixed", "must be one of event, fixed"),
     ("config/sizes.py", "must ", "has to "),
     ("report/page.py", "def ", "def other_"),
 ]
@@ -30,7 +30,7 @@ OTHER = [
     ("physics/constants.py", "8.314462618", "8.314462619"),
     ("search/ensemble.py", "10 * (failed", "11 * (failed"),
     ("config/campaign.py", "first_sample", "other_sample"),
-    ("config/campaign.py", "generations < 1", "generations < 2"),
+    ("config/campaign.py", "self.plan is None", "self.plan is not None"),
     ("config/identity.py", '"seed"', '"sown"'),
     ("runtime/experiment.py", "best.setdefault(", "best.update("),
     ("analysis/warm_start.py", "parameters_of(begun)", "parameters_of(begun)[::-1]"),
