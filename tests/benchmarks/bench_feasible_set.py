@@ -242,7 +242,9 @@ def fresh_samples():
         rows = kept.rows.copy()
         for i, string in enumerate(kept.strings):
             # Numbers differ between the samples of one string; they start beyond those of truths.
-            rows[i] = simulated(campaign, string, 3 * FRESH + i, 1)[0]
+            anew = simulated(campaign, string, 3 * FRESH + i, 1)[0]
+            for column in OUTCOME.names:
+                rows[i][column] = anew[column]
         return kept._replace(rows=rows)
 
     feasible_set.stored_samples = simulated_again
