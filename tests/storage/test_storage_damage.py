@@ -45,7 +45,7 @@ def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path, flips
         said, errors = output_of(process)
     assert process.returncode == 0, errors
     found = json.loads(said)
-    assert flips < 30 * found.count(REFUSED) < 10 * flips
+    assert flips < 30 * found.count(REFUSED) < 20 * flips
     # Some damage makes HDF5 1.10 crash by itself, and nothing above it can catch that.
     crashes = {-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGABRT} if OLD else set()
     assert set(found) <= {SOUND, REFUSED} | crashes
