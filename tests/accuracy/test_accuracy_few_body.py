@@ -160,9 +160,11 @@ def test_few_runs_of_two_spheres_are_as_exact_as_many():
         assert rows["position error, largest"].max() < 1e-14
         assert rows["velocity error, largest"].max() < 1e-13
         assert not rows["other bonds"].any()
-    for name in ("fixed", "adaptive"):
-        coarse, fine = head_on[head_on["engine"] == name]["position error"]
-        assert fine < coarse
+    coarse, fine = head_on[head_on["engine"] == "fixed"]["position error"]
+    assert fine < coarse
+    # Few runs have a last step that a floor makes too long: a hundredth of 400 equal steps.
+    adaptive = head_on[head_on["engine"] == "adaptive"]
+    assert adaptive["position error"].max() < fine
 
 
 @pytest.mark.slow
