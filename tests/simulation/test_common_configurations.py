@@ -23,7 +23,8 @@ def test_strings_that_hardly_differ_end_alike_only_with_common_configurations():
     # Chaos multiplies what they differ by, in a sample of some hundred collisions.
     shared = np.isclose(ratios(COMMON, **near), ratios(COMMON, **far), rtol=1e-3)
     assert shared.mean() > 0.5
-    assert not np.isclose(ratios(OWN, **near), ratios(OWN, **far), rtol=1e-3).any()
+    own = np.isclose(ratios(OWN, **near), ratios(OWN, **far), rtol=1e-3)
+    assert own.mean() < 0.25  # as few by chance
 
 
 def test_samples_of_one_string_differ():
