@@ -137,8 +137,8 @@ def test_oversize_spheres_among_grains_collide_as_without_cells(large, e, fricti
     compared, hits, seed = 0, 0, 0
     while compared < 100 or hits <= 15:
         particles = mixture(scene, seed, np.array(large) * HALF)
-        expected = reference(scene, particles, e, friction, 150)
-        run = recorded(scene, particles, 150)
+        expected = reference(scene, particles, e, friction, 80)
+        run = recorded(scene, particles, 80)
         assert run.per_axis[0] >= 4
         assert run.oversize[0] == len(large)
         known = assert_same_bounces(run, expected)
