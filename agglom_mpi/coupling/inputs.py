@@ -251,15 +251,16 @@ def _place_and_draw(
     The largest are placed first, which jams less. Returns the positions in m, shape (n, 3).
     """
     laws, half_width = (scene.escape, scene.velocities), scene.half_width
+    never = np.zeros(1, np.uint8)
     if positions is not None:
-        scatter(*laws, random, None, half_width, np.empty((3, 0)), velocity)
+        scatter(*laws, random, None, half_width, np.empty((3, 0)), velocity, never)
         return positions
     order = np.argsort(-radii, kind="stable")
     sizes: EqualSizes | Sizes = EqualSizes(2.0 * float(radii[0]))
     if np.any(radii != radii[0]):
         sizes = Sizes(radii[order], float(radii.max()))
     placed = np.empty((3, len(radii)))
-    if not scatter(*laws, random, sizes, half_width, placed, velocity):
+    if not scatter(*laws, random, sizes, half_width, placed, velocity, never):
         fraction = np.sum((radii / half_width) ** 3) * np.pi / 6.0
         raise ValueError(
             f"radii fill {fraction:.3g} of the box with {len(radii)} spheres, and one found no "

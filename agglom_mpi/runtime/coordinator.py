@@ -84,7 +84,10 @@ class Coordinator:
         """The fresh samples of the best strings; only after the last decision."""
         assert self.inversion.finished
         plan, stored = self._experiment.reestimation_plan(self.inversion), self._stored
-        known = {*stored.fresh_samples[["string", "sample"]].tolist(), *stored.fresh_timed_out}
+        rows, late = stored.fresh_samples, np.array([*stored.fresh_timed_out], np.int64)
+        known = np.concatenate(
+            [np.column_stack([rows["string"], rows["sample"]]), late.reshape(-1, 2)]
+        )
         return ReestimationStage(plan, *self._fresh, known, self.inversion.parameters)
 
     @cached_property

@@ -1,14 +1,16 @@
 """Stages after the search: re-estimation of the best strings, stored frames."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, Stage
+from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.sample_set import SampleSet
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -81,27 +83,28 @@ class FrameStage(PostStage):
         self._writer = writer
         self._parameters = parameters
         self._places = {pair: place for place, pair in enumerate(plan.samples)}
-        wanted, stored = self._keys(), writer.frame_keys() if plan.samples else {}
-        self._same = all(wanted.get(place) == key for place, key in stored.items())
-        self._missing = set(wanted)
+        self._missing = np.ones(len(plan.samples) * plan.frames, np.bool_)
+        stored = writer.frame_keys() if plan.samples else {}
+        self._same = all(self._is_wanted(row, key) for row, key in stored.items())
         if self._same:
-            self._missing -= stored.keys()
+            self._missing[list(stored)] = False
+        self._left = int(np.count_nonzero(self._missing))
 
     @property
     def complete(self) -> bool:
         """Whether the file holds exactly what is asked for, or nothing is asked for."""
-        return self._same and not self._missing
+        return self._same and not self._left
 
     @property
     def done(self) -> bool:
         """Whether nothing more is expected."""
-        return not self._missing
+        return not self._left
 
     @property
     def stage(self) -> Stage:
         """Count the frames that are asked for."""
-        total = len(self._places) * self._plan.frames
-        return Stage(total - len(self._missing), total, "pictures")
+        total = len(self._missing)
+        return Stage(total - self._left, total, "pictures")
 
     def open(self) -> NDArray[np.void]:
         """Drop frames of other samples; return the tasks, (n,) of `TASK`, for missing ones."""
@@ -109,9 +112,9 @@ class FrameStage(PostStage):
             self._writer.forget_frames()
             self._same = True
         count = max(1, self._plan.frames)
-        lacking = sorted({row // count for row in self._missing})
+        lacking = np.unique(np.flatnonzero(self._missing) // count)
         tasks = np.zeros(len(lacking), TASK)
-        for task, place in zip(tasks, lacking, strict=True):
+        for task, place in zip(tasks, lacking.tolist(), strict=True):
             task["string"], task["first"] = self._plan.samples[place]
             task["count"], task["frames"] = 1, count
             task["parameters"] = self._parameters(int(task["string"]))
@@ -128,21 +131,25 @@ class FrameStage(PostStage):
         count = self._plan.frames
         at = place * count + int(first["frame"])
         self._writer.put_frames(at, rows)
-        self._missing -= set(range(at, at + len(rows)))
-        return self._missing.isdisjoint(range(place * count, (place + 1) * count))
+        self._expect_no_more(at, len(rows))
+        return not self._missing[place * count :][:count].any()
 
     def give_up(self, string: int, sample: int) -> None:
         """Expect no more frames of a sample that raised."""
-        at = self._places[string, sample] * self._plan.frames
-        self._missing -= set(range(at, at + self._plan.frames))
-
-    def _keys(self) -> dict[int, tuple[int, int, int]]:
         count = self._plan.frames
-        return {
-            place * count + frame: (*pair, frame)
-            for pair, place in self._places.items()
-            for frame in range(count)
-        }
+        self._expect_no_more(self._places[string, sample] * count, count)
+
+    def _expect_no_more(self, first: int, count: int) -> None:
+        rows = self._missing[first : first + count]
+        self._left -= int(np.count_nonzero(rows))
+        rows[:] = False
+
+    def _is_wanted(self, row: int, key: tuple[int, int, int]) -> bool:
+        """Whether a row of `/frames` is to hold this (string, sample, frame)."""
+        if row >= len(self._missing):
+            return False
+        place, frame = divmod(row, self._plan.frames)
+        return (*self._plan.samples[place], frame) == key
 
 
 class ReestimationStage(PostStage):
@@ -155,7 +162,7 @@ class ReestimationStage(PostStage):
     fresh_from, max_samples
         Numbers of the first fresh sample of a string, and of the first that there is no room for.
     known
-        (string, sample) that need no simulation, from an earlier leg.
+        String and number of samples that need no simulation, from an earlier leg, shape (n, 2).
     parameters
         Returns the parameter string, (10,), of a number.
     """
@@ -165,14 +172,15 @@ class ReestimationStage(PostStage):
         plan: ReestimationPlan,
         fresh_from: int,
         max_samples: int,
-        known: Collection[tuple[int, int]],
+        known: NDArray[np.int64],
         parameters: Callable[[int], NDArray[np.float64]],
     ) -> None:
-        self._plan = plan
-        self._numbers = range(fresh_from, min(fresh_from + plan.samples, max_samples))
+        count = max(0, min(plan.samples, max_samples - fresh_from))
+        self._total = len(plan.strings) * count
         self._parameters = parameters
-        pairs = {(string, sample) for string in plan.strings for sample in self._numbers}
-        self._missing = pairs.difference(known)
+        wanted = (SampleRange(string, fresh_from, count) for string in plan.strings)
+        self._missing = SampleSet(part for part in wanted if part.size)
+        self._missing.discard(known[:, 0], known[:, 1])
 
     @property
     def complete(self) -> bool:
@@ -187,24 +195,23 @@ class ReestimationStage(PostStage):
     @property
     def stage(self) -> Stage:
         """Count the samples that are asked for."""
-        total = len(self._plan.strings) * len(self._numbers)
-        return Stage(total - len(self._missing), total, "fresh samples")
+        return Stage(self._total - len(self._missing), self._total, "fresh samples")
 
     def open(self) -> NDArray[np.void]:
         """Return the tasks, (n,) of `TASK`, for missing samples, the best string first."""
-        pairs = [(i, j) for i in self._plan.strings for j in self._numbers]
-        tasks = np.zeros(len(self._missing), TASK)
-        lacking = [pair for pair in pairs if pair in self._missing]
-        for task, (string, sample) in zip(tasks, lacking, strict=True):
-            task["string"], task["first"], task["count"] = string, sample, 1
-            task["parameters"] = self._parameters(string)
+        lacking = list(self._missing.runs())
+        tasks = np.zeros(len(lacking), TASK)
+        for task, part in zip(tasks, lacking, strict=True):
+            task["string"], task["first"], task["count"] = part
+            task["parameters"] = self._parameters(part.string)
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
         """Return a sentence about the work to be done, for the display."""
         strings = pluralise(len(set(tasks["string"].tolist())), "string")
-        return f"estimating {strings} again, on {pluralise(len(tasks), 'fresh sample')}"
+        samples = pluralise(int(tasks["count"].sum()), "fresh sample")
+        return f"estimating {strings} again, on {samples}"
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Take samples, rows of `/samples`, (n,), completed or failed."""
-        self._missing.difference_update(rows[["string", "sample"]].tolist())
+        self._missing.discard(rows["string"], rows["sample"])

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from agglom_mpi.scheduling.estimators import BatchSizer
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
 from agglom_mpi.scheduling.interface import TASK
-
-Key = tuple[int, int]
-"""String and number of a sample."""
+from agglom_mpi.scheduling.sample_set import SampleSet
 
 BATCHES_PER_RANK: Final = 2 * MESSAGES_IN_FLIGHT
 """Fewest batches into which what waits for each rank is divided, so that all end together."""
@@ -43,11 +41,10 @@ class StaticScheduler:
         self._ranks = ranks
         self._of_string = {int(task["string"]): task for task in tasks}
         self._waiting = deque(
-            (int(task["string"]), sample)
-            for task in tasks
-            for sample in range(task["first"], task["first"] + task["count"])
+            SampleRange(*part) for part in tasks[["string", "first", "count"]].tolist()
         )
-        self._open = set(self._waiting)
+        self._waiting_samples = sum(part.size for part in self._waiting)
+        self._open = SampleSet(self._waiting)
 
     @property
     def in_flight(self) -> int:
@@ -56,7 +53,8 @@ class StaticScheduler:
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Yield ranks and their new tasks, arrays of `TASK`, at the time `now` in s."""
-        size = self.batch_sizer.batch_size(len(self._waiting) / (BATCHES_PER_RANK * self._ranks))
+        share = self._waiting_samples / (BATCHES_PER_RANK * self._ranks)
+        size = self.batch_sizer.batch_size(share)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
             while self._waiting and (rank := self._in_flight.next_rank(batches)) is not None:
                 if not (batch := self._next_batch(size)):
@@ -68,14 +66,17 @@ class StaticScheduler:
         """Take at most `size` samples that wait and that no rank has done meanwhile."""
         batch: list[SampleRange] = []
         while self._waiting and size:
-            string, sample = key = self._waiting.popleft()
-            if key not in self._open:
-                continue
-            size -= 1
-            if batch and key == (batch[-1].string, batch[-1].first + batch[-1].size):
-                batch[-1] = batch[-1]._replace(size=batch[-1].size + 1)
-            else:
-                batch.append(SampleRange(string, sample, 1))
+            part = self._waiting.popleft()
+            part, rest = part.split(min(size, part.size))
+            if rest.size:
+                self._waiting.appendleft(rest)
+            self._waiting_samples -= part.size
+            for run in self._open.runs_in(part):
+                size -= run.size
+                if batch and run[:2] == (batch[-1].string, batch[-1].first + batch[-1].size):
+                    batch[-1] = batch[-1]._replace(size=batch[-1].size + run.size)
+                else:
+                    batch.append(run)
         return batch
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
@@ -96,13 +97,7 @@ class StaticScheduler:
             Ranges of samples in order, and which of each no rank has returned before, (size,).
         """
         removed = self._in_flight.remove(rank, len(done))
-        return [(part, self._first_returns(part)) for part in removed]
-
-    def _first_returns(self, part: SampleRange) -> NDArray[np.bool_]:
-        keys = [(part.string, part.first + place) for place in range(part.size)]
-        first = np.array([key in self._open for key in keys])
-        self._open.difference_update(keys)
-        return first
+        return [(part, self._open.take(part)) for part in removed]
 
     def done(self, rank: int) -> None:
         """Take the next sample of a rank off those in flight."""
@@ -115,11 +110,7 @@ class StaticScheduler:
     def mark_silent(self, now: float, timeout: float) -> list[int]:
         """Mark and return ranks that have work and were not heard for `timeout` s; reassign it."""
         marked = self._in_flight.mark_silent(now - timeout)
-        repeated = [
-            (part.string, part.first + place)
-            for rank in marked
-            for part in self._in_flight.ranges(rank)
-            for place in range(part.size)
-        ]
+        repeated = [part for rank in marked for part in self._in_flight.ranges(rank)]
         self._waiting.extendleft(reversed(repeated))
+        self._waiting_samples += sum(part.size for part in repeated)
         return marked

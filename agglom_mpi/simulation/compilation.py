@@ -155,7 +155,8 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     if scene.sizes is not None:
         sizes = initial_state.Sizes(np.full(1, scene.radius), scene.radius)
     laws, vectors = (scene.escape, scene.velocities), np.empty((2, 3, 1))
-    return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors)
+    abort = np.zeros(1, np.uint8)
+    return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors, abort)
 
 
 def _nothing() -> None:

@@ -119,7 +119,7 @@ def _twice_the_largest(sizes):
 
 
 @inlined_allocating
-def place_randomly(random, escape, position, sizes, half_width):
+def place_randomly(random, escape, position, sizes, half_width, abort):
     """Place spheres one after another at free random places.
 
     The largest should come first: that jams less. Cells hold the spheres placed so far, so a trial
@@ -132,11 +132,12 @@ def place_randomly(random, escape, position, sizes, half_width):
     position : array, shape (3, N), m, filled
     sizes : EqualSizes or Sizes
     half_width : float, m
+    abort : uint8 array, shape (1,); anything but 0 ends the search for places
 
     Returns
     -------
     bool
-        False if a sphere found no place: the packing jammed.
+        False if a sphere found no place: the packing jammed, or the search was ended.
     """
     count = position.shape[1]
     diameter = largest_diameter(sizes)
@@ -146,15 +147,17 @@ def place_randomly(random, escape, position, sizes, half_width):
     head = np.full((cells, cells, cells), -1, np.int64)
     following = np.full(count, -1, np.int64)
     cell = np.empty(3, np.int64)
-    return place_all(random, escape, position, cell, head, following, sizes, half_width)
+    return place_all(random, escape, position, cell, head, following, sizes, half_width, abort)
 
 
 @inlined
-def place_all(random, escape, position, cell, head, following, sizes, half_width):
-    """Place the spheres into the cells; False if one found no place."""
+def place_all(random, escape, position, cell, head, following, sizes, half_width, abort):
+    """Place the spheres into the cells; False if one found no place or the run is to end."""
     for i in range(position.shape[1]):
         free = False
         for shuffles in range(SHUFFLES + 1):
+            if abort[0] != np.uint8(0):
+                return False
             if shuffles > 0:
                 shuffle(random, escape, position, cell, head, following, i, sizes, half_width)
             trials = ATTEMPTS if shuffles == 0 else ATTEMPTS_BETWEEN
@@ -276,7 +279,7 @@ def is_free_of(escape, position, i, j, following, sizes, half_width):
 
 
 @kernel
-def scatter(escape, velocities, random, sizes, half_width, position, velocity):
+def scatter(escape, velocities, random, sizes, half_width, position, velocity, abort):
     """Place spheres as the grains of a sample are placed, and draw their velocities.
 
     Parameters
@@ -286,14 +289,15 @@ def scatter(escape, velocities, random, sizes, half_width, position, velocity):
     random : numpy.random.Generator
     sizes : EqualSizes, Sizes, or None if positions are given
     position, velocity : array, shape (3, N), m and m/s, filled; velocity None if given
+    abort : uint8 array, shape (1,); anything but 0 ends the search for places
 
     Returns
     -------
     bool
-        False if a sphere found no place.
+        False if a sphere found no place, or the search was ended.
     """
     if sizes is not None:  # noqa: SIM102  (types decide this one when it is compiled)
-        if not place_randomly(random, escape, position, sizes, half_width):
+        if not place_randomly(random, escape, position, sizes, half_width, abort):
             return False
     if velocity is not None:
         draw_velocities(velocities, random, velocity)

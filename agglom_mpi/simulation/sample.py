@@ -196,7 +196,8 @@ def simulate_scene(
     out["state"] = result.FAILED
     capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
     particles = new_particles(scene, capacity)
-    if place_grains(scene, random, particles):
+    abort = np.zeros(1, np.uint8) if abort is None else abort
+    if place_grains(scene, random, particles, abort):
         carry_to_end(without_law(scene), particles, abort, out, frames)
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
@@ -210,9 +211,9 @@ def count_changes(scene: Scene, random: np.random.Generator, until: float) -> in
     """
     capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
     particles, ledger = new_particles(scene, capacity), new_ledger()
-    if place_grains(scene, random, particles):
+    abort = np.zeros(1, np.uint8)
+    if place_grains(scene, random, particles, abort):
         state, initial = kept_engine_state(scene, capacity), np.zeros(1, INITIAL)
-        abort = np.zeros(1, np.uint8)
         run_engine(without_law(scene), particles, ledger, state, initial, until, abort)
     return int(ledger.counts[MERGES] + ledger.counts[BREAKUPS])
 
@@ -225,10 +226,15 @@ def without_law(scene: Scene) -> Scene:
     return scene if scene.sizes is None else scene._replace(sizes=True)
 
 
-def place_grains(scene: Scene, random: np.random.Generator, particles: Particles) -> bool:
+def place_grains(
+    scene: Scene,
+    random: np.random.Generator,
+    particles: Particles,
+    abort: npt.NDArray[np.uint8],
+) -> bool:
     """Draw sizes of the grains of a sample, places and velocities; return whether all have a place.
 
-    The largest come first.
+    The largest come first. `abort` is that of `simulate_scene`.
     """
     placed, velocity = np.empty((2, 3, scene.particles))
     sizes: EqualSizes | Sizes = EqualSizes(2.0 * scene.radius)
@@ -240,7 +246,7 @@ def place_grains(scene: Scene, random: np.random.Generator, particles: Particles
         particles.mass[: scene.particles] = scene.mass * (radii / scene.radius) ** 3
         sizes = Sizes(radii, float(radii[0]))
     if not scatter(
-        scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity
+        scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity, abort
     ):
         return False
     particles.position[:, : scene.particles] = placed

@@ -126,7 +126,7 @@ def time_of(scene, packing, each):
 
 def start(scene, random):
     particles = new_particles(scene, scene.particles)
-    place_grains(scene, random, particles)
+    place_grains(scene, random, particles, np.zeros(1, np.uint8))
     return particles
 
 

@@ -250,7 +250,8 @@ def test_cooling_by_steps_that_are_too_long_closes_its_ledger():
 
 @kernel
 def place_all(random, escape, position, sizes, half_width):
-    return place_randomly(random, escape, position, sizes, half_width)
+    abort = np.zeros(1, np.uint8)
+    return place_randomly(random, escape, position, sizes, half_width, abort)
 
 
 COUNTS = [2, 3, 4, 5, 8, 9, 10, 12, 30, 100, 300]

@@ -1,10 +1,13 @@
 """Which fresh samples are asked for, which are there, and which are missing; without files."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from agglom_mpi.runtime.experiment import ReestimationPlan
 from agglom_mpi.runtime.post_stages import ReestimationStage
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.schema import sample_dtype
 from agglom_mpi.variables import COUNT
 
@@ -17,12 +20,16 @@ def parameters(string):
 
 
 def reestimation(known=(), wanted=WANTED, room=30):
-    return ReestimationStage(wanted, 20, room, known, parameters)
+    pairs = np.array([*known], np.int64).reshape(-1, 2)
+    return ReestimationStage(wanted, 20, room, pairs, parameters)
 
 
 def pairs(tasks):
-    assert (tasks["count"] == 1).all()
-    return tasks[["string", "first"]].tolist()
+    return [
+        (int(task["string"]), sample)
+        for task in tasks
+        for sample in range(task["first"], task["first"] + task["count"])
+    ]
 
 
 def rows(*keys):
@@ -35,8 +42,8 @@ def test_all_are_simulated_the_best_string_first():
     stage = reestimation()
     tasks = stage.open()
     assert pairs(tasks) == ALL
-    assert tasks["frames"].tolist() == [0] * 6
-    assert tasks["parameters"][:, 0].tolist() == [7] * 3 + [2] * 3
+    assert tasks[["string", "count", "frames"]].tolist() == [(7, 3, 0), (2, 3, 0)]
+    assert tasks["parameters"][:, 0].tolist() == [7, 2]
     assert stage.announcement(tasks) == "estimating 2 strings again, on 6 fresh samples"
     stage.take(rows(*ALL[:5]))
     assert not stage.done
@@ -61,3 +68,14 @@ def test_there_are_as_many_as_there_is_room_for(room, some):
 
 def test_where_none_are_asked_for_there_is_nothing_to_do():
     assert reestimation(wanted=ReestimationPlan()).complete
+
+
+def test_millions_of_samples_cost_a_byte_each():
+    tracemalloc.start()
+    stage = reestimation(wanted=ReestimationPlan((7, 2), 10**6), room=2 * 10**6)
+    scheduler = StaticScheduler(stage.open(), 4)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 4 * 2 * 10**6
+    assert stage.stage == (0, 2 * 10**6, "fresh samples", False, False)
+    assert len(list(scheduler.assignments(0.0))) == 8

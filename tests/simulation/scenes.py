@@ -233,7 +233,8 @@ def run_engine(scene, particles, ledger, engine_state, abort):
 
 @kernel
 def place_spheres(random, escape, position, diameter, half_width):
-    return place_randomly(random, escape, position, EqualSizes(diameter), half_width)
+    abort = np.zeros(1, np.uint8)
+    return place_randomly(random, escape, position, EqualSizes(diameter), half_width, abort)
 
 
 def run_from(scene, particles):

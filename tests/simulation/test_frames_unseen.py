@@ -29,10 +29,17 @@ from plain_python import PLAIN, cases
 from processes import output_of, program
 from scenes import HALF
 
-from agglom_mpi.outcome import COMPLETED, FailureReason, final_particles
+from agglom_mpi.outcome import COMPLETED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.initial_state import scatter
-from agglom_mpi.simulation.sample import measure_sample, run_engine, simulate_scene
+from agglom_mpi.simulation.particles import new_particles
+from agglom_mpi.simulation.sample import (
+    carry_to_end,
+    measure_sample,
+    place_grains,
+    run_engine,
+    without_law,
+)
 from agglom_mpi.simulation.scene import EventDriven
 
 SHARES = st.lists(
@@ -268,7 +275,9 @@ def test_labels_are_unique_and_never_come_back(name):
 def test_an_abort_ends_the_frames_too():
     scene = SCENES["event"]
     frames = new_frames(np.linspace(0.0, scene.end_time, 5), scene.particles)
-    abort = np.ones(1, np.uint8)
-    simulate_scene(scene, np.random.default_rng(1), abort, frames)
+    particles = new_particles(scene, 2 * scene.particles)
+    assert place_grains(scene, np.random.default_rng(1), particles, np.zeros(1, np.uint8))
+    out = np.zeros(1, OUTCOME)
+    carry_to_end(without_law(scene), particles, np.ones(1, np.uint8), out, frames)
     assert frames.particles[0] == scene.particles
     assert np.all(frames.particles[1:] == 0)

@@ -40,6 +40,15 @@ def test_no_two_spheres_overlap_and_all_are_inside(escape, count, size_ratio):
         assert np.min(np.linalg.norm(away, axis=0)) >= diameter * (1.0 - 1e-12)
 
 
+@pytest.mark.plain
+def test_a_run_that_is_to_end_looks_for_no_place():
+    scene = breaking_event_periodic()
+    random, unused = np.random.default_rng(1), np.random.default_rng(1)
+    record, _ = simulate_scene(scene, random, np.ones(1, np.uint8))
+    assert record["state"] == FAILED
+    assert random.random() == unused.random()
+
+
 def test_the_centres_fill_the_box_evenly():
     """Exclusion only narrows the binomial spread, of which four standard deviations are allowed."""
     count = 4000

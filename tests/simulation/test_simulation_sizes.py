@@ -21,6 +21,7 @@ from agglom_mpi.simulation.initial_state import Sizes, UniformX, scatter
 from agglom_mpi.simulation.sample import simulate_scene
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
+NEVER = np.zeros(1, np.uint8)
 ENGINES = {"event": "event", "fixed": "fixed:100", "adaptive": "adaptive"}
 
 
@@ -116,7 +117,7 @@ def test_grains_find_their_places_up_to_the_fraction_that_is_allowed(spread):
     radii = scene.radius * draw_radii(scene.sizes, np.random.default_rng(1), 300)
     places = np.empty((3, 300))
     laws, sizes = (scene.escape, scene.velocities), Sizes(radii, float(radii[0]))
-    assert scatter(*laws, np.random.default_rng(1), sizes, scene.half_width, places, None)
+    assert scatter(*laws, np.random.default_rng(1), sizes, scene.half_width, places, None, NEVER)
 
 
 def test_a_grain_larger_than_the_box_finds_no_place():
@@ -232,7 +233,7 @@ def mixture(law, fraction, seed):
     scene = bouncing(1.0, budget=10**7, particles=NUMBER, size_ratio=0.5, end_time=1e9)
     radii, places = radius * ratios, np.empty((3, NUMBER))
     sizes = Sizes(radii, float(radii[0]))
-    assert scatter(scene.escape, scene.velocities, random, sizes, HALF, places, None)
+    assert scatter(scene.escape, scene.velocities, random, sizes, HALF, places, None, NEVER)
     velocities = theory.maxwellian(ball_mass(radius) * ratios**3, 1.0, random)
     scene = scene._replace(radius=radius, mass=ball_mass(radius))
     return scene, state(scene, places.T, velocities, radii)
@@ -250,7 +251,8 @@ def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
         filled = 4.0 / 3.0 * math.pi * (radii**3).sum() / (2.0 * half) ** 3
         if filled > 0.45 and radii[0] < half:
             sizes = Sizes(radii, float(radii[0]))
-            placed = scatter(Periodic(), UniformX(1.0), random, sizes, half, places, places.copy())
+            laws, drawn = (Periodic(), UniformX(1.0)), places.copy()
+            placed = scatter(*laws, random, sizes, half, places, drawn, NEVER)
             outcomes[filled] = placed
     assert len(outcomes) > 5
     assert all(placed for filled, placed in outcomes.items() if filled < MOST_FILLED - 0.05)

@@ -103,6 +103,9 @@ class Event(NamedTuple):
     inserts: bool
 
 
+DUE_UNASKED: Final = 4096
+"""Particles to predict for, some milliseconds, between questions whether the run is to end."""
+
 NO_CONTACT: Final = 3
 """Kind of an event that is no contact, beside those of `resolve_contact`."""
 
@@ -125,7 +128,7 @@ def _advance_events(engine, scene, particles, ledger, events, until, abort):
     event = entry(events.counts[NEW])
     events.counts[NEW] = 0
     while True:
-        predict_due(scene, events, event, time)
+        predict_due(scene, events, event, time, abort)
         prefetch_events(scene, particles, events, events.winners, event.due)
         time = next_time(events)
         if time > until or is_aborted(abort):
@@ -166,13 +169,15 @@ def no_contact(face):
 
 
 @inlined
-def predict_due(scene, events, event, now):
+def predict_due(scene, events, event, now, abort):
     """Predict the next crossing and collision of all particles that are due after an event.
 
     Those that are in no cell yet enter it just before, so that each pair of them is compared once:
-    when the later one comes.
+    when the later one comes. A run that is to end leaves out the rest.
     """
     for k in range(event.due):
+        if k % DUE_UNASKED == DUE_UNASKED - 1 and is_aborted(abort):
+            return
         i = events.due[k]
         if event.inserts:
             insert(scene, events.cells, events.flights, i)
