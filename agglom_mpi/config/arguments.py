@@ -8,8 +8,13 @@ import math
 from numbers import Integral, Real
 from typing import Any, Final, NamedTuple
 
+from agglom_mpi.config.spelling import read_plain, remedy
+
 MAX_CHARACTERS: Final = 60
 """Longest value that is quoted in a message in full."""
+MIN_MAGNITUDE: Final = 1e-100
+MAX_MAGNITUDE: Final = 1e100
+"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
 FRACTION_RULE: Final = "must be greater than 0 and less than 1, like 0.05 or '5%'"
 
 
@@ -32,8 +37,8 @@ def read_number(value: Any) -> float:
     """Return a finite number, or that of a text; raise a ValueError for anything else."""
     number = _number(value)
     if not math.isfinite(number):
-        raise ValueError(f"is {shown(value)}; must be a finite number")
-    return number
+        raise ValueError(f"is {shown(value)}; must be a finite number{_remedy(value)}")
+    return _of_usual_size(number, value)
 
 
 def read_amount(value: Any) -> Amount:
@@ -48,8 +53,9 @@ def read_amount(value: Any) -> Amount:
     percent = isinstance(plain, str) and plain.endswith("%")
     number = _number(plain[:-1] if percent else plain) / (100.0 if percent else 1.0)
     if not math.isfinite(number):
-        raise ValueError(f"is {shown(value)}; must be a number like 0.05 or a percentage like '5%'")
-    return Amount(number, percent)
+        rule = f"must be a number like 0.05 or a percentage like '5%'{_remedy(value)}"
+        raise ValueError(f"is {shown(value)}; {rule}")
+    return Amount(_of_usual_size(number, value), percent)
 
 
 def read_fraction(value: Any) -> float:
@@ -120,11 +126,23 @@ def shown(value: Any) -> str:
     return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 3]}..."
 
 
+def _of_usual_size(number: float, value: Any) -> float:
+    """Return a number; raise a ValueError if its square may not fit into float64."""
+    if number != 0.0 and not MIN_MAGNITUDE <= abs(number) <= MAX_MAGNITUDE:
+        limits = f"{MIN_MAGNITUDE:g} and {MAX_MAGNITUDE:g}"
+        raise ValueError(f"is {shown(value)}; must be 0 or in size between {limits}")
+    return number
+
+
+def _remedy(value: Any) -> str:
+    return remedy(value) if isinstance(value, str) else ""
+
+
 def _number(value: Any) -> float:
     """Return a number or that of a text; nan where there is none."""
     if isinstance(value, bool) or not isinstance(value, Real | str):
         return math.nan
     try:
-        return float(value)
+        return read_plain(value) if isinstance(value, str) else float(value)
     except (OverflowError, ValueError):
         return math.nan

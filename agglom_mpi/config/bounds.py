@@ -6,13 +6,13 @@ from functools import partial
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, create_model, model_validator
+from pydantic import BeforeValidator, ValidationInfo, create_model, model_validator
 
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.suggestions import suggestion
-from agglom_mpi.config.units import quoted, to_si
-from agglom_mpi.config.validation import Section
+from agglom_mpi.config.units import quoted, to_si, unit_in
+from agglom_mpi.config.validation import Section, is_recorded
 from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import (
@@ -96,8 +96,11 @@ def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str
     return name, read_value(VARIABLES[NAMES.index(name)], value)
 
 
-def read_range(value: Any, variable: Variable) -> Range:
-    """Return a variable's entry: one value, or [lower, upper] or [lower, upper, log]."""
+def read_range(value: Any, variable: Variable, recorded: bool = False) -> Range:
+    """Return a variable's entry: one value, or [lower, upper] or [lower, upper, log].
+
+    In a `recorded` campaign one end alone may have a unit: the other one was read in SI units.
+    """
     if isinstance(value, dict):
         raise ValueError(f"is a mapping; must be one value or a list, like {_as_list(value)}")
     if not isinstance(value, list):
@@ -106,13 +109,35 @@ def read_range(value: Any, variable: Variable) -> Range:
     logarithmic = len(value) == 3 and value[2] == "log"
     if len(value) != 2 + logarithmic:
         allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
+        if len(value) in (3, 4) and all(isinstance(end, int | float) for end in value):
+            allowed += "; numbers have a decimal point, and no comma"
         raise ValueError(f"is {quoted(value)}; must be {allowed}")
     lower, upper = (read_value(variable, end) for end in value[:2])
+    if not recorded:
+        _check_units(value[:2], variable.unit)
     if lower >= upper:
         raise ValueError(f"is {quoted(value)}; the lower end must be less than the upper")
     if logarithmic and lower <= 0.0:
         raise ValueError(f"is {quoted(value)}; without 0, to be searched by its logarithm")
     return Range(lower, upper, logarithmic)
+
+
+def _check_units(ends: list[Any], unit: str) -> None:
+    """Raise a ValueError if one end alone has a unit, in which the other would be another value."""
+    first, second = (unit_in(end) for end in ends)
+    if bool(first) == bool(second):
+        return
+    plain, given = (ends[1], first) if first else (ends[0], second)
+    completed = f"{plain} {given}"
+    try:
+        if to_si(completed, unit) == to_si(plain, unit):
+            return
+    except ValueError:  # out of the limits of magnitudes
+        pass
+    both = ", ".join(completed if end is plain else end for end in ends)
+    raise ValueError(
+        f"is {quoted(ends)}, with a unit on one end alone; write it on both, like [{both}]"
+    )
 
 
 def _as_list(entry: dict[str, Any]) -> str:
@@ -125,8 +150,9 @@ def _as_list(entry: dict[str, Any]) -> str:
     return f"[{', '.join(map(str, found + scale))}]"
 
 
-def _read_entry(value: Any, variable: Variable) -> Range | None:
-    found: Range | None = read_marked(value, FRACTIONS, partial(read_range, variable=variable))
+def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Range | None:
+    read = partial(read_range, variable=variable, recorded=is_recorded(info))
+    found: Range | None = read_marked(value, FRACTIONS, read)
     return found
 
 

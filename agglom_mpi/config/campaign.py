@@ -101,12 +101,14 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         name: str = "campaign.yaml",
         user_function: UserFunction | None = None,
         read_sizes: SizeReader = unread,
+        recorded: bool = False,
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors.
 
-        `read_sizes` returns what is in a file of sizes that its scene may name.
+        `read_sizes` returns what is in a file of sizes that its scene may name. `recorded` says
+        that the text is in a file of a run, which stays readable.
         """
-        document = read_document(text, name, read_sizes)
+        document = read_document(text, name, read_sizes, recorded)
         campaign = cls(
             title=document.title,
             seed=document.seed,

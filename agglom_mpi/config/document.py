@@ -37,10 +37,12 @@ from agglom_mpi.config.search import AnySearch, Genetic, Search
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.sizes import READ_KEYS
 from agglom_mpi.config.validation import (
+    RECORDED,
     FieldError,
     Line,
     Section,
     WholeNumber,
+    is_recorded,
     raise_field_errors,
     to_campaign_error,
 )
@@ -91,7 +93,8 @@ class SceneDocument(Section):
     def _derived_quantities(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" not in info.data:
             return ()
-        derived, problems = read_derived(entries, tuple(required_variables(info.data["scene"])))
+        used = tuple(required_variables(info.data["scene"]))
+        derived, problems = read_derived(entries, used, is_recorded(info))
         raise_field_errors(problems)
         return derived
 
@@ -101,7 +104,9 @@ class SceneDocument(Section):
         if "scene" not in info.data or "derived" not in info.data:
             return ()
         used = tuple(required_variables(info.data["scene"]))
-        constraints, problems = read_constraints(entries, used, info.data["derived"])
+        constraints, problems = read_constraints(
+            entries, used, info.data["derived"], is_recorded(info)
+        )
         raise_field_errors(problems)
         return constraints
 
@@ -203,14 +208,19 @@ class CampaignDocument(SceneDocument):
         return stopping
 
 
-def read_document(text: str, name: str, read_sizes: SizeReader = unread) -> SceneDocument:
-    """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
+def read_document(
+    text: str, name: str, read_sizes: SizeReader = unread, recorded: bool = False
+) -> SceneDocument:
+    """Parse and validate the text of the campaign file `name`; raise a CampaignError.
+
+    A text that was `recorded` by a run is read as it was then, where it is refused today.
+    """
     source = parse(text, name)
     reason = _reason_for_search(source)
     model = CampaignDocument if reason else SceneDocument
     data = _with_sizes(source, read_sizes)
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=RECORDED if recorded else None)
     except ValidationError as error:
         needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
         raise to_campaign_error(error, source, model, needs) from None

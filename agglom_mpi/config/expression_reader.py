@@ -13,7 +13,8 @@ from typing import Final
 
 from agglom_mpi.config.dimensions import PURE, dimension_of
 from agglom_mpi.config.expressions import Binary, Comparison, Name, Negative, Node, Number
-from agglom_mpi.config.units import in_base_units, quoted
+from agglom_mpi.config.spelling import with_plain_minus
+from agglom_mpi.config.units import has_offset, in_base_units, quoted
 
 MAX_CHARACTERS: Final = 500
 """Longest text of an expression."""
@@ -26,7 +27,7 @@ _BINARY: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.P
 _COMPARED: Final = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 
 
-def read_expression(text: str, names: Container[str]) -> Node:
+def read_expression(text: str, names: Container[str], recorded: bool = False) -> Node:
     """Return the tree of an expression.
 
     Parameters
@@ -35,21 +36,23 @@ def read_expression(text: str, names: Container[str]) -> Node:
         Such as `0.5 * density * relative_speed**2`.
     names
         Names of quantities, which are not read as units.
+    recorded
+        Whether a run recorded the text. Then 20 degC may stand in a sum, where it is 293.15 K.
 
     Raises
     ------
     ValueError
         If it is anything else, with what is allowed.
     """
-    parsed, reader = _parse(text, names)
+    parsed, reader = _parse(text, names, recorded)
     if isinstance(parsed, ast.Compare):
         raise ValueError(f"is {quoted(text)}, a comparison; must be a quantity")
     return reader.node(parsed)
 
 
-def read_comparison(text: str, names: Container[str]) -> Comparison:
+def read_comparison(text: str, names: Container[str], recorded: bool = False) -> Comparison:
     """Return the operands of a constraint; arguments and errors as for `read_expression`."""
-    parsed, reader = _parse(text, names)
+    parsed, reader = _parse(text, names, recorded)
     if isinstance(parsed, ast.BoolOp):
         word = "and" if isinstance(parsed.op, ast.And) else "or"
         raise ValueError(f"has '{word}'; all constraints must hold, each an entry of its own")
@@ -61,13 +64,14 @@ def read_comparison(text: str, names: Container[str]) -> Comparison:
     return Comparison(text, operands, tuple(_COMPARED[type(each)] for each in parsed.ops))
 
 
-def _parse(text: str, names: Container[str]) -> tuple[ast.expr, "_Reader"]:
+def _parse(text: str, names: Container[str], recorded: bool) -> tuple[ast.expr, "_Reader"]:
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"has {len(text)} characters; must be at most {MAX_CHARACTERS}")
     if private := _PRIVATE.search(text):
         raise ValueError(f"has the name {quoted(private.group())}; names begin with a letter")
-    reader = _Reader(text)
-    plain = _without_units(text, names, reader)
+    reader = _Reader(text, recorded)
+    spelled = _FORTRAN.sub(r"\1e", with_plain_minus(text))
+    plain = _without_units(spelled, names, reader)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -76,10 +80,12 @@ def _parse(text: str, names: Container[str]) -> tuple[ast.expr, "_Reader"]:
         raise ValueError(f"is {quoted(text)}, which is no arithmetic; {ALLOWED}") from None
 
 
-_WORD: Final = r"[^\W\d]\w*"
+_WORD: Final = r"°?[^\W\d]\w*"
 _POWER: Final = r"(?:\s*(?:\^|\*\*)\s*-?\d{1,2})?"
 # Possessive, so that `1e999` is never read as 1 with the unit e999.
-_NUMBER: Final = r"(?<![\w.])(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+"
+_DIGITS: Final = r"(?<![\w.])(?:\d++\.?+\d*+|\.\d++)"
+_NUMBER: Final = rf"{_DIGITS}(?:[eE][+-]?\d++)?+"
+_FORTRAN: Final = re.compile(rf"({_DIGITS})D(?=[+-]?\d)")
 _QUANTITY: Final = re.compile(rf"({_NUMBER})\s*({_WORD}{_POWER}(?:\s*[*/]\s*{_WORD}{_POWER})*)")
 _SEGMENT: Final = re.compile(rf"\s*[*/]?\s*({_WORD}){_POWER}")
 _PLACEHOLDER: Final = "_"
@@ -127,20 +133,41 @@ def _is_unit(word: str) -> bool:
 class _Reader:
     """Converts the nodes of Python's syntax that are arithmetic, and refuses all others."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, recorded: bool) -> None:
         self.text = text
+        self.recorded = recorded
         self.nodes = 0
         self.quantities: dict[str, Number] = {}
+        self.negatives: dict[str, tuple[str, str]] = {}
+        """Numbers with a minus sign, and units, where the unit has an offset."""
 
     def add(self, number: str, unit: str) -> str:
         """Read a number with a unit, and return the placeholder that stands for it."""
-        spelled = _spelled(unit)
-        value = in_base_units(number, spelled)
-        if not math.isfinite(value):
-            raise ValueError(f"has the number '{number} {unit}', which is too large")
         place = f"{_PLACEHOLDER}{len(self.quantities)}{_PLACEHOLDER}"
-        self.quantities[place] = Number(value, dimension_of(spelled), f"{number} {unit}")
+        self.quantities[place] = quantity = self.quantity(number, unit)
+        if quantity.offset:
+            self.negatives[place] = f"-{number}", unit
         return f" {place} "
+
+    def quantity(self, number: str, unit: str) -> Number:
+        """Return a number with a unit."""
+        spelled, text = _spelled(unit), f"{number} {unit}"
+        value, offset = in_base_units(number, spelled), has_offset(spelled)
+        if not math.isfinite(value):
+            raise ValueError(f"has the number '{text}', which is too large")
+        if offset and value < 0.0 and not self.recorded:
+            raise ValueError(f"has the temperature '{text}', which is below absolute zero")
+        return Number(value, dimension_of(spelled), text, offset)
+
+    def operand(self, node: ast.expr) -> Node:
+        """Return the node of an operand; raise a ValueError if it is none to compute with."""
+        found = self.node(node)
+        if isinstance(found, Number) and found.offset and not self.recorded:
+            raise ValueError(
+                f"computes with '{found.text}', whose unit has an offset; write a temperature in "
+                "K, and a difference in K or delta_degC"
+            )
+        return found
 
     def node(self, node: ast.expr) -> Node:
         """Return a node; raise a ValueError if it is not allowed."""
@@ -156,12 +183,14 @@ class _Reader:
                 return self.quantities[name]
             case ast.Name(id=name) if not name.startswith(_PLACEHOLDER):
                 return Name(name)
+            case ast.UnaryOp(op=ast.USub(), operand=ast.Name(id=name)) if name in self.negatives:
+                return self.quantity(*self.negatives[name])
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return Negative(self.node(operand))
+                return Negative(self.operand(operand))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.node(operand)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return Binary(_BINARY[type(op)], self.node(left), self.node(right))
+                return Binary(_BINARY[type(op)], self.operand(left), self.operand(right))
         raise ValueError(f"is {quoted(self.text)}, which has {_what(node)}; {ALLOWED}")
 
     def number(self, value: float) -> Number:

@@ -20,11 +20,19 @@ MAX_EXPONENT: Final = 100.0
 
 
 class Number(NamedTuple):
-    """A number in SI units, with its text."""
+    """A number in SI units, with its text.
+
+    Attributes
+    ----------
+    value, dimension, text
+    offset
+        Whether its unit has an offset, as degC, so that it is compared but not computed with.
+    """
 
     value: float
     dimension: Dimension
     text: str
+    offset: bool = False
 
 
 class Name(NamedTuple):

@@ -82,7 +82,8 @@ def recorded_campaign(text: str, name: str, identity: Mapping[str, Any]) -> Camp
     CampaignError
         If the text is damaged.
     """
-    return Campaign.from_text(text, name, recorded_function(identity), recorded_sizes(identity))
+    function, sizes = recorded_function(identity), recorded_sizes(identity)
+    return Campaign.from_text(text, name, function, sizes, recorded=True)
 
 
 def _with_function(

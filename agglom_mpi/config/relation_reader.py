@@ -44,7 +44,9 @@ COLUMNS: Final = frozenset(_COLUMNS.split())
 Problems = list[tuple[FieldPath, str]]
 
 
-def read_derived(value: Any, used: Sequence[str]) -> tuple[tuple[Derived, ...], Problems]:
+def read_derived(
+    value: Any, used: Sequence[str], recorded: bool = False
+) -> tuple[tuple[Derived, ...], Problems]:
     """Return the quantities of the section `derived`, and what is wrong with it.
 
     Parameters
@@ -53,6 +55,8 @@ def read_derived(value: Any, used: Sequence[str]) -> tuple[tuple[Derived, ...], 
         The section as it is in the file.
     used
         Names of the variables that the scene depends on.
+    recorded
+        As for `read_expression`.
     """
     if not isinstance(value, dict):
         message = f"is {quoted(value)}; must be a mapping like {{pressure: density * speed^2}}"
@@ -65,7 +69,7 @@ def read_derived(value: Any, used: Sequence[str]) -> tuple[tuple[Derived, ...], 
     trees: dict[str, Node] = {}
     for name, entry in value.items():
         try:
-            trees[name] = read_expression(_text(entry), names)
+            trees[name] = read_expression(_text(entry), names, recorded)
         except ValueError as error:
             problems.append(((name,), str(error)))
     if problems:  # an unknown name may be one of these
@@ -128,7 +132,7 @@ def check_names(node: Node, known: Mapping[str, Any], others: Mapping[str, Any])
 
 
 def read_constraints(
-    value: Any, used: Sequence[str], derived: Sequence[Derived]
+    value: Any, used: Sequence[str], derived: Sequence[Derived], recorded: bool = False
 ) -> tuple[tuple[Comparison, ...], Problems]:
     """Return the comparisons of the section `constraints`, and what is wrong with it.
 
@@ -140,6 +144,8 @@ def read_constraints(
         Names of the variables that the scene depends on.
     derived
         Quantities that they may name, too.
+    recorded
+        As for `read_expression`.
     """
     if not isinstance(value, list) or not value:
         message = "must be a list of texts like ['pressure < 0.1 * hardness']"
@@ -152,16 +158,16 @@ def read_constraints(
     found = []
     for i, entry in enumerate(value):
         try:
-            found.append(_constraint(entry, dimensions))
+            found.append(_constraint(entry, dimensions, recorded))
         except ValueError as error:
             problems.append(((i,), str(error)))
     return tuple(found), problems
 
 
-def _constraint(entry: Any, dimensions: Mapping[str, Dimension]) -> Comparison:
+def _constraint(entry: Any, dimensions: Mapping[str, Dimension], recorded: bool) -> Comparison:
     if not isinstance(entry, str):
         raise ValueError(f"is {quoted(entry)}; must be a text like 'pressure < 0.1 * hardness'")
-    comparison = read_comparison(entry, {*NAMES, *dimensions})
+    comparison = read_comparison(entry, {*NAMES, *dimensions}, recorded)
     for node in comparison.operands:
         check_names(node, dimensions, {})
     common_dimension(comparison.operands, dimensions, "in a comparison")

@@ -2,12 +2,15 @@
 
 import re
 from decimal import Decimal
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from math import isfinite
 from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import BeforeValidator
+
+from agglom_mpi.config.arguments import MAX_MAGNITUDE, MIN_MAGNITUDE
+from agglom_mpi.config.spelling import NUMBER, as_python, remedy, with_plain_minus
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -39,14 +42,8 @@ KINDS: Final = {
 }
 """Names of dimensions in messages, by SI unit."""
 
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _EXPONENT = re.compile(r"(?<=[A-Za-zµΩ°])(-?[1-9])(?![\w.])")
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
-
-
-MIN_MAGNITUDE: Final = 1e-100
-MAX_MAGNITUDE: Final = 1e100
-"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
+_QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 
 
 def to_si(value: Any, unit: str) -> float:
@@ -104,37 +101,67 @@ def _expectation(unit: str) -> str:
 
 
 def _convert(text: str, unit: str) -> float:
-    match = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(with_plain_minus(text))
     if match is None:
         raise ValueError(f"is the text {quoted(text)}; must be {_expectation(unit)}")
     number, given = match.groups()
+    plain = as_python(number)
     if not given:
+        if plain != number:
+            return float(plain)
         raise ValueError(f"is the text {quoted(text)}, a number in quotes; leave out the quotes")
     registry = _registry()
-    source = _unit(registry, given)
+    try:
+        source = _unit(given)
+    except ValueError:
+        if advice := remedy(text):
+            raise ValueError(f"is the text {quoted(text)}{advice}") from None
+        raise
     target = registry.parse_units("" if unit == "1" else unit)
     if source.dimensionality != target.dimensionality:
         expected = KINDS[unit] if unit == "1" else f"{KINDS[unit]} like '{unit}'"
         kind = _kinds().get(source.dimensionality, str(source.dimensionality))
         raise ValueError(f"wrong unit: '{given}' is {kind}, expected {expected}")
     try:
-        return float(registry.Quantity(Decimal(number), source).to(target).magnitude)
-    except (TypeError, ArithmeticError):  # logarithmic units, exponents beyond Decimal's
+        return float(registry.Quantity(Decimal(plain), source).to(target).magnitude)
+    except (TypeError, ArithmeticError):  # exponents beyond Decimal's
         raise ValueError(f"is {quoted(text)}; cannot be converted to '{unit}'") from None
 
 
-def _unit(registry: "UnitRegistry", text: str) -> Any:
-    """Return the unit of a text; in `kg/m3` and `J kg-1 K-1` a number behind a name is a power."""
+def unit_in(value: Any) -> str:
+    """Return the unit in a text of a number and a unit; empty if there is none."""
+    match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    return match.group(2) if match else ""
+
+
+@lru_cache(maxsize=1024)
+def _unit(text: str) -> Any:
+    """Return the unit of a text; in `kg/m3` and `J kg-1 K-1` a number behind a name is a power.
+
+    Raises
+    ------
+    ValueError
+        If there is no such unit, or a part of it is logarithmic, such as dB: it has no factor.
+    """
     from pint.errors import UndefinedUnitError
 
+    registry, spelled = _registry(), _EXPONENT.sub(r"^\1", text)
     try:
-        return registry.parse_units(_EXPONENT.sub(r"^\1", text))
+        parts = registry.parse_units_as_container(spelled, as_delta=False)
+        unit = registry.parse_units(spelled)
     except UndefinedUnitError as error:
         names = error.unit_names
         unknown = names if isinstance(names, str) else ", ".join(names)
         raise ValueError(f"unknown unit '{unknown}' in '{text}'") from None
     except Exception:  # pint lets its tokenizer's and its assertions' errors through
         raise ValueError(f"'{quoted(text)[1:-1]}' is not a unit") from None
+    for part in parts:
+        try:
+            registry.Quantity(Decimal(1), part).to_base_units()
+        except Exception:
+            message = f"unit '{part}' in '{text}' is logarithmic; give the plain number"
+            raise ValueError(message) from None
+    return unit
 
 
 @cache
@@ -181,8 +208,7 @@ def dimensions_of(unit: str) -> dict[str, float]:
     ValueError
         If pint knows no such unit.
     """
-    registry = _registry()
-    source = _unit(registry, "" if unit == "1" else unit)
+    source = _unit("" if unit == "1" else unit)
     return {name: float(power) for name, power in source.dimensionality.items()}
 
 
@@ -196,7 +222,12 @@ def in_base_units(number: str, unit: str) -> float:
     """
     registry = _registry()
     try:
-        quantity = registry.Quantity(Decimal(number), _unit(registry, unit))
+        quantity = registry.Quantity(Decimal(number), _unit(unit))
         return float(quantity.to_base_units().magnitude)
     except (TypeError, ArithmeticError):
         raise ValueError(f"'{number} {unit}' cannot be converted to SI units") from None
+
+
+def has_offset(unit: str) -> bool:
+    """Return whether 0 in a unit is another temperature than 0 K, as in degC."""
+    return in_base_units("0", unit) != 0.0

@@ -4,7 +4,15 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+)
 
 from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.units import quoted
@@ -196,6 +204,15 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(inner) for key, inner in value.items()}
     return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+RECORDED: Final = "recorded"
+"""Context of the validation of a campaign's text from its file, which is read as it was run."""
+
+
+def is_recorded(info: ValidationInfo) -> bool:
+    """Return whether the text that is validated was recorded by a run."""
+    return info.context == RECORDED
 
 
 class FieldError(ValueError):

@@ -87,3 +87,18 @@ def test_an_error_in_percent_is_of_what_was_measured(value, measured, positive, 
 def test_impossible_errors_are_refused(value, measured, said):
     with pytest.raises(ValueError, match=said):
         read_error(value, measured, positive=True)
+
+
+def test_numbers_of_fortran_are_read_and_decimal_commas_get_a_remedy():
+    assert read_number("1.0D-1") == 0.1
+    assert read_amount("2.5D0%") == Amount(0.025, True)
+    for read in (read_number, read_amount):
+        with pytest.raises(ValueError, match="a decimal point, and no comma"):
+            read("2,5")
+
+
+@pytest.mark.parametrize("value", [1e300, "1e300", "-1e101", 1e-101])
+def test_squares_of_numbers_fit_into_a_float(value):
+    for read in (read_number, read_amount):
+        with pytest.raises(ValueError, match=r"must be 0 or in size between 1e-100 and 1e\+100"):
+            read(value)

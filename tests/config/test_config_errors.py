@@ -231,7 +231,7 @@ VARIABLES = [
         "  hardness: [10 J, 200 MPa]",
         ("20: variables.hardness:", "wrong unit", "'J'", "'Pa'"),
     ),
-    ("  friction: 0", "  friction: 3 dB", ("is '3 dB'", "'1'")),
+    ("  friction: 0", "  friction: 3 dB", ("unit 'decibel' in 'dB' is logarithmic",)),
     ("  hardness: [", "  hardness: 3 MPA", ("20: variables.hardness:", "unknown unit", "'MPA'")),
     ("  hardness: [", "  hardness: 3 MPa)", ("20: variables.hardness:", "'MPa)'")),
     ("  hardness: [", "  hardness: '1e6'", ("is the text '1e6'",)),

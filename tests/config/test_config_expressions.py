@@ -200,3 +200,73 @@ def test_comparisons_chain_and_nan_satisfies_none():
     values = {"a": np.array([math.nan, 1.0])}
     assert satisfied(read_comparison("a < 2", NAMES), values).tolist() == [False, True]
     assert satisfied(read_comparison("a >= 0 * a", NAMES), values).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("text", "kelvin"),
+    [
+        ("-5 degC", 268.15),
+        ("- 5 degC", 268.15),
+        ("\N{MINUS SIGN}5 °C", 268.15),
+        ("+5 degC", 278.15),
+        ("-(-5 K)", 5.0),
+        ("-13 degF", 248.15),
+        ("-5 delta_degC", -5.0),
+        ("300 K + 20 delta_degC", 320.0),
+        ("2 * 10 delta_degC", 20.0),
+        ("300 K - 3 K/s * 2 s", 294.0),
+    ],
+)
+def test_a_sign_belongs_to_its_temperature(text, kelvin):
+    node = read_expression(text, ())
+    assert evaluate(node, {}) == pytest.approx(kelvin, rel=1e-12)
+    assert dimension(node, {}) == dimension_of("K")
+
+
+def test_a_temperature_below_zero_degrees_is_compared_as_one():
+    comparison = read_comparison("-5 degC < temperature < 20 degC", ("temperature",))
+    given = {"temperature": np.array([267.0, 269.0, 293.0, 294.0])}
+    assert satisfied(comparison, given).tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("300 K + 20 degC", "20 degC"),
+        ("20 degC - 3 K", "20 degC"),
+        ("2 * 10 degC", "10 degC"),
+        ("10 degC / 2", "10 degC"),
+        ("(10 degC)**2", "10 degC"),
+        ("a * (-10 degF)", "-10 degF"),
+        ("a -5 degC", "5 degC"),
+        ("-(-5 °C)", "-5 °C"),
+    ],
+)
+def test_a_unit_with_an_offset_is_no_operand(text, number):
+    said = refusal(text) or "accepted"
+    assert f"computes with '{number}', whose unit has an offset" in said
+    assert "delta_degC" in said
+
+
+def test_what_a_run_recorded_is_read_with_an_offset_among_its_operands():
+    assert evaluate(read_expression("300 K - 20 degC", (), recorded=True), {}) == 300.0 - 293.15
+
+
+@pytest.mark.parametrize("text", ["-300 degC", "-500 degF"])
+def test_a_temperature_is_not_below_absolute_zero(text):
+    assert f"has the temperature '{text}', which is below" in (refusal(text) or "accepted")
+
+
+def test_numbers_may_be_spelled_as_fortran_writes_them():
+    assert evaluate(read_expression("1.0D-1 * 2.5D+01 - .5D0", ()), {}) == 2.0
+    assert evaluate(read_expression("1.5D3 m", ()), {}) == 1500.0
+    assert dimension(read_expression("2 D", ()), {}) == dimension_of("debye")
+
+
+@pytest.mark.parametrize("unit", ["dB", "dBm", "Np", "decade", "octave", "dB/m", "Np^2", "dB*s"])
+def test_logarithmic_units_are_refused_also_in_compound_ones(unit):
+    assert "is logarithmic" in (refusal(f"3 {unit}") or "accepted")
+    for field in ("1", "m", "K", "W/m^2/K"):
+        for text in (f"3 {unit}", f"3 kg/{unit}"):
+            with pytest.raises(ValueError, match="is logarithmic"):
+                to_si(text, field)

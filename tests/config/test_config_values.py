@@ -1,5 +1,6 @@
 """Values are SI float64s, whatever units and short forms they are written in."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from campaign_text import campaign, constant, edited
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.loading import load_campaign, recorded_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import NAMES
 
@@ -236,3 +237,70 @@ def test_loading_imports_nothing_heavy() -> None:
     job = str(JOBS / "accretion_2003.yaml")
     loaded = modules_after(f"from agglom_mpi import load_campaign; load_campaign({job!r})")
     assert not loaded & {"numba", "h5py", "mpi4py", "pandas", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    ("begin", "text", "both"),
+    [
+        ("  temperature", "[20, 80 degC]", "[20 degC, 80 degC]"),
+        ("  temperature", "[20 degC, 353]", "[20 degC, 353 degC]"),
+        ("  temperature", "[250, 80 degF, log]", "[250 degF, 80 degF]"),
+        ("  relative_speed", "[0.05, 20 cm/s]", "[0.05 cm/s, 20 cm/s]"),
+        ("  relative_speed", "[5 cm/s, 20]", "[5 cm/s, 20 cm/s]"),
+        ("  size_ratio", "[0.4, 80 %]", "[0.4 %, 80 %]"),
+        ("  density", "[1e99, 2 g/cm^3]", "[1e+99 g/cm^3, 2 g/cm^3]"),
+    ],
+)
+def test_a_unit_on_one_end_of_a_range_is_refused(begin: str, text: str, both: str) -> None:
+    with pytest.raises(CampaignError, match="with a unit on one end alone") as caught:
+        campaign((begin, f"{begin}: {text}"))
+    assert str(caught.value).endswith(f"write it on both, like {both}")
+
+
+@pytest.mark.parametrize(
+    ("begin", "text", "ends"),
+    [
+        ("  relative_speed", "[0, 20 cm/s]", (0.0, 0.2)),
+        ("  relative_speed", "[5, 20 m/s]", (5.0, 20.0)),
+        ("  temperature", "[250, 400 K]", (250.0, 400.0)),
+        ("  temperature", "[-5 degC, 20 degC]", (268.15, 293.15)),
+        ("  density", "[1 g/cm^3, 4000 kg/m^3, log]", (1000.0, 4000.0)),
+    ],
+)
+def test_a_range_takes_units_on_both_ends_or_where_they_change_nothing(
+    begin: str, text: str, ends: tuple[float, float]
+) -> None:
+    box, i = campaign((begin, f"{begin}: {text}")).variables, NAMES.index(begin.strip())
+    assert (box.lower[i], box.upper[i]) == ends
+
+
+def test_a_recorded_range_is_read_as_it_was_run() -> None:
+    text = edited(("  relative_speed", "  relative_speed: [0.05, 20 cm/s]"))
+    assert recorded_campaign(text, "old.h5", {}).variables.lower[0] == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("6.0D3", 6000.0), ("6.D+03 kg/m^3", 6000.0), ("6.0d0 g/cm^3", 6000.0), ("60E+2", 6000.0)],
+)
+def test_a_number_of_fortran_is_a_number(text: str, value: float) -> None:
+    assert campaign(("  density", f"  density: {text}")).variables.fixed["density"] == value
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("2500,5", "a decimal point, and no comma"),
+        ("2500,5 kg/m^3", "a decimal point, and no comma"),
+        ("1,000.5", "a decimal point, and no comma"),
+        ("2.5*10^3 kg/m^3", "a power of ten like 2.5e7"),
+        ("2.5x10**3", "a power of ten like 2.5e7"),
+        ("2.5·10³ kg/m^3", "a power of ten like 2.5e7"),
+        ("6 000 kg/m^3", "without gaps"),
+        ("6'000", "without gaps"),
+        ("[2500,5, 6000,5]", "a decimal point, and no comma"),
+    ],
+)
+def test_a_number_that_is_misspelt_is_refused_with_the_remedy(text: str, remedy: str) -> None:
+    with pytest.raises(CampaignError, match=re.escape(remedy)):
+        campaign(("  density", f"  density: {text}"))
