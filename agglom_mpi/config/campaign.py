@@ -15,7 +15,7 @@ from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
-from agglom_mpi.config.own_variables import Parameters, read_strings
+from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
@@ -368,7 +368,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         string = self.variables.at(share)
         problems = []
         given: dict[str, str] = {}
-        for key, value in (values or {}).items():
+        for key, value in without_results(self, values or {}).items():
             try:
                 name, number = read_variable(key, value, self.variables.third_moment)
             except ValueError as error:
@@ -492,8 +492,11 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     ) -> npt.NDArray[np.float64]:
         if isinstance(parameters, Mapping):
             return self.parameters(parameters)
-        strings = read_strings(self, parameters)
-        if np.ndim(parameters) != 1:
+        strings, by_name = read_strings(self, parameters), hasattr(parameters, "items")
+        if by_name and len(strings) != 1:
+            message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
+            raise ArgumentError.of(self.name, "parameters", message)
+        if not by_name and np.ndim(parameters) != 1:
             message = f"have the shape {np.shape(parameters)}; must be {COUNT} numbers"
             raise ArgumentError.of(self.name, "parameters", message)
         return strings[0]

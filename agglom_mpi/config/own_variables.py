@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import Bounds, read_variable
+from agglom_mpi.config.quantities import BY_NAME
+from agglom_mpi.config.relation_reader import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
 from agglom_mpi.variables import (
     COUNT,
@@ -25,6 +27,11 @@ if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
+
+TABLE_COLUMNS: Final = frozenset(
+    {*COLUMNS, *BY_NAME, "estimate_standard_error", "estimate_mean_radius_ratio"}
+)
+"""Columns of the tables of strings that are no variables: results, and what follows from them."""
 
 
 class NamedColumns(Protocol):
@@ -130,6 +137,7 @@ def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
     """
     if not hasattr(parameters, "items"):
         return _whole_strings(campaign, parameters)
+    parameters = without_results(campaign, parameters)
     box, problems = campaign.variables, []
     columns: dict[str, tuple[str, Floats]] = {}
     for key, value in parameters.items():
@@ -155,6 +163,19 @@ def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
         if name in box.used:
             strings[:, NAMES.index(name)] = values
     return strings
+
+
+def without_results(campaign: "Campaign", parameters: Any) -> dict[str, Any]:
+    """Return values by name; of rows of a table of strings, such as `file.best()`, the variables.
+
+    What has a `string` is such a row: no variable is called that. Other columns of the tables, and
+    what follows from the variables, are left out.
+    """
+    values = {str(name): value for name, value in parameters.items()}
+    if "string" not in values:
+        return values
+    others = {*TABLE_COLUMNS, *(each.name for each in campaign.relations.derived)}
+    return {name: value for name, value in values.items() if name not in others}
 
 
 def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:

@@ -17,10 +17,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from agglom_mpi.config.bounded_reading import read_bounded
 
 MAX_MAGNITUDE: Final = 1e100
 """Largest magnitude that a function may return, so that squares and sums are finite."""
+NUMBERS: Final = (float, int, np.floating, np.integer)
+"""Types of what a function may return, but for bool."""
 
 
 class UserFunction(NamedTuple):
@@ -129,7 +133,7 @@ def evaluate(function: UserFunction, sample: Any) -> float:
     Raises
     ------
     TypeError, ValueError
-        If it does not return a float, or one that is not finite or too large.
+        If it does not return a number, or one that is not finite or too large.
     Exception
         Whatever the function raises.
     """
@@ -137,12 +141,22 @@ def evaluate(function: UserFunction, sample: Any) -> float:
         value = load_function(function)(sample)
     except SystemExit as error:  # must end no rank
         raise RuntimeError(f"{function.call} asked to exit") from error
-    if not isinstance(value, float):
+    if isinstance(value, bool) or not isinstance(value, NUMBERS):
         kind = type(value).__name__
         raise TypeError(
-            f"{function.call} returned {reprlib.repr(value)}, a {kind}; must be a float"
+            f"{function.call} returned {reprlib.repr(value)}, of type {kind}; must be a number, "
+            "which float(...) makes of what stands for one"
         )
-    if not (math.isfinite(value) and abs(value) <= MAX_MAGNITUDE):
+    number = as_float(value)
+    if not (math.isfinite(number) and abs(number) <= MAX_MAGNITUDE):
         limit = f"must be finite, and in size at most {MAX_MAGNITUDE:g}"
-        raise ValueError(f"{function.call} returned {value!r}; {limit}")
-    return float(value)
+        raise ValueError(f"{function.call} returned {reprlib.repr(value)}; {limit}")
+    return number
+
+
+def as_float(number: Any) -> float:
+    """Return a number of any of `NUMBERS` as a float, inf if it is too large."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf

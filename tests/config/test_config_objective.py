@@ -206,9 +206,14 @@ def code(body: str) -> UserFunction:
 @pytest.mark.parametrize(
     ("body", "error", "said"),
     [
-        ("return 1", TypeError, "shape:worth returned 1, a int; must be a float"),
-        ("return None", TypeError, "returned None, a NoneType; must be a float"),
-        ("return [1.0] * 9999", TypeError, r"returned \[1.0, 1.0, .*\.\.\.\], a list; must"),
+        ("return True", TypeError, "shape:worth returned True, of type bool; must be a number"),
+        ("return '1'", TypeError, "returned '1', of type str; must be a number"),
+        ("return 1j", TypeError, "returned 1j, of type complex; must be a number"),
+        ("return None", TypeError, "returned None, of type NoneType; must be a number"),
+        ("return [1.0] * 9999", TypeError, r"returned \[1.0, 1.0, .*\.\.\.\], of type list; must"),
+        ("return 10**400", ValueError, r"returned 1000+\.\.\.0+; must be finite"),
+        ("import numpy; return numpy.bool_(True)", TypeError, "of type bool"),
+        ("import numpy; return numpy.float32('inf')", ValueError, "must be finite"),
         ("return float('nan')", ValueError, "returned nan; must be finite, and in size at most"),
         ("return -float('inf')", ValueError, "returned -inf; must be finite"),
         ("return 2e100", ValueError, r"returned 2e\+100; must be finite, and in size at most"),
@@ -221,8 +226,21 @@ def test_what_is_no_finite_float_is_an_error(body: str, error: type, said: str) 
         evaluate(code(body), None)
 
 
-def test_numpy_floats_are_floats() -> None:
-    assert evaluate(code("import numpy; return numpy.float64(0.25)"), None) == 0.25
+@pytest.mark.parametrize(
+    ("value", "wanted"),
+    [
+        ("3", 3.0),
+        ("-2", -2.0),
+        ("numpy.float64(0.25)", 0.25),
+        ("numpy.float32(0.25)", 0.25),
+        ("numpy.int64(7)", 7.0),
+        ("numpy.uint8(7)", 7.0),
+    ],
+)
+def test_a_number_of_any_kind_is_a_float(value: str, wanted: float) -> None:
+    found = evaluate(code(f"import numpy; return {value}"), None)
+    assert type(found) is float
+    assert found == wanted
 
 
 def test_a_module_may_use_dataclasses_and_is_executed_once() -> None:

@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 from set_runs import three_variable_text
 
+from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_variables import own_variables, read_searched, read_strings
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.variables import NAMES
 
 TEXT = three_variable_text()
 FILLED = TEXT.replace("size_ratio: 0.633", "volume_fraction: [0.1, 0.3]")
@@ -127,3 +130,40 @@ def test_what_is_fixed_may_be_given_but_not_changed():
     assert read_searched(campaign, searched | {"volume_fraction": 0.2}).shape == (1, 10)
     with pytest.raises(CampaignError, match=r"volume_fraction: is 0\.25; .* fixed it at 0\.2$"):
         read_searched(campaign, searched | {"volume_fraction": "25%"})
+
+
+def row(campaign, **columns):
+    """Return a row of a table of strings as a mapping."""
+    values = dict(zip(NAMES, campaign.parameters().tolist(), strict=True))
+    results = {"string": 3, "origin": "random", "objective": 0.5, "estimate": np.nan}
+    used = {name: values[name] for name in campaign.variables.used}
+    return results | used | {"volume_fraction": 0.2, "samples_used": 7} | columns
+
+
+def test_a_row_of_a_table_of_strings_is_a_string(campaign):
+    found = campaign.parameters(row(campaign, relative_speed=4.5))
+    assert np.array_equal(found, campaign.parameters({"relative_speed": 4.5}), equal_nan=True)
+
+
+@pytest.mark.parametrize("columns", [{"hardnes": 1.0}, {"relative_speed": -1.0}])
+def test_a_mistake_in_a_row_is_one(campaign, columns):
+    with pytest.raises(CampaignError, match=next(iter(columns))):
+        campaign.parameters(row(campaign, **columns))
+
+
+def test_results_without_a_string_are_unknown_variables(campaign):
+    with pytest.raises(CampaignError, match="objective: unknown variable"):
+        campaign.parameters({"objective": 0.5})
+
+
+def test_a_row_of_the_best_strings_simulates_the_sample_that_is_recorded(shared_campaign):
+    folder = shared_campaign("tiny")
+    file, own = open_campaign(folder / "tiny.h5"), load_campaign(folder / "tiny.yaml")
+    best = file.best(2)
+    samples = file.samples.set_index(["string", "sample"])["mean_radius_ratio"]
+    recorded = samples[int(best["string"][0]), 0]
+    for given in (best.iloc[0], best.iloc[0].to_dict(), file.best(1)):
+        assert own.simulate(given).mean_radius_ratio == recorded
+    assert np.array_equal(own.allowed(best), [True, True])
+    with pytest.raises(CampaignError, match="are 2 strings; must be one"):
+        own.simulate(best)

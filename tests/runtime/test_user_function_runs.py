@@ -191,7 +191,7 @@ def test_a_resume_with_the_same_source_ends_as_one_run_does(own, tmp_path):
 FAULTS = [
     ("raise ValueError('no such thing')", "ValueError: no such thing"),
     ("return float('nan')", "shape:worth returned nan; must be finite"),
-    ("return 7", "shape:worth returned 7, a int; must be a float"),
+    ("return '7'", "shape:worth returned '7', of type str; must be a number"),
     ("sample.radii[0] = 0.0; return 1.0", "read-only"),
 ]
 
