@@ -1,6 +1,8 @@
 """Warm starts: the best strings of an earlier campaign, which a search begins with."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import (
     given_strings,
@@ -17,15 +20,39 @@ from agglom_mpi.storage.reader import (
     read_inversion,
 )
 from agglom_mpi.storage.verify import row_list
+from agglom_mpi.variables import NAMES
+
+Floats = NDArray[np.float64]
+
+ROUNDING: Final = 1e-9
+"""Distance beyond an end, relative to that end, that is only rounding of another spelling."""
 
 
-def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArray[np.float64]:
-    """Return the strings that a campaign is given to begin with, in its box: shape (n, 10).
+class WarmStart(NamedTuple):
+    """Strings that a search begins with, and what to warn of.
+
+    Attributes
+    ----------
+    strings
+        Shape (n, 10), in SI units.
+    warnings
+        On better strings of the earlier campaign that are left out.
+    """
+
+    strings: Floats
+    warnings: tuple[Problem, ...] = ()
+
+
+def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
+    """Return the strings that a campaign is given to begin with, in its box.
+
+    Strings of an earlier campaign that are not in the box, break a constraint or repeat one that
+    ranks before them are left out, and those that follow take their places.
 
     Parameters
     ----------
     campaign
-        The campaign.
+        The campaign. The name of the earlier file is relative to its own file.
     output
         Its own file. If it holds those strings already, the earlier file is not read.
 
@@ -37,53 +64,111 @@ def warm_start_strings(campaign: Campaign, output: Path | None = None) -> NDArra
     """
     start = campaign.search.start
     if not isinstance(start, EarlierCampaign):
-        return campaign.given_strings()
+        return WarmStart(campaign.given_strings())
     begun = None
     if output is not None and output.exists():
         begun = given_strings(read_campaign(output).string_rows())
         if len(begun) == start.strings:
-            return parameters_of(begun)
+            return WarmStart(parameters_of(begun))
+    line = parse(campaign.text, campaign.name).line(("search", "start"))
+    path = Path(campaign.name).parent / start.file
     try:
-        strings = _allowed(campaign, start, _in_the_box(campaign, _ranked_strings(start)))
+        strings, left_out = _chosen(campaign, start.strings, *_ranked_strings(path))
         if begun is not None:
             _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
-        line = parse(campaign.text, campaign.name).line(("search", "start"))
         said = (isinstance(error, OSError) and error.strerror) or str(error)
-        message = said if isinstance(error, NotACampaign) else f"{start.file}: {said}"
+        message = said if isinstance(error, NotACampaign) else f"{path}: {said}"
+        if not path.exists() and Path(start.file).exists():
+            message += "; the name is relative to the folder of the campaign file"
         raise CampaignError(Problem(campaign.name, line, "search.start", message)) from None
-    return strings
+    message = f"leaves out strings of {path}: {left_out}"
+    warning = Problem(campaign.name, line, "search.start", message)
+    return WarmStart(strings, (warning,) if left_out else ())
 
 
-def _ranked_strings(start: EarlierCampaign) -> NDArray[np.float64]:
-    """Return the judged strings of another campaign, ranked as in a report, shape (n, 10)."""
-    data = read_inversion(start.file)
-    strings, order = data.string_rows(), rank_strings(data).order
-    if len(order) < start.strings:
-        raise ValueError(f"has {len(order)} judged strings; {start.strings} are asked for")
-    return parameters_of(strings[np.searchsorted(strings["string"], order)])
+def _ranked_strings(path: Path) -> tuple[NDArray[np.int64], Floats]:
+    """Return the judged strings of another campaign, ranked as in a report.
+
+    Returns
+    -------
+    tuple
+        Their numbers, shape (n,), and parameters, shape (n, 10).
+    """
+    data = read_inversion(str(path))
+    strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
+    return order, parameters_of(strings[np.searchsorted(strings["string"], order)])
 
 
-def _allowed(
-    campaign: Campaign, start: EarlierCampaign, strings: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the first ranked strings that satisfy the constraints, as many as are asked for."""
-    allowed = strings[campaign.allowed_strings(strings)]
-    if len(allowed) < start.strings:
-        raise ValueError(
-            f"has {len(allowed)} judged strings that satisfy the constraints; "
-            f"{start.strings} are asked for"
-        )
-    return allowed[: start.strings]
+def _chosen(
+    campaign: Campaign, wanted: int, numbers: NDArray[np.int64], best: Floats
+) -> tuple[Floats, str]:
+    """Return the first ranked strings that a search can begin with, as many as are wanted.
+
+    Parameters
+    ----------
+    campaign, wanted
+    numbers, best
+        As from `_ranked_strings`.
+
+    Returns
+    -------
+    tuple
+        The strings, shape (wanted, 10), and text on better ones that are left out, or nothing.
+
+    Raises
+    ------
+    ValueError
+        If there are too few.
+    """
+    strings, outside = _in_the_box(campaign, best)
+    faults = {f"{NAMES[i]} out of range": outside[:, i] for i in range(len(NAMES))}
+    faults["against the constraints"] = ~campaign.allowed_strings(strings)
+    usable = ~np.any(list(faults.values()), axis=0)
+    faults["the same as one before"] = usable & ~_first_of_equals(strings, usable)
+    usable &= ~faults["the same as one before"]
+    taken = np.flatnonzero(usable)[:wanted]
+    looked_at = len(numbers) if len(taken) < wanted else int(taken[-1]) + 1
+    left_out = ", ".join(_named(numbers[:looked_at], faults))
+    if len(taken) < wanted:
+        judged = pluralise(len(numbers), "judged string")
+        if left_out:
+            judged += f", of which {len(taken)} can be used (left out: {left_out})"
+        raise ValueError(f"has {judged}; {wanted} are asked for")
+    return strings[taken], left_out
 
 
-def _in_the_box(campaign: Campaign, best: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return strings, (n, 10), clipped to the box, whose variables outside the search are fixed."""
-    strings = np.tile(campaign.parameters(), (len(best), 1))
-    searched = campaign.variables.lower < campaign.variables.upper
-    known = searched & np.isfinite(best)
+def _named(numbers: NDArray[np.int64], faults: dict[str, NDArray[np.bool_]]) -> Iterator[str]:
+    """Yield texts on strings that have a fault, the first of several alone."""
+    known = np.zeros(len(numbers), np.bool_)
+    for fault, strings in faults.items():
+        new = strings[: len(numbers)] & ~known
+        known |= new
+        if new.any():
+            yield f"{row_list(numbers[new].tolist())} ({fault})"
+
+
+def _in_the_box(campaign: Campaign, best: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return strings, (n, 10), as the campaign has them, and which variables are out of range.
+
+    What it fixes or does not use is as it says. A value beyond an end by rounding is that end.
+    """
+    strings, box = np.tile(campaign.parameters(), (len(best), 1)), campaign.variables
+    known = (box.lower < box.upper) & np.isfinite(best)
     strings[known] = best[known]
-    return np.clip(strings, campaign.variables.lower, campaign.variables.upper)
+    below = strings < box.lower - ROUNDING * np.abs(box.lower)
+    outside = below | (strings > box.upper + ROUNDING * np.abs(box.upper))
+    return np.clip(strings, box.lower, box.upper), outside
+
+
+def _first_of_equals(strings: Floats, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which strings, (n, 10), are no copies of a usable one before them, (n,)."""
+    seen = set[bytes]()
+    first = np.zeros(len(strings), np.bool_)
+    for i in np.flatnonzero(usable).tolist():
+        first[i] = (key := strings[i].tobytes()) not in seen
+        seen.add(key)
+    return first
 
 
 def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:

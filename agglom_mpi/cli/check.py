@@ -1,11 +1,17 @@
 """`agglom check`: validate a campaign, or verify a campaign file."""
 
 import json
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
 from agglom_mpi.file_kinds import is_hdf5
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.yaml_source import Problem
 
 
 @click.command(
@@ -40,7 +46,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         loaded.check_scales(loaded.parameters())
     else:
         loaded.check_searchable()
-    warnings = loaded.warnings()
+    warnings = [*loaded.warnings(), *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     value = loaded.try_function() if allow_code else None
     if as_json:
@@ -51,3 +57,20 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     if value is not None:
         say(f"Function\n  a sample in the middle of the box is worth {value:.6g}")
     return 0
+
+
+def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
+    """Return warnings about the earlier campaign that a search begins with, as a run reads it.
+
+    Raises
+    ------
+    CampaignError
+        If it cannot be used.
+    """
+    from agglom_mpi.config.search import EarlierCampaign
+
+    if campaign.plan is None or not isinstance(campaign.search.start, EarlierCampaign):
+        return ()
+    from agglom_mpi.analysis.warm_start import warm_start
+
+    return warm_start(campaign, Path(campaign.file_name)).warnings

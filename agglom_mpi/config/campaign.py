@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -49,7 +50,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("more_samples", "first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
-    *("check_searchable", "engine", "from_text", "try_function", "with_generations"),
+    *("check_searchable", "engine", "file_name", "from_text", "try_function", "with_generations"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
@@ -154,6 +155,11 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         if self.plan is None:
             message += ", and the sections objective, ensemble and stopping"
         return CampaignError(Problem(self.name, line, "variables", message))
+
+    @property
+    def file_name(self) -> str:
+        """Name of the campaign file that a run writes unless it is given another."""
+        return self.output.file or f"{Path(self.name).stem}.h5"
 
     @property
     def common_configurations(self) -> bool:

@@ -26,7 +26,10 @@ from agglom_mpi.search.space import SearchSpace
 
 
 class EarlierCampaign(Section):
-    """The best strings of a campaign file, ranked by re-estimates where it has some."""
+    """The best strings of a campaign file, ranked by re-estimates where it has some.
+
+    The name of the file is relative to the folder of the campaign that begins with them.
+    """
 
     file: Annotated[Line, Field(min_length=1, description="a campaign file")]
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 1

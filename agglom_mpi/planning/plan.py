@@ -2,13 +2,14 @@
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
 
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
-from agglom_mpi.analysis.warm_start import warm_start_strings
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FAILED
@@ -51,11 +52,13 @@ def plan(options: Options) -> ForecastReport:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     campaign.check_libraries()
+    given = warm_start(campaign, Path(campaign.file_name)).strings
     console = Console(stderr=True)
     with console.status("") as status:  # only a terminal shows it
         announce = status.update if console.is_terminal else LOG.info
         samples = pilot_samples(campaign, options, status.update, announce)
-        return forecast_all(campaign, samples, options, status.update)
+        experiment = InversionExperiment(campaign, given)
+        return forecast_all(experiment, samples, options, status.update)
 
 
 def pilot_samples(
@@ -77,10 +80,10 @@ def pilot_samples(
 
 
 def forecast_all(
-    campaign: Campaign, samples: PilotSamples, options: Options, show: Callable[[str], None]
+    experiment: Experiment, samples: PilotSamples, options: Options, show: Callable[[str], None]
 ) -> ForecastReport:
     """Return the forecasts for all numbers of ranks in `options`."""
-    experiment = InversionExperiment(campaign, warm_start_strings(campaign))
+    campaign = experiment.campaign
     workload, costs = EmpiricalWorkload(samples, campaign), MessageCosts()
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])

@@ -169,7 +169,7 @@ def output_path(campaign: Campaign, output: str | None) -> Path:
     OutputError
         If the file or its directory cannot be written.
     """
-    path = Path(output or campaign.output.file or f"{Path(campaign.name).stem}.h5")
+    path = Path(output or campaign.file_name)
     check_writable(path)
     return path
 

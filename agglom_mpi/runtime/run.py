@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
-from agglom_mpi.analysis.warm_start import warm_start_strings
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.display import Display
@@ -111,7 +111,9 @@ def read_request(options: Options, show: Callable[[str], None] = lambda line: No
     campaign.check_libraries()
     warn(campaign.warnings(), options.strict, show)
     path = output_path(campaign, options.output)
-    experiment = InversionExperiment(campaign, warm_start_strings(campaign, path))
+    start = warm_start(campaign, path)
+    warn(start.warnings, options.strict, show)
+    experiment = InversionExperiment(campaign, start.strings)
     return RunRequest(experiment, path, options.accept_code_change, options.database)
 
 

@@ -274,26 +274,6 @@ def test_an_earlier_file_that_cannot_be_used_is_one_message(
     assert "\n" not in str(caught.value)
 
 
-def test_strings_of_a_file_are_brought_into_the_box(plain, tmp_path, monkeypatch):
-    """What is fixed or not searched there is as the campaign says; the rest is clipped."""
-    theirs = read_campaign(plain / "sobol.h5")
-    best = theirs.string_rows()[theirs.generation_rows()["population"][-1][:6]]
-    start = f"{{file: {plain / 'sobol.h5'}, strings: 6}}"
-    write_search(tmp_path / "next.yaml", f"{SEARCHES['sobol'][:-1]}, start: {start}}}")
-    text = (tmp_path / "next.yaml").read_text()
-    text = text.replace("relative_speed: [0.1, 30]", "relative_speed: 3")
-    text = text.replace("size_ratio: [0.4, 0.8]", "size_ratio: [0.55, 0.6]")
-    text = text.replace("density: 6142", "density: [5000, 7000]")
-    (tmp_path / "next.yaml").write_text(text)
-    monkeypatch.chdir(tmp_path)
-    given = read_request(Options("next.yaml")).experiment.given
-    assert np.all(given[:, 0] == 3.0)
-    assert given[:, 1].tolist() == np.clip(best["size_ratio"], 0.55, 0.6).tolist()
-    assert np.all(given[:, 2] == 6142.0)
-    assert given[:, 3].tolist() == best["hardness"].tolist()
-    assert np.isnan(given[:, 9]).all()
-
-
 @pytest.mark.parametrize("search", SEARCHES)
 def test_a_forecast_of_every_search_keeps_its_bound(plain, monkeypatch, search):
     monkeypatch.chdir(plain)
