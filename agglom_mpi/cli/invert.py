@@ -31,6 +31,12 @@ from agglom_mpi.version import __version__
     metavar="FILE.h5",
     help="Campaign file to write. [default: stem of CAMPAIGN + .h5]",
 )
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    metavar="N",
+    help="Seed instead of the campaign's; the file is then called STEM_seedN.h5.",
+)
 @GENERATIONS
 @MAX_WALLTIME
 @QUIET

@@ -20,6 +20,7 @@ from agglom_mpi.config.own_variables import Parameters, read_strings, without_re
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
 from agglom_mpi.config.search import Search
+from agglom_mpi.config.seeded_text import with_seed
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
@@ -51,6 +52,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("more_samples", "first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
     *("check_searchable", "engine", "file_name", "from_text", "try_function", "with_generations"),
+    "with_seed",
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
@@ -335,6 +337,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         from agglom_mpi.config.plausibility import implausible
 
         return implausible(self, parameters)
+
+    def with_seed(self, seed: int) -> "Campaign":
+        """Return the campaign with another seed, which its `text` has, too."""
+        return replace(self, seed=seed, text=with_seed(self.text, self.name, seed))
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""

@@ -161,8 +161,16 @@ class OutputError(UserError, ValueError):
     """The output file cannot be used for this campaign; one message, exit code 2."""
 
 
-def output_path(campaign: Campaign, output: str | None) -> Path:
+def output_path(campaign: Campaign, output: str | None, seed: int | None = None) -> Path:
     """Return the file that a run writes: the option, else the campaign's own, else its stem.
+
+    Parameters
+    ----------
+    campaign
+    output
+        Name of the file; None: that of the campaign.
+    seed
+        Seed that replaces the campaign's, and is then part of the name; None: none does.
 
     Raises
     ------
@@ -170,8 +178,14 @@ def output_path(campaign: Campaign, output: str | None) -> Path:
         If the file or its directory cannot be written.
     """
     path = Path(output or campaign.file_name)
+    if seed is not None and path.name and not path.is_dir() and not _names_seed(path, seed):
+        path = path.with_stem(f"{path.stem}_seed{seed}")
     check_writable(path)
     return path
+
+
+def _names_seed(path: Path, seed: object) -> bool:
+    return path.stem.endswith(f"_seed{seed}")
 
 
 def check_writable(path: Path) -> None:
@@ -262,16 +276,23 @@ def last_sources(stored: CampaignData) -> str:
 
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
     """Raise an OutputError that names every difference between two campaigns."""
-    different = [
-        f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
-        f"{_brief(wanted.get(key, 'absent'))} now"
-        for key in sorted(stored.keys() | wanted.keys())
-        if stored.get(key) != wanted.get(key)
-    ]
+    keys = sorted(stored.keys() | wanted.keys())
+    different = [key for key in keys if stored.get(key) != wanted.get(key)]
+    if different == ["seed"]:
+        held, asked = stored["seed"], wanted["seed"]
+        option = f"--seed {held}" if _names_seed(path, held) else f"'seed: {held}' in the campaign"
+        raise OutputError(
+            f"{path}: was made with seed {held}, not {asked}; {option} continues it, --output "
+            "names another file"
+        )
     if different:
         raise OutputError(
             f"{path}: belongs to another campaign; --output names another file. Different are:\n"
-            + "\n".join(different)
+            + "\n".join(
+                f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
+                f"{_brief(wanted.get(key, 'absent'))} now"
+                for key in different
+            )
         )
 
 

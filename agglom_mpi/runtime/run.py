@@ -68,6 +68,7 @@ class Options(NamedTuple):
     database: str | None = None
     allow_code: bool = False
     strict: bool = False
+    seed: int | None = None
 
 
 class RunRequest(NamedTuple):
@@ -105,12 +106,14 @@ def invert(options: Options, world: "Intracomm | None") -> int:
 def read_request(options: Options, show: Callable[[str], None] = lambda line: None) -> RunRequest:
     """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
     campaign = load_campaign(options.campaign, options.allow_code)
+    if options.seed is not None:
+        campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     campaign.check_searchable()
     campaign.check_libraries()
     warn(campaign.warnings(), options.strict, show)
-    path = output_path(campaign, options.output)
+    path = output_path(campaign, options.output, options.seed)
     start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)

@@ -1,8 +1,10 @@
 import os
+from pathlib import Path
 
 import pytest
 from campaign_runs import SMALL, write_campaign
 
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import (
@@ -88,3 +90,40 @@ def test_a_leg_records_what_it_ran_with():
     assert fields["ranks"] == 3
     assert fields["versions"]["mpi"] == "MPICH 4.3"
     assert all(versions()[name] for name in ("python", "numpy", "numba", "h5py", "hdf5"))
+
+
+@pytest.mark.parametrize(
+    ("output", "wanted"),
+    [
+        (None, "small_seed3.h5"),
+        ("other.h5", "other_seed3.h5"),
+        ("a.b.h5", "a.b_seed3.h5"),
+        ("bare", "bare_seed3"),
+        ("small_seed3.h5", "small_seed3.h5"),
+        ("small_seed13.h5", "small_seed13_seed3.h5"),
+    ],
+)
+def test_a_seed_that_is_given_is_part_of_the_name(campaign, output, wanted):
+    assert str(output_path(campaign, output, seed=3)) == wanted
+
+
+def test_a_seed_is_part_of_the_campaigns_own_name_too(campaign):
+    own = Campaign.from_text(f"output: {{file: own.h5}}\n{campaign.text}")
+    assert str(output_path(own, None)) == "own.h5"
+    assert str(output_path(own, None, seed=0)) == "own_seed0.h5"
+
+
+@pytest.mark.parametrize("output", [".", "..", "/"])
+def test_a_directory_is_no_output_file_whatever_the_seed(campaign, output):
+    with pytest.raises(OutputError, match="is a directory"):
+        output_path(campaign, output, seed=3)
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [("small_seed7.h5", "; --seed 7 continues it"), ("x.h5", "; 'seed: 7' in the campaign")],
+)
+def test_another_seed_is_said_with_the_way_to_continue(campaign, name, remedy):
+    held, asked = campaign.identity() | {"seed": 7}, campaign.identity() | {"seed": 8}
+    with pytest.raises(OutputError, match=f"{name}: was made with seed 7, not 8{remedy}"):
+        check_same_campaign(Path(name), held, asked)
