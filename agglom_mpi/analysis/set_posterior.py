@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.set_directions import weighted_quantiles
-from agglom_mpi.config.arguments import read_error, read_number
+from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.analysis.feasible_set import FeasibleSet, Prior
+    from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
 
@@ -154,12 +155,7 @@ def posterior(of: "FeasibleSet", measured: float | str, error: float | str) -> P
     ArgumentError
         If the measured mean or its error is impossible.
     """
-    measured, error = measurement_of(of.campaign.name, of.criterion.quantities, measured, error)
-    if len(of.criterion.quantities) > 1:
-        raise PosteriorError(
-            f"the objective compares {', '.join(of.criterion.quantities)}; a posterior needs a "
-            "measured number that is compared alone"
-        )
+    measured, error = measurement_of(of.campaign, of.criterion.quantities, measured, error)
     prior, count = of.prior(POINTS), POINTS
     _check_possible(prior, measured, error)
     # Where the mean is further away than this, weights are nothing to those elsewhere.
@@ -182,19 +178,48 @@ def posterior(of: "FeasibleSet", measured: float | str, error: float | str) -> P
 
 
 def measurement_of(
-    name: str, quantities: tuple[str, ...], measured: float | str, error: float | str
+    campaign: "Campaign", quantities: tuple[str, ...], measured: float | str, error: float | str
 ) -> tuple[float, float]:
-    """Return a measured value of the first of some quantities, and its standard error.
+    """Return a measured value and its standard error, if the campaign can have a posterior of it.
 
-    Raises an ArgumentError if one of them is impossible; `name` stands for the file.
+    Parameters
+    ----------
+    campaign
+    quantities
+        What its objective compares.
+    measured, error
+        As for `posterior`.
+
+    Raises
+    ------
+    PosteriorError
+        If several numbers are compared.
+    ArgumentError
+        If one of them is impossible.
     """
+    if len(quantities) > 1:
+        raise PosteriorError(
+            f"the objective compares {', '.join(quantities)}; a posterior needs a measured number "
+            "that is compared alone"
+        )
     field: str = "measured"
+    is_radius = quantities[0] in POSITIVE
     try:
         value = read_number(measured)
+        if is_radius and value <= 0.0:
+            raise ValueError(f"is {shown(measured)}; must be greater than 0, a mean b/b0")
         field = "error"
-        return value, read_error(error, value, positive=quantities[0] in POSITIVE)
+        deviation = read_error(error, value, positive=is_radius)
+        field = "measured"
+        largest = campaign.scene.equivalent_grains ** (1.0 / 3.0)
+        if is_radius and value - FARTHEST * deviation > largest:
+            raise ValueError(
+                f"is {shown(measured)}; {campaign.scene.particles} grains in one give "
+                f"{largest:.4g}, which is the most"
+            )
     except ValueError as problem:
-        raise ArgumentError.of(name, field, problem) from None
+        raise ArgumentError.of(campaign.name, field, problem) from None
+    return value, deviation
 
 
 def effective_size(weights: Floats) -> float:

@@ -114,6 +114,7 @@ def report(
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
     request = _set_request(feasible_set, tolerance, measured, error, draws, grid)
+    _check_names(draws, grid, out)
     from agglom_mpi.storage.reader import read_inversion
 
     code = _follow(read_inversion(files[0])) if follow else FINISHED
@@ -215,6 +216,17 @@ def _set_request(
     from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
 
     return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, draws, grid)
+
+
+def _check_names(draws: Path | None, grid: Path | None, out: Path | None) -> None:
+    """Raise a UsageError if two of the files to write have the same name."""
+    if draws is not None and grid is not None and draws.resolve() == grid.resolve():
+        raise click.UsageError("--draws and --grid name the same file; give two names")
+    for option, path in (("--draws", draws), ("--grid", grid)):
+        if path is None or out is None or path.resolve().parent != out.resolve():
+            continue
+        if path.suffix in (".html", ".png", ".svg"):
+            raise click.UsageError(f"{option} names a file of the web page; give one like x.csv")
 
 
 def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) -> Any:

@@ -32,7 +32,7 @@ from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
     all_stored,
 )
-from agglom_mpi.report.set_files import SetRequest
+from agglom_mpi.report.set_files import SetRequest, write_files
 from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
@@ -94,7 +94,7 @@ def write_report(
     require_library("jinja2", "report", "web pages")
     require_directory(directory)
     if feasible_set is not None:
-        feasible_set.check(file)
+        feasible_set.check(file, made=directory)
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
     page = PageBuilder(file, directory, options, sensitivity)
@@ -185,7 +185,9 @@ class PageBuilder:
     def draw_set(self, request: SetRequest) -> None:
         """Write the figures of the feasible set, and keep its text for the page."""
         found = FeasibleSet(self._data, request.tolerance)
-        self._set_text = plain_text(set_text(found, request.posterior_of(found)))
+        posterior = request.posterior_of(found)
+        write_files(request, found, posterior)
+        self._set_text = plain_text(set_text(found, posterior))
         shown = self._figures.setdefault("set", [])
         for drawing in set_drawings(found) if found.calibration.passed else ():
             write_drawing(self._directory, drawing)

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.analysis.criteria import criterion_of
 from agglom_mpi.analysis.feasible_set import FeasibleSet, tolerance_of
+from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.set_posterior import measurement_of
 from agglom_mpi.analysis.set_report import as_dict, grid_table, set_text
 from agglom_mpi.errors import require_library
 from agglom_mpi.report.export import with_units
 from agglom_mpi.search.gaussian_process import single_threaded
-from agglom_mpi.storage.files import atomic_file, require_absent
+from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,12 +42,31 @@ class SetRequest(NamedTuple):
     draws: Path | None = None
     grid: Path | None = None
 
-    def check(self, data: "CampaignData") -> None:
-        """Raise an ArgumentError, before anything is computed or written, if a number is wrong."""
+    def check(self, data: "CampaignData", made: Path | None = None) -> None:
+        """Refuse what cannot be computed or written, before either begins.
+
+        Parameters
+        ----------
+        data
+        made
+            A folder that will be made for files to be written into.
+
+        Raises
+        ------
+        ArgumentError, PosteriorError
+            If a number is impossible, or the objective allows no posterior.
+        OSError
+            If a file exists already, or its folder cannot be written.
+        """
         tolerance = tolerance_of(data, self.tolerance)
         if self.measured is not None and self.error is not None:
             quantities = criterion_of(data.section("objective"), tolerance).quantities
-            measurement_of(str(data.path), quantities, self.measured, self.error)
+            measurement_of(recorded_campaign(data), quantities, self.measured, self.error)
+        for path in (self.draws, self.grid):
+            if path is not None:
+                require_absent(path)
+                if made is None or path.parent.resolve() != made.resolve():
+                    require_writable_folder(path)
 
     def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
         """Return the posterior that is asked for, None if none is, or the set is not known."""
@@ -68,19 +88,22 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     """
     require_library("pandas", "report", "feasible sets")
     request.check(data)
-    for path in (request.draws, request.grid):
-        if path is not None:
-            require_absent(path)
     found = FeasibleSet(data, request.tolerance)
     posterior = request.posterior_of(found)
-    if found.calibration.passed:
-        if request.grid is not None:
-            write_table(request.grid, grid_table(found))
-        if request.draws is not None and posterior is not None:
-            write_table(request.draws, posterior.draws)
+    write_files(request, found, posterior)
     if as_json:
         return json.dumps(as_dict(found, posterior), indent=2, ensure_ascii=False)
     return set_text(found, posterior)
+
+
+def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior | None") -> None:
+    """Write the CSV files that are asked for, where the set is known."""
+    if not found.calibration.passed:
+        return
+    if request.grid is not None:
+        write_table(request.grid, grid_table(found))
+    if request.draws is not None and posterior is not None:
+        write_table(request.draws, posterior.draws)
 
 
 def write_table(path: Path, table: "pd.DataFrame") -> None:

@@ -86,6 +86,15 @@ def require_absent(path: Path) -> None:
         raise FileExistsError(errno.EEXIST, "exists already and is not overwritten", str(path))
 
 
+def require_writable_folder(path: Path) -> None:
+    """Raise an OSError unless the folder of a file exists and can be written."""
+    folder = str(path.parent)
+    if not os.path.isdir(folder):
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), folder)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
+
+
 @contextmanager
 def atomic_file(path: Path, *, replace: bool = False) -> Iterator[Path]:
     """Yield a name beside `path`; what has been written there at the end is renamed to `path`.

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.analysis.set_posterior import effective_size
+from agglom_mpi.analysis.set_posterior import PosteriorError, effective_size, measurement_of
 from agglom_mpi.config.yaml_source import CampaignError
 
 
@@ -56,12 +56,23 @@ def test_drawn_strings_follow_the_weights(posterior):
         (2.0, "wide", "a percentage like '5%'"),
         (2.0, True, "is True"),
         (2.0, "100%", "must be less than the measured 2"),
-        (9.0, 0.01, "no string of the box can give"),
+        (4.6, 0.01, "no string of the box can give"),
+        (9.0, 0.01, "measured: is 9.0; 100 grains in one give 4.642, which is the most"),
+        (-2.0, 0.01, "measured: is -2.0; must be greater than 0"),
+        (0.0, 0.01, "measured: is 0.0; must be greater than 0"),
+        (2.0, 1e300, "must be 0 or in size between"),
+        (1e300, 1e299, "must be 0 or in size between"),
+        (2.0, 1e-300, "must be 0 or in size between"),
     ],
 )
 def test_impossible_measurements_are_said(doubling, measured, error, said):
     with pytest.raises(ValueError, match=said):
         doubling.posterior(measured, error)
+
+
+def test_a_measurement_of_several_numbers_is_refused_without_an_emulator(doubling):
+    with pytest.raises(PosteriorError, match="compares mean, standard_deviation; a posterior"):
+        measurement_of(doubling.campaign, ("mean", "standard_deviation"), 2.0, 0.1)
 
 
 def test_an_error_in_percent_is_relative_to_what_was_measured(doubling):

@@ -6,6 +6,8 @@ from click.testing import CliRunner
 from set_runs import three_variable_file
 from threadpoolctl import threadpool_info
 
+MEASURED = ["--measured", "2", "--error", "1%"]
+
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
@@ -81,6 +83,42 @@ def test_options_that_make_no_sense_are_told(path, options, said):
     assert said in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ["--feasible-set", "--measured", "2", "--error", "1e300"],
+            "must be 0 or in size between 1e-100 and 1e+100",
+        ),
+        (["--feasible-set", "--measured", "2,5", "--error", "1%"], "a decimal point, and no comma"),
+        (
+            ["--feasible-set", "--measured", "-2", "--error", "1"],
+            "measured: is -2; must be greater",
+        ),
+        (["--feasible-set", "--measured", "50", "--error", "1"], "measured: is 50; 100 grains in"),
+        (
+            ["--feasible-set", *MEASURED, "--draws", "x.csv", "--grid", "./x.csv"],
+            "--draws and --grid name the same file",
+        ),
+        (
+            ["--feasible-set", "--grid", "page/set_pairs.png", "--out", "page"],
+            "--grid names a file of the web page",
+        ),
+        (["--feasible-set", "--grid", "no/where/x.csv"], "no/where"),
+    ],
+)
+def test_what_cannot_be_computed_or_written_is_refused_before_anything_is(
+    path, options, said, tmp_path, monkeypatch
+):
+    from agglom_mpi.report import page, set_files
+
+    for module in (set_files, page):
+        monkeypatch.setattr(module, "FeasibleSet", None)
+    monkeypatch.chdir(tmp_path)
+    test_options_that_make_no_sense_are_told(path, options, said)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_wrong_number_leaves_no_page_behind(path, tmp_path):
     done = report(path, "--feasible-set", "--tolerance", "5", "--out", tmp_path / "page")
     assert done.exit_code == 2
@@ -110,9 +148,12 @@ def test_the_page_of_an_empty_set_shows_what_can_be_reached(path, tmp_path, monk
     assert not (tmp_path / "page" / "set_marginals.png").exists()
 
 
-def test_the_page_has_the_figures_of_the_set(path, tmp_path):
-    done = report(path, "--feasible-set", "--out", tmp_path / "page", "--stored-only")
+def test_the_page_has_the_figures_of_the_set_and_the_table_beside_it(path, tmp_path):
+    grid = tmp_path / "page" / "grid.csv"
+    options = ["--out", tmp_path / "page", "--stored-only", "--grid", grid]
+    done = report(path, "--feasible-set", *options)
     assert done.exit_code == 0, done.output
+    assert grid.read_text().startswith("relative_speed (m/s),")
     page = (tmp_path / "page" / "report.html").read_text()
     assert "share of the box" in page
     for name in ("set_pairs", "set_marginals", "set_group", "set_reliability"):
