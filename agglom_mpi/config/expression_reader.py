@@ -13,7 +13,7 @@ from typing import Final
 
 from agglom_mpi.config.dimensions import PURE, dimension_of
 from agglom_mpi.config.expressions import Binary, Comparison, Name, Negative, Node, Number
-from agglom_mpi.config.spelling import with_plain_minus
+from agglom_mpi.config.spelling import remedy, with_plain_minus
 from agglom_mpi.config.units import has_offset, in_base_units, quoted
 
 MAX_CHARACTERS: Final = 500
@@ -69,6 +69,8 @@ def _parse(text: str, names: Container[str], recorded: bool) -> tuple[ast.expr, 
         raise ValueError(f"has {len(text)} characters; must be at most {MAX_CHARACTERS}")
     if private := _PRIVATE.search(text):
         raise ValueError(f"has the name {quoted(private.group())}; names begin with a letter")
+    if _DECIMAL_COMMA.search(text):
+        raise ValueError(f"is {quoted(text)}{remedy(text)}")
     reader = _Reader(text, recorded)
     spelled = _FORTRAN.sub(r"\1e", with_plain_minus(text))
     plain = _without_units(spelled, names, reader)
@@ -88,6 +90,7 @@ _NUMBER: Final = rf"{_DIGITS}(?:[eE][+-]?\d++)?+"
 _FORTRAN: Final = re.compile(rf"({_DIGITS})D(?=[+-]?\d)")
 _QUANTITY: Final = re.compile(rf"({_NUMBER})\s*({_WORD}{_POWER}(?:\s*[*/]\s*{_WORD}{_POWER})*)")
 _SEGMENT: Final = re.compile(rf"\s*[*/]?\s*({_WORD}){_POWER}")
+_DECIMAL_COMMA: Final = re.compile(r"\d,\d")
 _PLACEHOLDER: Final = "_"
 _EXPONENT: Final = re.compile(r"(?<=[^\W\d_])(\d+)\b")
 _PRIVATE: Final = re.compile(r"(?<!\w)_\w*")

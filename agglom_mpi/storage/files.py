@@ -89,10 +89,15 @@ def require_absent(path: Path) -> None:
 def require_writable_folder(path: Path) -> None:
     """Raise an OSError unless the folder of a file exists and can be written."""
     folder = str(path.parent)
-    if not os.path.isdir(folder):
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), folder)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
+    if not os.path.lexists(folder):
+        code = errno.ENOENT
+    elif not os.path.isdir(folder):
+        code = errno.ENOTDIR
+    elif not os.access(folder, os.W_OK | os.X_OK):
+        code = errno.EACCES
+    else:
+        return
+    raise OSError(code, os.strerror(code), folder)
 
 
 @contextmanager

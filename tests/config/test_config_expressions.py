@@ -116,6 +116,7 @@ def test_any_text_is_read_or_refused_in_one_line(text):
         ("'a'", "which has a text within"),
         ("a +", "which is no arithmetic"),
         ("2 a", "which is no arithmetic"),
+        ("2500,5 * a", "is '2500,5 * a'; write a decimal point, and no comma"),
         ("", "which is no arithmetic"),
         ("a < 2", "a comparison; must be a quantity"),
         ("_a", "has the name '_a'; names begin with a letter"),
