@@ -105,8 +105,16 @@ def test_a_signal_is_handed_on_and_the_job_requeued(folder, name, task):
 def test_the_tasks_of_an_array_have_other_seeds_or_other_campaigns(folder):
     (folder / "end").write_text("0")
     begun = []
-    for words in (["a.yaml"], ["0.yaml", "1.yaml", "2.yaml", "3.yaml"]):
+    several = ["0.yaml", "1.yaml", "2.yaml", "3.yaml"]
+    options = ["--allow-code", "--generations", "2"]
+    for words in (["a.yaml"], several, ["a.yaml", *options], [*several, *options]):
         with job(folder, "array.sbatch", *words) as process:
             output_of(process)
         begun.append((folder / "started").read_text().strip())
-    assert begun == ["-n 4 agglom-invert a.yaml --seed 3", "-n 4 agglom-invert 3.yaml"]
+    said = " ".join(options)
+    assert begun == [
+        "-n 4 agglom-invert a.yaml --seed 3",
+        "-n 4 agglom-invert 3.yaml",
+        f"-n 4 agglom-invert a.yaml --seed 3 {said}",
+        f"-n 4 agglom-invert 3.yaml {said}",
+    ]

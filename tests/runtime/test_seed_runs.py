@@ -19,12 +19,12 @@ def test_a_seed_of_the_command_line_is_one_of_the_file(tmp_path):
         file = read_campaign(tmp_path / name)
         assert file.seed == Campaign.from_text(file.campaign_text).seed == seed
         assert_sound(tmp_path / name)
-        (tmp_path / "other.yaml").write_text(f"seed : {seed}\n{without}")
-        finish(tmp_path, "other.yaml", "-o", f"other{seed}.h5")
-        assert_same(tmp_path / name, decisions(tmp_path / f"other{seed}.h5"))
     assert not (tmp_path / "tiny.h5").exists()
-    results = [read_campaign(tmp_path / f"other{s}.h5").result_rows()["objective"] for s in (3, 5)]
-    assert results[0].tolist() != results[1].tolist()
+    (tmp_path / "other.yaml").write_text(f"seed : 5\n{without}")
+    finish(tmp_path, "other.yaml")
+    assert_same(tmp_path / "mine_seed5.h5", decisions(tmp_path / "other.h5"))
+    three, five = (read_campaign(tmp_path / f"{n}.h5") for n in ("tiny_seed3", "mine_seed5"))
+    assert three.result_rows()["objective"].tolist() != five.result_rows()["objective"].tolist()
 
 
 def test_a_resume_needs_the_same_seed(tmp_path):
