@@ -7,7 +7,7 @@ from agglom_mpi.formatting import printable
 
 FINISHED: Final = 0
 FAILURE: Final = 1
-"""Anything else than the others: an unexpected error, a damaged file, a failed sample."""
+"""Anything else than the others: an unexpected error, a damaged file, samples that all failed."""
 BAD_INPUT: Final = 2
 STOPPED: Final = 75
 """Stopped early; running the same command again continues it."""

@@ -22,7 +22,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
-from agglom_mpi.errors import require_library
+from agglom_mpi.errors import FAILURE, FINISHED, require_library
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
@@ -106,8 +106,8 @@ def simulate_string(
     `show` is called with warnings about what is unlikely in a YAML campaign, and about what the
     samples are like.
 
-    Samples that fail are left out and counted. The exit code is 1 if one fails, or differs from the
-    recorded one.
+    Samples that fail are left out and counted. The exit code is 1 if all of them fail, or one
+    differs from the recorded one.
 
     Raises
     ------
@@ -132,9 +132,9 @@ def simulate_string(
     completed, failures = _simulate(selected, numbers, engine, frames)
     outcomes = list(completed.values())
     if not outcomes:
-        return (json.dumps({"failed": failures[0]}) if as_json else failures[0]), 1
+        return (json.dumps({"failed": failures[0]}) if as_json else failures[0]), FAILURE
     estimate = estimate_of(campaign, parameters, outcomes, len(failures))
-    code = 1 if failures else 0
+    code = FINISHED
     for line in [
         *few_left(estimate.particles_left.value, campaign.scene.particles),
         *_early_changes(selected, completed, engine),
@@ -146,7 +146,7 @@ def simulate_string(
     if recorded is not None and request.engine is None:
         same = is_same(recorded, outcomes[0].record, version)
         extra["replay"] = AGREEMENT[same]
-        code = max(code, 0 if same else 1)
+        code = FINISHED if same else FAILURE
     if request.out is not None:
         extra["files"] = _write_frames(request, campaign, parameters, outcomes[0])
     if as_json:
