@@ -2,6 +2,7 @@
 
 import os
 import re
+import stat
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,31 @@ YAML_IS_NO_HDF5: Final = (
     "it reads like a campaign in YAML: agglom-invert runs it, and agglom check, plan and simulate "
     "read it"
 )
+
+
+KERNEL_FOLDERS: Final = ("/proc", "/sys")
+"""Where the kernel shows itself as files; some of them block a reader for ever."""
+
+
+def is_kernel_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a regular file or a folder below `KERNEL_FOLDERS`, whatever its name.
+
+    A link in `/proc/self/fd` to another file or to a pipe is not.
+
+    Raises
+    ------
+    OSError
+        If there is no such file.
+    """
+    found = os.stat(path)
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        return False
+    real = os.path.realpath(path)
+    folders = [folder for folder in KERNEL_FOLDERS if os.path.isdir(folder)]
+    return any(
+        found.st_dev == os.stat(folder).st_dev or real.startswith(f"{folder}/")
+        for folder in folders
+    )
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
@@ -43,7 +69,7 @@ def _head(path: str | os.PathLike[str], size: int) -> bytes:
     A pipe, which can be read only once, is not looked into: HDF5 cannot be read from one.
     """
     try:
-        if not Path(path).is_file():
+        if not Path(path).is_file() or is_kernel_file(path):
             return b""
         with Path(path).open("rb") as file:
             return file.read(size)

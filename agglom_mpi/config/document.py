@@ -216,6 +216,10 @@ def read_document(
     A text that was `recorded` by a run is read as it was then, where it is refused today.
     """
     source = parse(text, name)
+    if not any(key in CampaignDocument.model_fields for key in source.data):
+        # Perhaps a file with somebody's secrets: no key of it is quoted.
+        message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
+        raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
     model = CampaignDocument if reason else SceneDocument
     data = _with_sizes(source, read_sizes)
@@ -244,8 +248,8 @@ def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
     named = isinstance(sizes, dict) and isinstance(sizes.get("file"), str)
     if named and sizes.get("law", "file") == "file":
         for key in sizes:
-            if key not in ("law", "file"):
-                message = f"unknown key '{str(key)[:40]}'; allowed beside file: law"
+            if key not in ("law", "file", "basis"):
+                message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"
                 problems.append(((*path, str(key)), message))
         try:
             found = read_sizes(sizes["file"])

@@ -1,18 +1,36 @@
 """The file of sizes that a scene may name: read beside the campaign, or from its identity."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.config.bounded_reading import read_bounded
+from agglom_mpi.config.bounded_reading import read_bounded, shown
+from agglom_mpi.config.table_layout import TableError, is_number, is_unit, too_many_rows
+from agglom_mpi.config.text_table import TextTable, read_table
 from agglom_mpi.config.units import quoted, to_si
 from agglom_mpi.file_kinds import begins_as_hdf5
 
-MAX_BYTES: Final = 1 << 20
+MAX_BYTES: Final = 1 << 23
 """Largest size of a file of sizes."""
-MAX_ROWS: Final = 10_000
+MAX_ROWS: Final = 100_000
 MAX_RATIO: Final = 100.0
 """Largest over smallest diameter, at most."""
+
+EXAMPLE: Final = "diameter (um)"
+"""Heading that messages give as an example."""
+RELATIVE: Final = ("", "1", "-")
+"""Units of diameters that are relative to each other."""
+_DIAMETER: Final = ("diameter", "durchmesser", "diamètre", "diametre", "diámetro", "diametro")
+"""Words that make a title that of a column of diameters, alone or among others."""
+_SIZE: Final = ("size", "sizes", "particle size", "particle sizes", "grain size", "grain sizes")
+"""Other titles of columns of diameters."""
+_AMOUNT: Final = {
+    *("count", "frequency", "fraction", "share", "volume", "mass", "weight", "percent", "density"),
+    *("cumulative", "passing", "retained", "undersize", "oversize", "number", "anzahl", "anteil"),
+}
+"""Words in titles of columns that say how many grains have the size of their row."""
 
 
 class Diameters(NamedTuple):
@@ -47,15 +65,22 @@ def recorded_sizes(identity: Mapping[str, Any]) -> SizeReader:
 
     def read(name: str) -> Diameters:
         text, unit = (identity.get(f"scene.sizes.{key}") for key in ("diameters", "unit"))
-        return _checked(str(text).split(), unit == "m", name)
+        words = str(text).split()
+        values = tuple(float(word) if is_number(word) else 0.0 for word in words)
+        try:
+            _check(values, lambda row: f"diameter {row + 1}: {shown(words[row])}")
+        except ValueError as error:
+            raise ValueError(f"is {quoted(name)}: {error}") from None
+        return Diameters(values, unit == "m")
 
     return read
 
 
 def read_diameters(folder: Path, name: str) -> Diameters:
-    """Read a text of one diameter a line, after a heading like `diameter (um)`.
+    """Read the diameters of a table with one grain a row, under a heading like `diameter (um)`.
 
-    Without a heading, or a unit in it, they are relative to each other.
+    Without a heading, or a unit in it, they are relative to each other. Other columns are left out,
+    but for amounts: a histogram is refused.
 
     Raises
     ------
@@ -68,65 +93,98 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     if begins_as_hdf5(path):
         raise ValueError(f"is {quoted(name)}, an HDF5 file; must be a text of one diameter a line")
     try:
-        text = read_bounded(path, MAX_BYTES).decode("utf-8-sig")
+        content = read_bounded(path, MAX_BYTES)
     except OSError as error:
         raise ValueError(
             f"is {quoted(name)}, but {path} cannot be read: {error.strerror}"
         ) from None
-    except UnicodeDecodeError:
-        raise ValueError(f"is {quoted(name)}, which is no text in UTF-8") from None
-    rows = [row.strip().rstrip(",;").strip() for row in text.splitlines()]
-    rows = [row for row in rows if row and not row.startswith("#")]
-    unit = "" if not rows or _is_number(rows[0]) else _unit(rows.pop(0), name)
-    return _checked(rows, bool(unit), name, to_si(f"1 {unit}", "m") if unit else 1.0)
+    try:
+        return _diameters(read_table(content, is_diameter, EXAMPLE, MAX_ROWS))
+    except ValueError as error:
+        raise ValueError(f"is {quoted(name)}: {error}") from None
 
 
-def _unit(heading: str, name: str) -> str:
-    """Return the unit in parentheses of a heading, empty if there is none."""
-    word, _, rest = heading.strip('"').partition("(")
-    unit = rest.partition(")")[0].strip()
-    if word.strip().lower() not in ("diameter", "diameters"):
-        raise ValueError(
-            f"is {quoted(name)}, whose first line is {quoted(heading)}; must be a heading like "
-            "'diameter (um)', or a number"
-        )
-    if unit:
-        try:
-            to_si(f"1 {unit}", "m")
-        except ValueError as error:
-            raise ValueError(
-                f"is {quoted(name)}, whose heading is {quoted(heading)}: {error}"
-            ) from None
-    return "" if unit == "1" else unit
+def is_diameter(title: str) -> bool:
+    """Return whether a column's title, in lower case and without its unit, is that of diameters."""
+    return title in _SIZE or any(word.removesuffix("s") in _DIAMETER for word in title.split())
 
 
-def _checked(rows: list[str], absolute: bool, name: str, factor: float = 1.0) -> Diameters:
-    """Return the numbers of rows, times a factor, if they can be diameters."""
-    if not 1 <= len(rows) <= MAX_ROWS:
-        raise ValueError(
-            f"is {quoted(name)}, which has {len(rows):,} diameters; allowed: 1 to {MAX_ROWS:,}"
-        )
-    for number, row in enumerate(rows, 1):
-        if not _is_number(row) or not 0.0 < float(row) < 1e100:
-            raise ValueError(
-                f"is {quoted(name)}, whose diameter {number} is {quoted(row)}; must be one number "
-                "greater than 0 a line"
-            )
+def _diameters(table: TextTable) -> Diameters:
+    """Return the diameters of a table."""
+    column = _column(table)
+    unit = (table.headings[column].unit or "") if table.headings else ""
+    factor = _metres(unit)
+    numbers = table.numbers(column)
+    _check(numbers, lambda row: f"{table.place(row, column)}: {table.field(row, column)}")
+    _refuse_histogram(table, column, numbers)
     # 40 um are 40/1e6 m to the bit, as in a campaign file; 40 * 1e-6 are not.
     whole = round(1.0 / factor)
     divides = whole > 0 and 1.0 / whole == factor
-    values = tuple(float(row) / whole if divides else float(row) * factor for row in rows)
-    if max(values) > MAX_RATIO * min(values):
-        raise ValueError(
-            f"is {quoted(name)}, with diameters from {min(values):g} to {max(values):g}; the "
-            f"largest must be at most {MAX_RATIO:g} times the smallest"
+    values = tuple(number / whole if divides else number * factor for number in numbers)
+    return Diameters(values, unit not in RELATIVE)
+
+
+def _metres(unit: str) -> float:
+    """Return the size of a unit in m, 1 of none."""
+    if unit in RELATIVE:
+        return 1.0
+    if is_unit(unit):
+        with suppress(ValueError):
+            return to_si(f"1 {unit}", "m")
+    raise TableError(
+        f"the diameters have the unit {shown(unit)}; must be one of length like 'um', or none"
+    )
+
+
+def _column(table: TextTable) -> int:
+    """Return the index of the column of diameters."""
+    if not table.headings and table.width > 1:
+        raise TableError(
+            f"has {table.width} columns without headings; must have a heading like '{EXAMPLE}' "
+            "above the diameters"
         )
-    return Diameters(values, absolute)
+    found = [i for i, heading in enumerate(table.headings) if is_diameter(heading.title.lower())]
+    if len(found) > 1:
+        names = ", ".join(shown(table.headings[i].title) for i in found[:3])
+        raise TableError(f"has {len(found)} columns of diameters, {names}; keep one of them")
+    return found[0] if found else 0
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _refuse_histogram(table: TextTable, column: int, numbers: Sequence[float]) -> None:
+    """Raise a TableError if another column seems to say how many grains have each size.
+
+    It has such a title, or the sizes of several columns are in order and all different, as classes
+    are.
+    """
+    others = [heading for i, heading in enumerate(table.headings) if i != column]
+    amounts = [
+        heading.title
+        for heading in others
+        if heading.unit in ("%", "percent")
+        or any({word, word.removesuffix("s")} & _AMOUNT for word in heading.title.lower().split())
+    ]
+    steps = {(b > a) - (b < a) for a, b in pairwise(numbers)}
+    if amounts or (others and len(numbers) > 2 and steps in ({1}, {-1})):
+        beside = shown(amounts[0] if amounts else others[0].title)
+        raise TableError(
+            f"reads like a histogram, whose column {beside} seems to be an amount of each size; a "
+            "file of sizes has one grain per row, so keep the diameters alone, or give a law such "
+            "as lognormal"
+        )
+
+
+def _check(numbers: Sequence[float], place: Callable[[int], str]) -> None:
+    """Raise a ValueError unless numbers can be diameters; `place` names the field of a row."""
+    if not numbers:
+        raise TableError("has no rows below its headings")
+    if len(numbers) > MAX_ROWS:
+        raise too_many_rows(len(numbers), MAX_ROWS)
+    for row, number in enumerate(numbers):
+        if not 0.0 < number < 1e100:
+            raise TableError(f"{place(row)}; must be a number greater than 0")
+    low, high = min(numbers), max(numbers)
+    if high > MAX_RATIO * low:
+        raise TableError(
+            f"has diameters from {low:g} to {high:g}; the largest must be at most {MAX_RATIO:g} "
+            "times the smallest"
+        )

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.bounded_reading import read_bounded
+from agglom_mpi.config.bounded_reading import clipped, read_bounded
 
 MAX_MAGNITUDE: Final = 1e100
 """Largest magnitude that a function may return, so that squares and sums are finite."""
@@ -89,7 +89,8 @@ def read_function(folder: Path, call: str) -> UserFunction:
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)
-        raise ValueError(f"is {call!r}, but {place}: {getattr(error, 'msg', error)}") from None
+        reason = clipped(getattr(error, "msg", error))
+        raise ValueError(f"is {call!r}, but {place}: {reason}") from None
     return UserFunction(call, hashlib.sha256(source).hexdigest(), source)
 
 

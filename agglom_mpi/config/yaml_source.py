@@ -14,7 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
-from agglom_mpi.config.bounded_reading import read_bounded
+from agglom_mpi.config.bounded_reading import clipped, read_bounded, shown
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
 from agglom_mpi.formatting import pluralise
@@ -154,7 +154,9 @@ def parse(text: str, name: str) -> Source:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        raise CampaignError(Problem(name, line, "", f"not valid YAML: {error.problem}")) from None
+        raise CampaignError(
+            Problem(name, line, "", f"not valid YAML: {clipped(error.problem)}")
+        ) from None
     except ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         message = f"not valid YAML: the character U+{error.character:04X} is not allowed"
@@ -239,7 +241,9 @@ class _Builder:
             if key in data:
                 first = self.lines[*path, key]
                 raise self.error(
-                    key_node, path, f"duplicate key '{key}'; it is already given in line {first}"
+                    key_node,
+                    path,
+                    f"duplicate key {shown(key)}; it is already given in line {first}",
                 )
             data[key] = self.build(value_node, (*path, key), key_node)
         return data
@@ -248,4 +252,4 @@ class _Builder:
         try:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, LookupError, ValueError):
-            raise self.error(node, path, f"cannot read '{node.value[:40]}'") from None
+            raise self.error(node, path, f"cannot read {shown(node.value)}") from None

@@ -14,7 +14,7 @@ import numpy as np
 from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 
 from agglom_mpi.errors import FAILURE, UserError
-from agglom_mpi.file_kinds import YAML_IS_NO_HDF5, reads_like_a_campaign
+from agglom_mpi.file_kinds import YAML_IS_NO_HDF5, is_kernel_file, reads_like_a_campaign
 from agglom_mpi.storage.header import check_attributes
 from agglom_mpi.storage.schema import (
     FORMAT,
@@ -116,6 +116,8 @@ def _check_kind(path: Path) -> None:
         return
     if not stat.S_ISREG(found.st_mode):
         raise NotACampaign(f"{path}: not a regular file")
+    if is_kernel_file(path):
+        raise NotACampaign(f"{path}: in /proc or /sys, which are not read")
     # Opened for writing, an empty file would silently become an HDF5 file.
     if found.st_size == 0:
         raise NotACampaign(f"{path}: not an HDF5 file (it is empty)")

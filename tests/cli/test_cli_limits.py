@@ -2,11 +2,15 @@
 
 import os
 import socket
+from pathlib import Path
 
 import pytest
 
+from agglom_mpi import load_campaign
 from agglom_mpi.config.user_function import read_function
 from agglom_mpi.config.yaml_source import MAX_BYTES, CampaignError, read_text
+from agglom_mpi.file_kinds import is_hdf5
+from agglom_mpi.storage.access import NotACampaign, open_file
 
 
 @pytest.mark.parametrize("value", ["9" * 5000, "1" + 30 * "0", "nan", "inf"])
@@ -64,6 +68,49 @@ def test_only_a_regular_file_is_a_campaign(tmp_path, monkeypatch, kind):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(CampaignError, match=r"is not a regular file|is a directory"):
         read_text(str(special(tmp_path, kind)))
+
+
+@pytest.mark.parametrize("name", ["/proc/self/environ", "/proc/sys/kernel/ostype"])
+def test_files_of_the_kernel_are_not_read(tmp_path, monkeypatch, name):
+    """Some of them, as /proc/kmsg, block whoever reads them."""
+
+    def never(*arguments):
+        raise AssertionError("the file was opened")
+
+    linked = tmp_path / "linked.py"
+    linked.symlink_to(name)
+    monkeypatch.setattr(Path, "open", never)
+    for path in (name, str(linked)):
+        assert not is_hdf5(path)
+        with pytest.raises(CampaignError, match=r"is in /proc or /sys, which are not read"):
+            read_text(path)
+        with pytest.raises(NotACampaign):
+            open_file(Path(path))
+    with pytest.raises(ValueError, match=r"is in /proc or /sys, which are not read"):
+        read_function(tmp_path, "linked:worth")
+
+
+def test_a_link_in_proc_to_another_file_is_read(tmp_path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text("seed: 1\n")
+    with path.open() as file:
+        assert read_text(f"/proc/self/fd/{file.fileno()}") == "seed: 1\n"
+
+
+def test_a_file_that_is_no_campaign_is_not_quoted(tmp_path):
+    path = tmp_path / "tokens.yaml"
+    path.write_text("a-secret-of-somebody: another-secret\n")
+    with pytest.raises(CampaignError) as caught:
+        load_campaign(path)
+    assert "holds none of the sections of a campaign" in str(caught.value)
+    assert "secret" not in str(caught.value)
+
+
+def test_a_module_that_is_no_python_is_hardly_quoted(tmp_path):
+    (tmp_path / "own.py").write_text("# coding: a-very-long-secret-of-somebody\n")
+    with pytest.raises(ValueError, match=r"own\.py") as caught:
+        read_function(tmp_path, "own:worth")
+    assert "long-secret-of-somebody" not in str(caught.value)
 
 
 def test_a_large_file_is_refused_by_its_size(tmp_path):

@@ -1,0 +1,180 @@
+"""Tables of numbers as instruments write them are read where they have one meaning."""
+
+import pytest
+
+from agglom_mpi.config import size_file
+from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, clipped, shown
+from agglom_mpi.config.size_file import EXAMPLE, is_diameter, read_diameters
+from agglom_mpi.config.table_layout import TableError
+from agglom_mpi.config.text_table import Heading, parse_heading, read_table
+
+
+def table(text):
+    content = text if isinstance(text, bytes) else text.encode()
+    return read_table(content, is_diameter, EXAMPLE)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function from the content of a file to its diameters in µm, or relative ones."""
+
+    def diameters(content):
+        (tmp_path / "s.csv").write_bytes(
+            content if isinstance(content, bytes) else content.encode()
+        )
+        values, absolute = read_diameters(tmp_path, "s.csv")
+        return absolute, [value * (1e6 if absolute else 1.0) for value in values]
+
+    return diameters
+
+
+LAYOUTS = {
+    "brackets": "Diameter [um]\n40.5\n20.25\n",
+    "parentheses": "diameter (um)\n40.5\n20.25\n",
+    "a slash": "Diameter / µm\n40.5\n20.25\n",
+    "an underscore": "particle_diameter_um\n40.5\n20.25\n",
+    "a line of units": "Diameter;Area\num;um2\n40.5;1\n20.25;3\n",
+    "units in brackets": "Diameter\t\n[µm]\n40.5\n20.25\n",
+    "quotes": '"Diameter [um]"\n"40.5"\n"20.25"\n',
+    "decimal commas": "Diameter [µm]\n40,5\n20,25\n",
+    "commas and whole numbers": "Diameter [nm]\n40500\n20250,0\n",
+    "quoted commas": 'ID,Diameter [um]\n1,"40,5"\n2,"20,25"\n',
+    "semicolons": "ID;Durchmesser [µm];Form\n1;40,5;rund\n2;20,25;oval\n",
+    "tabs": "ID\tDiameter (um)\tShape\n1\t40.5\tround\n2\t20.25\toval\n",
+    "commas": "ID,Diameter [um],Shape\n1,40.5,round\n2,20.25,oval\n",
+    "spaces": "  ID   Diameter [um]  Area\n   1   40.5   3\n   2   20.25  4\n",
+    "lines above": "Sample: 12\nDate;2024-01-05\n\nDiameter [um];Area\n40,5;12\n20,25;13\n",
+    "a declared separator": "sep=;\nDiameter [mm];ID\n0,0405;1\n0,02025;7\n",
+    "Latin-1": "Diameter [µm]\n40.5\n20.25\n".encode("latin-1"),
+    "UTF-16": "Diameter [µm]\n40,5\n20,25\n".encode("utf-16"),
+    "UTF-16 without a mark": "Diameter [µm]\n40,5\n20,25\n".encode("utf-16-le"),
+    "a byte-order mark": "\ufeffDiameter [um]\r\n40.5\r\n20.25\r\n",
+    "old line ends": "Diameter [um]\r40.5\r20.25\r",
+    "trailing separators": "Diameter [um];\n40.5;\n20.25;\n;;\n",
+    "Fortran exponents": "diameter (um)\n4.05D+1\n2.025D1\n",
+}
+
+
+@pytest.mark.parametrize("content", LAYOUTS.values(), ids=LAYOUTS)
+def test_a_table_with_one_meaning_is_read(read, content):
+    absolute, values = read(content)
+    assert absolute
+    assert values == pytest.approx([40.5, 20.25], rel=1e-14)
+
+
+def test_sizes_without_a_unit_are_relative(read):
+    for content in ("40,5\n30\n", "diameter\n40.5\n30\n", "size (1);id\n40,5;1\n30;2\n"):
+        assert read(content) == (False, [40.5, 30.0])
+
+
+REFUSED = {
+    "one column or two": ("40,5\n30,5\n", "line 1: '40,5' can be one number or two; write"),
+    "one line of two numbers": ("diameter (um)\n40,50\n", "line 2: '40,50' can be one number or"),
+    "a heading with a comma": ("Diameter, um\n40,5\n60,2\n", "line 2: '40,5' can be one number"),
+    "a list in a line": ("diameter (um)\n40, 50\n", "line 2: has 2 fields, but 1 heading"),
+    "thousands": ("diameter (um)\n1,234\n2,345\n", "line 2: '1,234' can be 1234 or 1.234; write"),
+    "both marks": ("diameter (um);a\n1.234,5;3\n", "'1.234,5' is not a number; write numbers with"),
+    "commas beside points": (
+        "size (um);id\n4,5;1\n3;1.5\n",
+        "column 'size': '4,5' is not a number",
+    ),
+    "no headings": ("40.5 3\n30.5 4\n", "has 2 columns without headings; must have a heading"),
+    "two columns of diameters": ("diameter;Diameter max\n3;5\n2;7\n", "has 2 columns of diameters"),
+    "another quantity": ("mass (kg)\n40\n", "line 1: 'mass (kg)' is neither a number nor a headi"),
+    "another unit": ("diameter (kg)\n40\n", "the unit 'kg'; must be one of length like 'um'"),
+    "two units": ("size (um)\nmm\n40\n", "line 1: column 'size' has the units 'um' and 'mm'"),
+    "shares in percent": (
+        "size (um);q [%]\n2;50\n1;2\n",
+        "histogram, whose column 'q' seems to be",
+    ),
+    "counts": ("size (um);Count\n2;50\n1;2\n", "histogram, whose column 'Count' seems to be"),
+    "classes": ("size (um);x\n1;2\n2;50\n4;8\n", "histogram, whose column 'x' seems to be an amo"),
+    "a last line of statistics": (
+        "size (um);id\n2;1\nMean;2\n",
+        "line 3, column 'size': 'Mean' is",
+    ),
+    "an empty field": ("size (um);id\n2;1\n;2\n", "line 3, column 'size': the field is empty"),
+    "a quotation mark": ('size (um)\n"40\n3\n', "line 2: quotation marks do not match"),
+    "more fields than headings": ("size (um);id\n4;1;2\n", "line 2: has 3 fields, but 2 headings"),
+    "a workbook": (b"PK\x03\x04\x14\x00", "is a workbook or an archive; export the table as text"),
+    "bytes": (b"\x00\x01\x02\x80", "is no text; export the table as text"),
+    "a long line": ("size (um)\n" + "4 " * 9000, "line 2: is longer than 10,000 characters"),
+    "no rows": ("12;a\nsize (um);b\n", "has no rows below its headings"),
+    "nothing": ("", "holds no number"),
+}
+
+
+@pytest.mark.parametrize(("content", "said"), REFUSED.values(), ids=REFUSED)
+def test_another_table_is_refused_with_what_to_write(read, content, said):
+    with pytest.raises(ValueError, match=r"^is 's\.csv': ") as caught:
+        read(content)
+    assert said in str(caught.value)
+
+
+def test_as_many_sizes_as_are_allowed_are_read(read, monkeypatch):
+    monkeypatch.setattr(size_file, "MAX_ROWS", 1000)
+    _, values = read("diameter (um)\n" + "40\n60\n" * 500)
+    assert len(values) == 1000
+    for rows, said in ((1001, "has 1,001 rows; allowed: 1,000, so keep one in 2"), (9000, "in 10")):
+        with pytest.raises(ValueError, match=said):
+            read("diameter (um)\n" + "40\n" * rows)
+
+
+SECRET = "correct-horse-battery-staple"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        f"root:{SECRET}:19000:0:99999:7:::\n",
+        f"password {SECRET}\n",
+        f"{SECRET} 1 2\n3 4 5\n",
+        f"diameter (um)\n{SECRET}\n40\n",
+        f"diameter ({SECRET})\n40\n",
+        f"diameter (um)\n40\n40;{SECRET}\n",
+        f'{SECRET}\n"40\n1\n',
+    ],
+)
+def test_a_message_quotes_no_more_than_the_start_of_a_field(read, content):
+    with pytest.raises(ValueError, match=r"^is 's\.csv': ") as caught:
+        read(content)
+    assert SECRET[:SHOWN_CHARACTERS] not in str(caught.value)
+
+
+def test_a_file_without_a_number_is_not_quoted(read):
+    with pytest.raises(ValueError, match=r"^is 's\.csv': holds no number$"):
+        read(f"{SECRET}\nroot:x:0:0\n")
+
+
+def test_what_is_quoted_can_be_printed():
+    assert shown("a\x1b[31m\nb\u202e" + "c" * 30) == "'a[31mb" + "c" * 11 + "...'"
+    assert shown("Diameter") == "'Diameter'"
+    assert clipped(f"unknown encoding: {SECRET}") == "unknown encoding: correct-horse-bat..."
+
+
+@pytest.mark.parametrize(
+    ("text", "heading"),
+    [
+        ("Diameter [um]", Heading("Diameter", "um")),
+        ("Passing (%) by mass", Heading("Passing by mass", "%")),
+        ("time / ms", Heading("time / ms")),
+        ("diameter in mm", Heading("diameter", "mm")),
+        ("d_50", Heading("d 50")),
+        ("Diameter min", Heading("Diameter min")),
+    ],
+)
+def test_a_heading_has_a_title_and_a_unit(text, heading):
+    assert parse_heading(text) == heading
+
+
+def test_a_table_gives_numbers_by_column_with_their_lines():
+    found = table("# a comment\nsize (um);q\n\n4,5;0,125\n3;1\n")
+    assert found.lines == [4, 5]
+    assert found.numbers(0) == [4.5, 3.0]
+    assert found.numbers(1) == [0.125, 1.0]
+    assert found.place(1, 1) == "line 5, column 'q'"
+
+
+def test_another_title_is_no_heading():
+    with pytest.raises(TableError, match="line 1: 'Radius' is neither a number nor a heading"):
+        table("Radius\n3\n")
