@@ -252,11 +252,33 @@ def _scene(campaign: "Campaign") -> list[str]:
         end = f"{scene.end_time:g} s"
     return [
         f"particles: {scene.particles:,}",
-        *(() if scene.sizes is None else (f"sizes: {scene.sizes.summary}",)),
+        *_sizes(scene),
         size,
         f"engine: {scene.engine.summary}",
         f"end time: {end}",
     ]
+
+
+SHARES: Final = (0.1, 0.5, 0.9)
+"""Shares of the grains, or of their volume, that are smaller than d10, d50 and d90."""
+
+
+def _sizes(scene: SceneSection) -> list[str]:
+    """Return the law of sizes with its quantiles by number and by volume, if grains differ."""
+    law, diameter = scene.size_law, scene.diameter
+    if scene.sizes is None or law is None:
+        return []
+
+    def text(ratio: float) -> str:
+        return f"{ratio:.3g}" if diameter is None else value_with_prefix(ratio * diameter, "m")
+
+    unit = ", over the mean diameter" if diameter is None else ""
+    lines = [f"sizes: {scene.sizes.summary}"]
+    for name, by_volume in (("number", False), ("volume", True)):
+        found = [f"d{100 * share:.0f} {text(law.quantile(share, by_volume))}" for share in SHARES]
+        found += [f"D[4,3] {text(law.volume_mean)}"] if by_volume else []
+        lines.append(f"by {name}: {', '.join(found)}{unit}")
+    return lines
 
 
 def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:

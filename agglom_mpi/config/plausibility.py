@@ -10,18 +10,16 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.objective import GrowthTarget, MaximumGrowth, Moments
+from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.units import quoted
 from agglom_mpi.config.yaml_source import FieldPath, Problem, parse
-from agglom_mpi.formatting import format_duration, format_percent, pluralise, value_with_prefix
+from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT, LIGHT_SPEED
-from agglom_mpi.physics.sizes import draw_radii
-from agglom_mpi.random_streams import PLACEMENT_FORECAST, search_stream
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -58,20 +56,6 @@ SLOW: Final = 0.5
 """Fraction of the critical speed that no two grains reach at the start where nothing bonds: pairs
 of unequal grains bond from 0.71 of it on, and collisions hardly raise the fastest speed."""
 
-MOST_FILLED: Final = 0.6
-"""Volume fraction of drawn sizes above which placement mostly jams; below it hardly ever does.
-
-Of 1700 samples of lognormal and uniform laws with 50 to 1000 grains, 25 of 33 jammed above 0.6, or
-with a grain as wide as the box, and 1 of 508 between 0.3 and 0.6.
-"""
-MAX_DRAWN_SAMPLES: Final = 4000
-MAX_DRAWN_GRAINS: Final = 4_000_000
-"""Samples of which sizes are drawn to see how many jam, and their grains; a fifth of a second."""
-MIN_DRAWN_SAMPLES: Final = 30
-"""Samples without which nothing is said of a law of sizes."""
-MISSING_VOLUME: Final = 0.01
-"""Relative loss of volume fraction, beyond two standard errors, above which a law is too wide."""
-
 COLLISIONS_PER_SECOND: Final = 5e5
 """Collisions that one core handles per second with the event engine, at least."""
 LONG_SAMPLE: Final = 3600.0
@@ -81,9 +65,6 @@ DECISIVE: Final = (
     *("relative_speed", "size_ratio", "density", "hardness", "temperature", "activation_energy"),
 )
 """Variables that the number of collisions until the end depends on."""
-
-Finding = tuple[FieldPath, str]
-"""A field, and what is unlikely about it."""
 
 
 def implausible(
@@ -112,7 +93,7 @@ def implausible(
         *_speeds(campaign.scene, upper),
         *_bonding(campaign.scene, lower, upper),
         *_sizes(campaign.scene, lower, upper),
-        *_placement(campaign, upper),
+        *unlikely_draws(campaign, _values(upper)["size_ratio"]),
         *_collisions(campaign.scene, lower, upper),
         *(_growth(campaign) if campaign.plan is not None else ()),
     ]
@@ -220,48 +201,6 @@ def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Itera
             f"{GRAINS.words}, and a number without a unit is in m"
         )
         yield ("scene", scene.size_key), message
-
-
-def _placement(campaign: "Campaign", upper: np.ndarray) -> Iterator[Finding]:
-    """Yield the law of sizes if it is so wide that the largest draws find no place."""
-    scene, wanted = campaign.scene, campaign.fraction(_values(upper)["size_ratio"])
-    law = scene.size_law
-    samples = min(MAX_DRAWN_SAMPLES, MAX_DRAWN_GRAINS // scene.particles)
-    if law is None or samples < MIN_DRAWN_SAMPLES:
-        return
-    fractions, fits = _drawn_fractions(campaign, wanted, samples)
-    completed = fractions[fits]
-    if not len(completed):
-        message = f"make all samples fail: their grains fill more than {MOST_FILLED:g} of the box"
-        yield ("scene", "sizes"), message
-        return
-    missing = wanted - completed.mean()
-    error = completed.std() / math.sqrt(len(completed))
-    if missing > MISSING_VOLUME * wanted + 2.0 * error:
-        message = (
-            f"make about {format_percent(1.0 - float(fits.mean()))} of samples fail, whose "
-            f"{scene.particles:,} grains fill more than {MOST_FILLED:g} of the box or include one "
-            f"as wide as the box; the completed samples fill {completed.mean():.3g} of it on "
-            f"average, not {wanted:.3g}"
-        )
-        yield ("scene", "sizes"), message
-
-
-def _drawn_fractions(
-    campaign: "Campaign", wanted: float, samples: int
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Return the volume fractions of drawn samples, (n,), and which of them find a place, (n,)."""
-    scene, random = campaign.scene, search_stream(campaign.seed, PLACEMENT_FORECAST)
-    fractions, fits = np.empty(samples), np.empty(samples, np.bool_)
-    unit = wanted / scene.third_moment  # volume fraction of grains of the mean radius
-    for k in range(samples):
-        ratios = draw_radii(scene.size_law, random, scene.particles)
-        fractions[k] = unit * np.mean(ratios**3)
-        widest = (
-            unit / scene.particles * ratios[0] ** 3
-        )  # over the box, 0.52 of which a sphere fills
-        fits[k] = fractions[k] <= MOST_FILLED and widest < math.pi / 6.0
-    return fractions, fits
 
 
 def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:

@@ -256,7 +256,7 @@ class SceneSection(Section):
     @property
     def size_law(self) -> SizeLaw:
         """Law of radii over their mean; None: all grains are equal."""
-        return None if self.sizes is None else self.sizes.build()
+        return None if self.sizes is None else self.sizes.size_law
 
     @property
     def third_moment(self) -> float:

@@ -16,6 +16,7 @@ from agglom_mpi.physics.sizes import (
     ListedSizes,
     LognormalSizes,
     UniformSizes,
+    VolumeUniformSizes,
     draw_radii,
     size_classes,
     third_moment,
@@ -25,6 +26,8 @@ LAWS = {
     "lognormal": LognormalSizes(math.log(1.3)),
     "uniform": UniformSizes(0.5, 1.5),
     "list": ListedSizes(np.array([0.5, 0.75, 1.0, 1.75])),
+    "uniform by volume": VolumeUniformSizes(2 / 3, 2.0),
+    "list by volume": ListedSizes(np.array([1.0, 1.0, 2.0]) * (17 / 18), by_volume=True),
 }
 DRAWS = 100_000
 
@@ -36,6 +39,48 @@ def test_drawn_radii_have_the_moments_of_their_law_and_descend(law):
     for values, expected in ((radii, 1.0), (radii**3, third_moment(law))):
         error = np.std(values) / math.sqrt(DRAWS)
         assert np.mean(values) == pytest.approx(expected, abs=4.0 * error)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_moments_of_a_law_are_those_of_its_draws(law):
+    radii = draw_radii(law, np.random.default_rng(4), DRAWS)
+    assert law.moment(1) == pytest.approx(1.0, rel=1e-14)
+    for power in (2, 4):
+        error = np.std(radii**power) / math.sqrt(DRAWS)
+        assert np.mean(radii**power) == pytest.approx(law.moment(power), abs=5.0 * error)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_share_of_grains_and_of_volume_lies_below_a_quantile(law):
+    radii = draw_radii(law, np.random.default_rng(5), DRAWS)
+    for power in (0, 3):
+        weights = radii**power / np.sum(radii**power)
+        for share in (0.1, 0.5, 0.9):
+            # Rows of a list jump over the share: below it before a row, above it with the row.
+            end = law.quantile(share, by_volume=power == 3)
+            below = float(weights[radii < end * (1.0 - 1e-9)].sum())
+            up_to = float(weights[radii <= end * (1.0 + 1e-9)].sum())
+            assert below - 0.01 <= share <= up_to + 0.01
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_the_volume_of_a_sample_varies_as_the_sixth_moment_says(law):
+    random, count, samples = np.random.default_rng(6), 50, 4000
+    volumes = [np.mean(draw_radii(law, random, count) ** 3) for _ in range(samples)]
+    relative = np.std(volumes) / law.third_moment
+    # Relative standard error of a standard deviation of heavy tails, generously.
+    assert relative == pytest.approx(law.volume_deviation(count), rel=0.15)
+    assert ListedSizes(np.ones(3)).volume_deviation(10) == 0.0
+
+
+def test_classes_by_volume_of_a_long_list_stand_for_it():
+    rows = np.linspace(1.0, 3.0, 1001)
+    law = ListedSizes(rows / (np.sum(rows**-2) / np.sum(rows**-3.0)), by_volume=True)
+    assert law.moment(1) == pytest.approx(1.0, rel=1e-14)
+    assert law.third_moment == pytest.approx(VolumeUniformSizes(2 / 3, 2).third_moment, rel=1e-2)
+    ratios, shares = size_classes(law)
+    assert shares @ ratios == pytest.approx(1.0, rel=1e-2)
+    assert shares @ ratios**3 == pytest.approx(law.third_moment, rel=2e-2)
 
 
 def test_a_lognormal_law_has_its_geometric_standard_deviation():

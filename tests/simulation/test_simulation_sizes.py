@@ -12,7 +12,7 @@ from scenes import HALF, ball_mass, state
 
 from agglom_mpi import Box
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.plausibility import MOST_FILLED
+from agglom_mpi.config.size_warnings import MOST_FILLED
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.physics.kinetic_theory import mixture_rates
 from agglom_mpi.physics.sizes import ListedSizes, LognormalSizes, draw_radii
