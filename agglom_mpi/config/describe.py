@@ -277,7 +277,7 @@ def _sizes(scene: SceneSection) -> list[str]:
     for name, by_volume in (("number", False), ("volume", True)):
         found = [f"d{100 * share:.0f} {text(law.quantile(share, by_volume))}" for share in SHARES]
         found += [f"D[4,3] {text(law.volume_mean)}"] if by_volume else []
-        lines.append(f"by {name}: {', '.join(found)}{unit}")
+        lines.append(f"diameters by {name}: {', '.join(found)}{unit}")
     return lines
 
 

@@ -296,7 +296,7 @@ def test_check_says_quantiles_by_number_and_by_volume():
         [*ends["volume"], mean], rel=5e-3
     )
     relative = with_sizes("  sizes: {law: uniform, ratio: 3}", "  half_width: 0.01").describe()
-    assert "by number: d10 0.6, d50 1, d90 1.4, over the mean diameter" in relative
+    assert "diameters by number: d10 0.6, d50 1, d90 1.4, over the mean diameter" in relative
 
 
 def test_what_follows_from_a_law_is_calculated_once(folder):

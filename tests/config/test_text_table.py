@@ -1,5 +1,6 @@
 """Tables of numbers as instruments write them are read where they have one meaning."""
 
+import numpy as np
 import pytest
 
 from agglom_mpi.config import size_file
@@ -118,6 +119,25 @@ def test_as_many_sizes_as_are_allowed_are_read(read, monkeypatch):
     for rows, said in ((1001, "has 1,001 rows; allowed: 1,000, so keep one in 2"), (9000, "in 10")):
         with pytest.raises(ValueError, match=said):
             read("diameter (um)\n" + "40\n" * rows)
+
+
+PIECES = [*(bytes([byte]) for byte in b',;\t."\n\r#[]()1-e %_/\x00\xb5\xff'), b"um", b"sep="]
+
+
+def test_any_bytes_are_a_table_or_refused_in_a_line(read):
+    random = np.random.default_rng(1)
+    layouts = [text if isinstance(text, bytes) else text.encode() for text in LAYOUTS.values()]
+    for _ in range(10):
+        for layout in layouts:
+            content = bytearray(layout)
+            for place in random.integers(len(layout) + 1, size=random.integers(1, 5)).tolist():
+                content[place : place + random.integers(3)] = PIECES[random.integers(len(PIECES))]
+            try:
+                _, values = read(bytes(content))
+                assert min(values) > 0.0
+            except ValueError as error:
+                assert str(error).startswith("is 's.csv': ")  # noqa: PT017
+                assert str(error).isprintable()  # noqa: PT017
 
 
 SECRET = "correct-horse-battery-staple"
