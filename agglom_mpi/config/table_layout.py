@@ -168,7 +168,10 @@ def split_cells(line: str, separator: str | None, number: int) -> list[str]:
         try:
             found = next(
                 csv.reader(
-                    [line.strip()], delimiter=separator or "\t", skipinitialspace=True, strict=True
+                    [line.strip(" ")],
+                    delimiter=separator or "\t",
+                    skipinitialspace=True,
+                    strict=True,
                 )
             )
         except csv.Error:

@@ -26,7 +26,7 @@ from agglom_mpi.config.table_layout import (
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 """A number with a comma that can be a decimal mark or a separator of thousands."""
 MAX_HEADING: Final = 200
-"""Maximum number of characters of a heading that are looked at."""
+"""Maximum number of characters of a heading that are read."""
 _BRACKETS: Final = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 _BARE_UNIT: Final = re.compile(
     r"(?: ?/ ?| ?, ?|[ _](?:in )?)(mm|cm|um|µm|μm|nm|m|microns?|%|percent)$", re.IGNORECASE

@@ -42,6 +42,8 @@ LAYOUTS = {
     "quoted commas": 'ID,Diameter [um]\n1,"40,5"\n2,"20,25"\n',
     "semicolons": "ID;Durchmesser [µm];Form\n1;40,5;rund\n2;20,25;oval\n",
     "tabs": "ID\tDiameter (um)\tShape\n1\t40.5\tround\n2\t20.25\toval\n",
+    "a column without a title": '\t"Diameter (um)" \n0\t40.5\n1\t"20.25" \n',
+    "indented": "\tDiameter (um)\n\t40.5\n\t20.25\n",
     "commas": "ID,Diameter [um],Shape\n1,40.5,round\n2,20.25,oval\n",
     "spaces": "  ID   Diameter [um]  Area\n   1   40.5   3\n   2   20.25  4\n",
     "lines above": "Sample: 12\nDate;2024-01-05\n\nDiameter [um];Area\n40,5;12\n20,25;13\n",
