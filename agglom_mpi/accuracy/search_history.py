@@ -74,6 +74,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     optimism = optimism_of(frame.drop_duplicates("string"))
+    rounding = campaign_objective(history).rounding(frame["objective"])
     again = len(samples[name_of(int(frame["string"].iloc[-1]))])
     sentences = Sentences(
         "search_history",
@@ -85,7 +86,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         bests=frame["string"].nunique(),
         optimism=optimism,
         size=optimism._replace(value=abs(optimism.value)),
-        is_bias=abs(optimism.value) > CLAIMED_ERRORS * optimism.error,
+        is_bias=abs(optimism.value) > max(CLAIMED_ERRORS * optimism.error, rounding),
         estimate=_again,
     )
     return Section(

@@ -90,7 +90,9 @@ SIGNIFICANCE: Final = 0.05
 
 
 def significant_differences(
-    means: Sequence[MeanEstimate], differences: Mapping[tuple[int, int], MeanEstimate] | None = None
+    means: Sequence[MeanEstimate],
+    differences: Mapping[tuple[int, int], MeanEstimate] | None = None,
+    rounding: float = 0.0,
 ) -> set[tuple[int, int]]:
     """Return the pairs of indices (i, j), i < j, of means that differ at 95 %.
 
@@ -103,12 +105,14 @@ def significant_differences(
         Their samples are independent of each other, unless there are `differences`.
     differences
         Of each pair of means, if their samples are paired.
+    rounding
+        Largest difference that is rounding: such means are equal.
     """
     pairs = list(combinations(range(len(means)), 2))
     if differences is None:
-        chances = {(i, j): p_value(means[i], means[j]) for i, j in pairs}
+        chances = {(i, j): p_value(means[i], means[j], rounding) for i, j in pairs}
     else:
-        chances = {pair: paired_p_value(differences[pair]) for pair in pairs}
+        chances = {pair: paired_p_value(differences[pair], rounding) for pair in pairs}
     tested = sorted((chance, pair) for pair, chance in chances.items())
     found: set[tuple[int, int]] = set()
     for left, (chance, pair) in zip(range(len(tested), 0, -1), tested, strict=True):
@@ -118,26 +122,32 @@ def significant_differences(
     return found
 
 
-def p_value(one: MeanEstimate, other: MeanEstimate) -> float:
-    """Return the two-sided p-value of the hypothesis that two means are equal (Welch 1947)."""
+def p_value(one: MeanEstimate, other: MeanEstimate, rounding: float = 0.0) -> float:
+    """Return the two-sided p-value of the hypothesis that two means are equal (Welch 1947).
+
+    It is 1 where they differ by no more than `rounding`.
+    """
     variances = one.error**2, other.error**2
     total = sum(variances)
     difference = abs(one.value - other.value)
+    if difference <= rounding:
+        return 1.0
     if total == 0.0:
-        return 1.0 if difference == 0.0 else 0.0
+        return 0.0
     shares = (variances[0] / total) ** 2, (variances[1] / total) ** 2
     freedom = 1.0 / (shares[0] / (one.samples - 1) + shares[1] / (other.samples - 1))
     return t_tails(difference / math.sqrt(total), freedom)
 
 
-def paired_p_value(difference: MeanEstimate) -> float:
+def paired_p_value(difference: MeanEstimate, rounding: float = 0.0) -> float:
     """Return the two-sided p-value of the hypothesis that a mean of paired differences is 0.
 
-    It holds however the samples of a pair depend on each other; it is 1 below two pairs.
+    It holds however the samples of a pair depend on each other; it is 1 below two pairs, and where
+    the difference is no larger than `rounding`.
     """
     value, error, samples = difference
-    if samples < 2:
+    if samples < 2 or abs(value) <= rounding:
         return 1.0
     if error == 0.0:
-        return 1.0 if value == 0.0 else 0.0
+        return 0.0
     return t_tails(value / error, samples - 1.0)

@@ -90,15 +90,19 @@ def estimates_of(data: "CampaignData") -> list[Estimate]:
     strings = sorted({*rows["string"].tolist(), *timed_out} & results.keys())
     if not strings:
         return []
-    law = objective_of(data)
+    law, rounding = objective_of(data), rounding_of(data)
     found = [
-        estimate(results[string], rows[rows["string"] == string], timed_out.count(string), law)
+        estimate(
+            results[string], rows[rows["string"] == string], timed_out.count(string), law, rounding
+        )
         for string in strings
     ]
     return sorted(found, key=lambda estimate: (estimate.objective, estimate.string))
 
 
-def estimate(result: np.void, rows: np.ndarray, timed_out: int, law: "Objective") -> Estimate:
+def estimate(
+    result: np.void, rows: np.ndarray, timed_out: int, law: "Objective", rounding: float = 0.0
+) -> Estimate:
     """Estimate the objective of a string on fresh samples.
 
     Parameters
@@ -111,17 +115,50 @@ def estimate(result: np.void, rows: np.ndarray, timed_out: int, law: "Objective"
         Number of its fresh samples without a row, because they took too long.
     law
         The objective.
+    rounding
+        Largest objective, and error, that is rounding and taken for 0.
     """
     completed = rows[rows["state"] == COMPLETED]
-    value, error = law.of_rows(completed)
+    value, error = (without_rounding(number, rounding) for number in law.of_rows(completed))
     samples = len(rows) + timed_out
     failed = samples - len(completed)
     if 10 * failed > samples:
         value = math.inf
-    own = float(result["objective"]), float(result["standard_error"])
+    own = [
+        without_rounding(float(result[name]), rounding) for name in ("objective", "standard_error")
+    ]
     ends = interval(value, error, len(completed), law.least)
     grown = float(completed["mean_radius_ratio"].mean()) if len(completed) else math.nan
     return Estimate(int(result["string"]), value, error, *ends, samples, failed, grown, *own)
+
+
+def rounding_of(data: "CampaignData") -> float:
+    """Return the largest difference of a campaign's objectives that is rounding and no result.
+
+    It is 0 for the file of a study, which has no objective.
+    """
+    return data.derived(_rounding)
+
+
+def _rounding(data: "CampaignData") -> float:
+    if "objective.law" not in data.identity:
+        return 0.0
+    return objective_of(data).rounding(data.result_rows()["objective"])
+
+
+def without_rounding(value: float, rounding: float) -> float:
+    """Return an objective, or an error, as 0 where it is rounding; nan and inf as they are."""
+    return 0.0 if abs(value) <= rounding else value
+
+
+def unconverged(data: "CampaignData") -> int:
+    """Return how many strings ended at the largest number of samples with results that differ.
+
+    A rule that compares an objective with itself is not satisfied by the rounding of equal samples.
+    """
+    results = data.result_rows()
+    differ = ~(results["standard_error"] <= rounding_of(data))
+    return int(((results["hit_maximum"] == 1) & differ).sum())
 
 
 def objective_of(data: "CampaignData") -> "Objective":

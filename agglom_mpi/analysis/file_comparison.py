@@ -153,6 +153,8 @@ def _cells(summary: Summary) -> Iterator[str]:
     samples = summary.samples_simulated + summary.samples_fresh
     yield from (summary.file, summary.state, str(summary.generations), str(summary.strings))
     yield from (str(samples), format_duration(summary.seconds))
+    if summary.no_result:
+        yield "no result"
     for entry in summary.best:
         yield _with_error(entry)
         yield _with_error(entry["reestimate"]) if entry["reestimate"] else ""

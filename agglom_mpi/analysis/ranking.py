@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
 from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ class RankedStrings(NamedTuple):
     Attributes
     ----------
     results
-        Rows of `/results` with a finite objective, by string.
+        Rows of `/results` with a finite objective, by string; objectives and errors that are
+        rounding are 0.
     estimates
         Estimates of those that have fresh samples, the best first.
     order
@@ -43,9 +44,12 @@ def _rank(data: "CampaignData") -> RankedStrings:
     results = data.result_rows()
     known = np.isin(results["string"], data.string_rows()["string"])
     finite = results[known & np.isfinite(results["objective"])]
+    order = search_order(data, finite)
+    for name in ("objective", "standard_error"):
+        finite[name][np.abs(finite[name]) <= rounding_of(data)] = 0.0
     rows = {int(row["string"]): row for row in finite}
     estimates = [estimate for estimate in estimates_of(data) if estimate.string in rows]
-    return RankedStrings(rows, estimates, order_by_estimates(search_order(data, finite), estimates))
+    return RankedStrings(rows, estimates, order_by_estimates(order, estimates))
 
 
 def judged_string(data: "CampaignData", string: int | None) -> int | None:

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import recorded_campaign
@@ -72,7 +73,9 @@ def replay(report: VerificationReport) -> Replayed:
         log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise
-    except (CampaignError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (
+        *(CampaignError, ArithmeticError, LookupError, RuntimeError, TypeError, ValueError),
+    ) as error:
         report.faults.append(f"replay: not possible: {error}")
         return Replayed(0, 0, 0)
     counts = Replayed(
@@ -317,8 +320,7 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | Non
             f"{pluralise(rows['results'], 'result')} and {replayed.generations} of "
             f"{pluralise(rows['generations'], 'population')}"
         )
-    state, _, reason = report.data.status()
-    yield f"{state}: {reason}" if reason else state
+    yield from state_lines(report.data)
 
 
 def _remedies(report: VerificationReport) -> Iterator[str]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
+from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
@@ -49,7 +50,7 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     wanted = identity.get("stopping.target.objective")
     if isinstance(wanted, int | float):
         reached = float(generations["mean_of_top"][-1]) if len(generations) else np.inf
-        if reached > wanted:
+        if reached > wanted + rounding_of(file):
             yield (
                 f"stopping.target: the mean objective of the best "
                 f"{identity['stopping.target.top']} is {reached:.3g}; wanted was at most "

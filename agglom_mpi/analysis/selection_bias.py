@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
-from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.estimates import Estimate, without_rounding
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.statistics import MeanEstimate
 
@@ -49,7 +49,7 @@ class SelectionBias(NamedTuple):
 
 
 def selection_bias(
-    estimates: Sequence[Estimate], paired: PairedSamples | None = None
+    estimates: Sequence[Estimate], paired: PairedSamples | None = None, rounding: float = 0.0
 ) -> SelectionBias | None:
     """Return the selection bias by estimates, in order of rank; None if none has an error.
 
@@ -59,6 +59,8 @@ def selection_bias(
         On fresh samples.
     paired
         Their samples, if strings share configurations.
+    rounding
+        Largest difference of objectives that is rounding: they are equal.
     """
     known = [estimate for estimate in estimates if estimate.known]
     if not known:
@@ -67,7 +69,7 @@ def selection_bias(
     means = [MeanEstimate(e.objective, e.standard_error, e.samples - e.failed) for e in known]
     searched = [estimate.searched_standard_error for estimate in known]
     if paired is None:
-        different, test = significant_differences(means), "Welch's t"
+        different, test = significant_differences(means, rounding=rounding), "Welch's t"
         errors = (_independent([mean.error for mean in means]), _independent(searched))
     else:
         strings = [estimate.string for estimate in known]
@@ -75,13 +77,14 @@ def selection_bias(
             (i, j): paired.difference(strings[i], strings[j]) for i, j in combinations(places, 2)
         }
         different, test = (
-            significant_differences(means, differences),
+            significant_differences(means, differences, rounding),
             "paired t on common configurations",
         )
         # Strings that share configurations share their luck: at worst, errors do not average out.
         errors = (paired.average().error, float(np.mean(searched)))
     same = [known[place].string for place in places[1:] if (0, place) not in different]
-    optimism = float(np.mean([e.objective - e.searched_objective for e in known]))
+    difference = float(np.mean([e.objective - e.searched_objective for e in known]))
+    optimism = without_rounding(difference, rounding)
     count = len(known) * (len(known) - 1) // 2
     return SelectionBias(known[0].string, same, count, test, optimism, math.hypot(*errors))
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 
+from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.display.fitted_table import FittedTable
@@ -27,6 +28,9 @@ FITTED: Final = 600
 
 FEWEST: Final = 10
 """Fewest strings that the indices are estimated from."""
+
+LEAST_EXPLAINED: Final = 0.05
+"""Least share of the variance of left-out strings that the regression must predict."""
 
 
 class Sensitivity(NamedTuple):
@@ -50,10 +54,18 @@ class Sensitivity(NamedTuple):
     explained: float
     noise: float
 
+    @property
+    def predicts(self) -> bool:
+        """Whether the regression predicts anything, so that its indices mean something."""
+        return self.explained > LEAST_EXPLAINED
+
 
 @single_threaded
 def sensitivity(
-    points: NDArray[np.float64], objectives: NDArray[np.float64], samples: NDArray[np.int64]
+    points: NDArray[np.float64],
+    objectives: NDArray[np.float64],
+    samples: NDArray[np.int64],
+    rounding: float = 0.0,
 ) -> Sensitivity | None:
     """Estimate the Sobol indices of each variable over the unit cube.
 
@@ -65,6 +77,8 @@ def sensitivity(
         Finite, shape (n,).
     samples
         Number of samples of each, shape (n,).
+    rounding
+        Largest difference of objectives that is rounding: they are equal.
 
     Returns
     -------
@@ -73,7 +87,7 @@ def sensitivity(
     """
     from scipy import stats
 
-    if len(points) < FEWEST or np.ptp(objectives) == 0.0:
+    if len(points) < FEWEST or np.ptp(objectives) <= rounding:
         return None
     some = best_and_spread(objectives, FITTED)
     known = points[some], objectives[some], samples[some]
@@ -109,22 +123,25 @@ def sensitivity_of(data: CampaignData) -> tuple[tuple[str, ...], Sensitivity | N
     finite = np.isfinite(results["objective"])
     points = variables.space().to_unit(parameters_of(strings))
     samples = results["samples_used"] - results["failed"]
-    found = sensitivity(points[finite], results["objective"][finite], samples[finite])
+    objectives = results["objective"][finite]
+    found = sensitivity(points[finite], objectives, samples[finite], rounding_of(data))
     return tuple(each.name for each in own_variables(variables)), found
 
 
 def as_dict(names: tuple[str, ...], found: Sensitivity | None) -> dict[str, Any] | None:
-    """Return the indices as a dictionary, for JSON; None if there are none."""
+    """Return the indices as a dictionary, for JSON; None of too few or equal strings.
+
+    Of a regression that predicts nothing there are no `variables`.
+    """
     if found is None:
         return None
     indices = zip(names, found.first_order.tolist(), found.total.tolist(), strict=True)
+    shown = indices if found.predicts else ()
     return {
         "strings": found.strings,
         "explained": found.explained,
         "noise": found.noise,
-        "variables": {
-            name: {"first_order": first, "total": total} for name, first, total in indices
-        },
+        "variables": {name: {"first_order": first, "total": total} for name, first, total in shown},
     }
 
 
@@ -132,6 +149,8 @@ def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> Rend
     """Return a table of the variables by total index, the largest first, and notes."""
     if found is None:
         return "sensitivity: too few strings, or all of them are worth the same"
+    if not found.predicts:
+        return f"sensitivity: no indices are given; {prediction_text(found)}"
     table = FittedTable("share of the variance of the objective", "alone", "with others")
     for i in np.argsort(-found.total, kind="stable").tolist():
         table.add_row(names[i], f"{found.first_order[i]:.1%}", f"{found.total[i]:.1%}")
@@ -141,4 +160,12 @@ def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> Rend
         f"over the search box, by a regression of {found.strings} strings; it predicts "
         f"{found.explained:.0%} of the variance of strings left out, noise of samples is "
         f"{found.noise:.0%}",
+    )
+
+
+def prediction_text(found: Sensitivity) -> str:
+    """Return why there are no indices: the regression predicts nothing."""
+    return (
+        f"a regression of {found.strings} strings predicts none of the variance of strings left "
+        f"out ({found.explained:.0%}; at least {LEAST_EXPLAINED:.0%} is needed)"
     )

@@ -12,7 +12,8 @@ from rich.measure import Measurement
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
-from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.estimates import Estimate, objective_of, rounding_of, unconverged
+from agglom_mpi.analysis.failed_samples import no_result, state_lines
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.analysis.tables import time_of_strings
@@ -44,6 +45,8 @@ class Summary(NamedTuple):
     title: str
     state: str
     reason: str
+    no_result: str
+    """Why no string has a result; empty where one has."""
     generations: int
     strings: int
     samples_used: int
@@ -51,6 +54,8 @@ class Summary(NamedTuple):
     samples_fresh: int
     failed: int
     hit_maximum: int
+    not_converged: int
+    """Strings of `hit_maximum` whose samples differ by more than rounding."""
     damaged: int
     seconds: float
     samples_per_second: float
@@ -89,6 +94,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         title=file.title,
         state=status.state,
         reason=status.reason,
+        no_result=no_result(file),
         generations=len(generations),
         strings=len(results),
         samples_used=int(results["samples_used"].sum()),
@@ -96,6 +102,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_fresh=fresh,
         failed=int((samples["state"] == 2).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
+        not_converged=unconverged(file),
         damaged=file.damaged,
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
@@ -110,7 +117,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
             }
             for string in order[:best]
         ],
-        verdict=selection_bias(estimates, PairedSamples.behind(estimates, file)),
+        verdict=selection_bias(estimates, PairedSamples.behind(estimates, file), rounding_of(file)),
     )
 
 
@@ -186,10 +193,13 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     A narrow terminal shows fewer strings. There are `best` at most, or `listed_strings`.
     """
     summary = collect_summary(file, listed_strings(file) if best is None else best)
-    table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
     note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
     note += moment_notes(file)
-    return Group(table, *_footer(summary, note))
+    footer = _footer(summary, state_lines(file), note)
+    if summary.no_result:
+        return Group(*filter(None, [summary.title]), *footer)
+    table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
+    return Group(table, *footer)
 
 
 def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
@@ -273,23 +283,23 @@ SEARCH_ESTIMATES: Final = (
 """Said of a search that ranks strings by more than their own samples."""
 
 
-def _footer(summary: Summary, notes: Sequence[str] = ()) -> list[str]:
+def _footer(summary: Summary, states: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
     shown = [entry["string"] for entry in summary.best]
     estimated = sum(entry["reestimate"] is not None for entry in summary.best)
     fresh = ""
     if summary.samples_fresh:
         fresh = f" and {pluralise(summary.samples_fresh, 'fresh one')}"
     lines = [
-        f"{summary.state}: {summary.reason}" if summary.reason else summary.state,
+        *states,
         f"{pluralise(summary.generations, 'generation')}, {pluralise(summary.strings, 'string')}, "
         f"{pluralise(summary.samples_used, 'sample')} used of {summary.samples_simulated} "
         f"simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
-        *describe_bias(summary.verdict, shown, estimated),
+        *(() if summary.no_result else describe_bias(summary.verdict, shown, estimated)),
         *notes,
     ]
-    if summary.hit_maximum:
-        strings = pluralise(summary.hit_maximum, "string")
+    if summary.not_converged:
+        strings = pluralise(summary.not_converged, "string")
         lines.append(f"{strings} ended at max_samples, not converged")
     if summary.failed:
         lines.append(f"{pluralise(summary.failed, 'sample')} failed")

@@ -10,6 +10,8 @@ from typing import Any, Final, NamedTuple
 from rich.console import Console, RenderableType
 
 from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.estimates import rounding_of
+from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.resimulation import recorded_campaign
@@ -219,6 +221,7 @@ class PageBuilder:
             "status": data.status(),
             "generations": len(data.generation_rows()),
             "judged": len(data.result_rows()),
+            "no_result": no_result(data),
             "samples_used": int(data.result_rows()["samples_used"].sum()),
             "simulated": len(samples),
             "figures": self._figures,
@@ -258,7 +261,7 @@ def comparison_lines(data: CampaignData) -> list[str]:
     shown = rank_strings(data).order[: listed_strings(data)]
     estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
-    bias = selection_bias(rank_strings(data).estimates, paired)
+    bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     return [*describe_bias(bias, shown, len(estimated)), *moment_notes(data)]
 
 

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import Progress
 from agglom_mpi.display.remaining_time import remaining_by_work, remaining_in_turns
@@ -37,6 +38,8 @@ class RunEnd(NamedTuple):
     code: int
     state: str
     reason: str
+    complete: bool = False
+    """Whether nothing is left to do, whatever came of it."""
 
 
 class Coordinator:
@@ -133,12 +136,17 @@ class Coordinator:
         for post_stage in (self.reestimation, self.frame_stage):
             if end := self._run_post_stage(post_stage, stop):
                 return end
-        return RunEnd(FINISHED, "finished", self.end_reason)
+        return self.end
 
     @property
-    def end_reason(self) -> str:
-        """The reason why the search ended, as text."""
-        return self._experiment.end_reason(self.inversion)
+    def end(self) -> RunEnd:
+        """How a run ends that has done all of its work: as failed if no string has a result."""
+        if not self._experiment.in_vain(self.inversion):
+            reason = self._experiment.end_reason(self.inversion)
+            return RunEnd(FINISHED, "finished", reason, complete=True)
+        self._writer.flush()
+        self._stored.refresh()
+        return RunEnd(FAILURE, "failed", no_result(self._stored), complete=True)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""
@@ -147,6 +155,8 @@ class Coordinator:
         for rank in pool.missing:
             self.recorder.take_over(rank)
         self.recorder.finish()
+        if end.complete:
+            return self.end  # what ranks had not written before is in the file now
         return self._failed() if end.code == FAILURE else end
 
     def _end(self, stop: StopRequest) -> RunEnd | None:

@@ -140,6 +140,10 @@ class Experiment(ABC):
         """Return the experiment that goes on from this number of generations: it has no fewer."""
         return self
 
+    def in_vain(self, inversion: Inversion) -> bool:
+        """Return whether all is decided and nothing was found, so that the run has failed."""
+        return False
+
     def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return what to estimate again after the last decision."""
         return ReestimationPlan()
@@ -222,6 +226,10 @@ class InversionExperiment(Experiment):
         stopping = self.campaign.stopping
         sooner = stopping.target is not None or stopping.expected_error is not None
         return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
+
+    def in_vain(self, inversion: Inversion) -> bool:
+        """Return whether the search is over and no string has a finite objective."""
+        return inversion.finished and not self._best(inversion)
 
     def reestimation_plan(self, inversion: Inversion) -> ReestimationPlan:
         """Return the best strings; of those with the same parameters, hence samples, the first."""

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.failed_samples import cause_of
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.runtime.recorder import ProgressListener
 from agglom_mpi.storage.reader import CampaignData
@@ -20,7 +21,8 @@ class FailureLog:
     stored
         What earlier legs have written.
     listener
-        Shown every exception, and the first physical failure of a string.
+        Shown every timeout, the first exception of each cause, and the first physical failure of a
+        string.
 
     Attributes
     ----------
@@ -40,6 +42,7 @@ class FailureLog:
         self._writer = writer
         self._listener = listener
         self._strings: set[int] = set()  # with a physical failure that was shown
+        self._causes: set[str] = set()  # of exceptions that were shown
         self._full_shown = False
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
@@ -67,11 +70,7 @@ class FailureLog:
             host=host,
             text=text,
         )
-        shown = text if text.startswith(TOOK_TOO_LONG) else f"raised\n{text}"
-        self._listener.error(
-            f"rank {failure['rank']} on {host}: string {failure['string']} sample "
-            f"{failure['sample']} {shown}"
-        )
+        self._show(failure, host, text)
         if not (room or self._full_shown):
             self._full_shown = True
             self._listener.error(
@@ -79,3 +78,15 @@ class FailureLog:
                 "more texts are lost"
             )
         self.incomplete |= not kept and text.startswith(TOOK_TOO_LONG)
+
+    def _show(self, failure: np.void, host: str, text: str) -> None:
+        """Show a timeout, or an exception unless one of the same cause was shown."""
+        cause, late = cause_of(text), text.startswith(TOOK_TOO_LONG)
+        if cause in self._causes and not late:
+            return
+        self._causes.add(cause)
+        shown = text if late else f"raised\n{text.rstrip()}\nmore of these are counted, not shown"
+        self._listener.error(
+            f"rank {failure['rank']} on {host}: string {failure['string']} sample "
+            f"{failure['sample']} {shown}"
+        )

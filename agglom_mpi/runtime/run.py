@@ -246,12 +246,13 @@ def run_rank_zero(
                 broadcast_start(world, error.exit_code)
                 return error.exit_code
             if complete:
-                broadcast_start(world, FINISHED)
+                end = coordinator.end
+                broadcast_start(world, end.code)
                 file.refresh()  # deciding again may have written rows that were lost
-                if file.status().state != "finished":  # killed just after the last generation
-                    writer.set_status("finished", coordinator.end_reason)
-                display.message(f"{request.path} is finished already: nothing to do")
-                end = None
+                if file.status().state != end.state:  # killed just after the last generation
+                    writer.set_status(end.state, end.reason)
+                if end.code == FINISHED:
+                    display.message(f"{request.path} is finished already: nothing to do")
             else:
                 shared = path if database == PARALLEL else None
                 broadcast_start(world, FINISHED, experiment, shared)
@@ -362,12 +363,14 @@ def _announce(
 
 
 def conclude(
-    end: RunEnd | None, request: RunRequest, display: Display, finish: Callable[[RunRequest], None]
+    end: RunEnd, request: RunRequest, display: Display, finish: Callable[[RunRequest], None]
 ) -> int:
-    """Show how the run ended, None if it was finished before; return the exit code."""
-    if end is not None and end.code != FINISHED:
+    """Show how the run ended; return the exit code."""
+    if end.code != FINISHED:
         show = display.error if end.code == FAILURE else display.message
-        show(f"stopped: {end.reason}; everything simulated so far is in {request.path}")
+        text = end.reason if end.complete else f"stopped: {end.reason}"
+        simulated = "all samples are" if end.complete else "everything simulated so far is"
+        show(f"{text}; {simulated} in {request.path}")
         return end.code
     try:
         with blame_damage(request.path):

@@ -104,6 +104,11 @@ class MomentTargets(Objective):
 
     terms: tuple[MomentTarget, ...]
 
+    @property
+    def scale(self) -> float:
+        """Sum of the weights: each deviation is of moments of the size of their targets, or 1."""
+        return sum(abs(term.weight) for term in self.terms)
+
     def accumulator(self) -> "MomentAccumulator":
         """Return an accumulator without samples."""
         return MomentAccumulator(self.terms)

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from agglom_mpi.formatting import value_with_error
+from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.statistics import RunningMean
 
@@ -84,6 +84,19 @@ class Objective(ABC):
     """
 
     least: ClassVar[float] = 0.0
+
+    @property
+    def scale(self) -> float:
+        """Size of the numbers whose difference the objective is: 1 of a ratio less 1; 0 unknown."""
+        return 1.0
+
+    def rounding(self, values: ArrayLike) -> float:
+        """Return the largest difference of objectives, (n,), that is rounding and no result.
+
+        Reports take objectives that differ by less for equal; the decisions of a search do not.
+        """
+        sizes = np.abs(np.asarray(values, np.float64))
+        return ROUNDING * max(self.scale, float(sizes[np.isfinite(sizes)].max(initial=0.0)))
 
     @abstractmethod
     def accumulator(self) -> ObjectiveAccumulator:
@@ -244,6 +257,11 @@ class MeanOfFunction(Objective):
     """
 
     least: ClassVar[float] = -math.inf
+
+    @property
+    def scale(self) -> float:
+        """Unknown: the function may compare anything."""
+        return 0.0
 
     def accumulator(self) -> ObjectiveAccumulator:
         """Return an accumulator without samples."""

@@ -328,7 +328,7 @@ def _sensitivity_data(data: CampaignData, _: FigureOptions) -> NamedSensitivity 
     from agglom_mpi.analysis.sensitivity import sensitivity_of
 
     names, indices = sensitivity_of(data)
-    return None if indices is None else NamedSensitivity(names, indices)
+    return None if indices is None or not indices.predicts else NamedSensitivity(names, indices)
 
 
 def _sensitivity_caption(found: NamedSensitivity) -> str:
@@ -371,6 +371,6 @@ SENSITIVITY: Final = Figure(
     draw_sensitivity,
     _sensitivity_caption,
     lambda found: (6.0, 1.8 + 0.3 * len(found.names)),
-    empty="too few strings, or all of them are worth the same",
+    empty="too few strings, all worth the same, or a regression that predicts nothing",
     on_request=True,
 )

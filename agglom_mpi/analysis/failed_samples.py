@@ -1,0 +1,114 @@
+"""Why samples failed, and what is reported of a campaign in which no string has a result."""
+
+from collections import Counter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from agglom_mpi.formatting import pluralise, printable
+from agglom_mpi.outcome import FAILED, REASONS, FailureReason
+from agglom_mpi.storage.schema import TOOK_TOO_LONG
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+NO_RESULT: Final = "no string has a result"
+"""Beginning of the line that reports it."""
+PLACE: Final = '  File "'
+"""Beginning of the lines of a traceback that name a file and a line."""
+LONGEST_MESSAGE: Final = 200
+"""Maximum number of characters that are reported of an exception's message."""
+UNBOUNDED_MOMENTS: Final = ("skewness", "kurtosis")
+"""Moments that are infinite where all radii are equal."""
+
+
+def cause_of(text: str) -> str:
+    """Return what failures of the same cause share: the last place and the type of an exception.
+
+    Its message may differ from sample to sample. A timeout, and a text without any place, is its
+    own cause.
+
+    Parameters
+    ----------
+    text
+        Of a row of `/failures`: a traceback, cut at its beginning, or a timeout.
+    """
+    places = [line.strip() for line in text.splitlines() if line.startswith(PLACE)]
+    message = message_of(text)
+    if text.startswith(TOOK_TOO_LONG) or not places:
+        return message
+    return f"{places[-1]}: {message.partition(':')[0]}"
+
+
+def message_of(text: str) -> str:
+    """Return the line of a failure's text that names the exception, and begins its message."""
+    lines = [line for line in text.splitlines() if line.strip()] or [""]
+    place = max((i for i, line in enumerate(lines) if line.startswith(PLACE)), default=len(lines))
+    after = [line for line in lines[place + 1 :] if not line.startswith(" ")]
+    return printable((after or lines[-1:])[0].strip()[:LONGEST_MESSAGE])
+
+
+def no_result(data: "CampaignData") -> str:
+    """Return a line on a campaign that has judged strings, none with a finite objective.
+
+    It names the commonest reason for failed samples and the number of its samples. The line is
+    empty where a string has a result, and where none is judged yet.
+    """
+    results = data.result_rows()
+    if not len(results) or np.isfinite(results["objective"]).any():
+        return ""
+    samples, failed = int(results["samples_used"].sum()), int(results["failed"].sum())
+    if not failed:
+        return f"{NO_RESULT}: {pluralise(samples, 'sample')} completed, but {_infinite(data)}"
+    limit = "" if failed == samples else ", at most 10 % of those of a string may"
+    reason, count = commonest_reason(data)
+    return (
+        f"{NO_RESULT}: {failed} of {pluralise(samples, 'sample')} failed{limit}; commonest reason "
+        f"({pluralise(count, 'sample')}): {reason}"
+    )
+
+
+def _infinite(data: "CampaignData") -> str:
+    """Return why objectives of completed samples are infinite."""
+    targets = data.section("objective").get("targets", {})
+    names = [name for name in UNBOUNDED_MOMENTS if name in targets]
+    if not names:
+        return "the objective of every string is infinite"
+    return f"particles of equal radii have no {' and no '.join(names)}"
+
+
+def commonest_reason(data: "CampaignData") -> tuple[str, int]:
+    """Return the commonest reason for which judged samples failed, and the number of these.
+
+    Exceptions count together where they have the same cause; the text is that of the first.
+    """
+    used, rows = data.samples_used, data.searched_samples
+    rows = rows[rows["state"] == FAILED]
+    limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], np.int64)
+    rows = rows[rows["sample"] < limits]
+    raised = rows["reason"] == FailureReason.EXCEPTION
+    counts = Counter[str]()
+    for code, count in enumerate(np.bincount(rows["reason"][~raised]).tolist()):
+        if count:
+            counts[REASONS[code] if code < len(REASONS) else f"unknown ({code})"] = count
+    judged = {*rows[["string", "sample"]][raised].tolist(), *data.judged_timed_out}
+    messages: dict[str, str] = {}
+    for row in data.failures():
+        if (int(row["string"]), int(row["sample"])) in judged:
+            judged.discard((int(row["string"]), int(row["sample"])))
+            text = row["text"].decode(errors="replace")
+            message = messages.setdefault(cause_of(text), message_of(text))
+            counts[message] += 1
+    if judged:  # of a table that was full
+        counts[REASONS[FailureReason.EXCEPTION]] += len(judged)
+    [(reason, count)] = counts.most_common(1) or [("unknown", 0)]
+    return reason, count
+
+
+def state_lines(data: "CampaignData") -> list[str]:
+    """Return lines on the state of a campaign: that no string has a result, and why it ended."""
+    state, _, reason = data.status()
+    missing = no_result(data)
+    if reason.startswith(NO_RESULT):  # cut to fit into the file
+        return [f"{state}: {missing or reason}"]
+    return [*([missing] if missing else []), f"{state}: {reason}" if reason else state]
