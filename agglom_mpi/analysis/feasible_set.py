@@ -22,6 +22,7 @@ from agglom_mpi.config.own_variables import (
 )
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
 from agglom_mpi.search.gaussian_process import single_threaded
@@ -57,7 +58,7 @@ class Prior(NamedTuple):
 
 
 class NoFeasibleSetError(UserError, ValueError):
-    """A campaign whose set cannot be told, with the reason."""
+    """A campaign without a feasible set, with the reason."""
 
 
 SET_INTERNALS: Final = (
@@ -111,7 +112,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         self.evaluated = stored.strings
         self.coordinates = coordinates_of(self.campaign)
         self.own: tuple[OwnVariable, ...] = own_variables(self.campaign.variables)
-        numbers = self.criterion.numbers(stored.rows, self.campaign.scene.particles)
+        numbers = _settled(self.criterion.numbers(stored.rows, self.campaign.scene.particles))
         points = self.coordinates.of_strings(stored.strings)
         groups = len(self.coordinates.groups)
         self.emulator = SetEmulator(self.criterion, points, numbers, self._stream(0), groups)
@@ -252,7 +253,10 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
                 f"{self.campaign.name}: the set is empty, so nothing can be drawn from it; nearest "
                 f"{self.nearest}"
             )
-        strings = self.points.draw(self, n, np.random.default_rng(seed))
+        try:
+            strings = self.points.draw(self, n, np.random.default_rng(seed))
+        except RuntimeError as error:
+            raise NoFeasibleSetError(f"{self.campaign.name}: {error}") from None
         return self.table(strings, probability=self.probability_of(strings))
 
     @property
@@ -409,7 +413,18 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
     @property
     def maximum(self) -> tuple[float, float]:
-        """Mean and standard deviation of the maximum of the emulated mean over the box."""
+        """Mean and standard deviation of the maximum of the emulated mean over the box.
+
+        Raises
+        ------
+        NoFeasibleSetError
+            If the objective is another than `maximum_growth`.
+        """
+        if not self.near_maximum:
+            raise NoFeasibleSetError(
+                f"{self.campaign.name}: maximum: the objective is {self.campaign.objective.law}; "
+                "only a set of maximum_growth is relative to a maximum"
+            )
         return float(self._maxima.mean()), float(self._maxima.std())
 
     def _volume_error(self) -> float:
@@ -443,6 +458,15 @@ def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
 def _flat(values: Floats) -> Floats:
     """Return values, (n, q), as (n,) where q is 1."""
     return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _settled(numbers: Floats) -> Floats:
+    """Return the numbers of samples, (n, k); one that differs by rounding alone is the same in all.
+
+    To an emulator, which scales by the spread of its data, rounding would be all there is.
+    """
+    spread, size = np.ptp(numbers, axis=0), np.abs(numbers).max(axis=0)
+    return np.where(spread <= ROUNDING * size, numbers[0], numbers)
 
 
 def _check_possible(of: FeasibleSet, data: "CampaignData") -> None:

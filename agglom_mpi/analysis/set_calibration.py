@@ -1,11 +1,12 @@
 """Whether an emulator is calibrated: predictions of the strings of a campaign without each."""
 
+import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.criteria import Band
+from agglom_mpi.analysis.criteria import Band, NearMaximum
 from agglom_mpi.formatting import format_digits
 
 if TYPE_CHECKING:
@@ -17,8 +18,11 @@ JUDGED: Final = 100
 """Strings that it is judged by, at least: the likeliest members, and others by their distance."""
 INTERVAL: Final = 1.6448536
 """Half-width of a 90 % interval in standard deviations."""
-LEAST_COVERAGE, MOST_COVERAGE = 0.80, 0.97
-"""Bounds of the coverage of 90 % intervals of a calibrated emulator."""
+LEAST_COVERAGE: Final = 0.80
+"""Minimum coverage of the 90 % intervals of a calibrated emulator."""
+MOST_COVERAGE: Final = 0.97
+"""Coverage above which they are wider than the errors of the emulator: what it predicts is known
+better than it claims, and a set by it is only less sharp than it might be."""
 BINS: Final = 10
 """Bins of the reliability."""
 
@@ -51,32 +55,49 @@ class Calibration(NamedTuple):
         Of the probability that the mean of a held-out string is beyond `threshold`.
     threshold
         Middle of the band, or the bound of the set.
+    width
+        Median half-width of the 90 % intervals near the set, relative to half of the band; nan
+        where several numbers are compared, or the set has one bound.
     """
 
     regions: list[Region]
     reliability: list[Reliability]
     threshold: float
+    width: float = math.nan
 
     @property
     def passed(self) -> bool:
-        """Whether the emulator is calibrated near the set."""
-        return LEAST_COVERAGE <= self.regions[0].coverage <= MOST_COVERAGE
+        """Whether the emulator is calibrated near the set: its intervals are not too narrow."""
+        return self.regions[0].coverage >= LEAST_COVERAGE
+
+    @property
+    def too_wide(self) -> bool:
+        """Whether its intervals near the set are wider than its errors."""
+        return self.regions[0].coverage > MOST_COVERAGE
 
     @property
     def text(self) -> str:
-        """What is said of it, without an end."""
+        """One-line verdict, without a full stop."""
         near = self.regions[0]
-        said = "is calibrated" if self.passed else "is not calibrated"
-        return (
-            f"the emulator {said}: its 90 % intervals hold {format_digits(100 * near.coverage, 3)} "
-            f"% of the {near.strings} held-out strings near the set, allowed "
-            f"{100 * LEAST_COVERAGE:.0f} to {100 * MOST_COVERAGE:.0f} %"
+        held = (
+            f"its 90 % intervals hold {format_digits(100 * near.coverage, 3)} % of the "
+            f"{near.strings} held-out strings near the set"
         )
+        if not self.passed:
+            needed = f"at least {100 * LEAST_COVERAGE:.0f} % is needed"
+            return f"the emulator is not calibrated: {held}, {needed}"
+        if not self.too_wide:
+            allowed = f"allowed {100 * LEAST_COVERAGE:.0f} to {100 * MOST_COVERAGE:.0f} %"
+            return f"the emulator is calibrated: {held}, {allowed}"
+        width = "" if math.isnan(self.width) else f", half-width {self.width:.2g} of the tolerance"
+        return f"the emulator knows more than it claims: {held}{width}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain values."""
         return {
             "calibrated": self.passed,
+            "too_wide": self.too_wide,
+            "width": None if math.isnan(self.width) else self.width,
             "regions": [region._asdict() for region in self.regions],
             "threshold": self.threshold,
             "reliability": [each._asdict() for each in self.reliability],
@@ -104,7 +125,19 @@ def calibrate(of: "FeasibleSet") -> Calibration:
     known = np.sort(scores[0, near])
     below = np.searchsorted(known, (threshold - expected) / deviation) / len(known)
     beyond = 1.0 - below
-    return Calibration(regions, _reliability(beyond, means > threshold), float(threshold))
+    reliability = _reliability(beyond, means > threshold)
+    width = INTERVAL * float(np.median(deviation[near])) / _half_band(of)
+    return Calibration(regions, reliability, float(threshold), width)
+
+
+def _half_band(of: "FeasibleSet") -> float:
+    """Return half of the range of what is compared in the set; nan if that has no scale."""
+    if not isinstance(of.criterion, Band):
+        return math.nan
+    if isinstance(of.criterion, NearMaximum):
+        return (1.0 - of.criterion.share) * of.maximum[0]
+    half = 0.5 * (of.criterion.upper - of.criterion.lower)
+    return half if math.isfinite(half) else math.nan
 
 
 def _bounds(of: "FeasibleSet") -> tuple[float, float]:

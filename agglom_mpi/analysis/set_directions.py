@@ -165,6 +165,8 @@ def directions(of: "FeasibleSet") -> "pd.DataFrame":
         return pd.DataFrame(columns=columns)
     slopes = _slopes(of)
     values, vectors = np.linalg.eigh(slopes.T @ slopes / len(slopes))
+    if values.sum() <= 0.0:  # the emulated mean is the same everywhere
+        return pd.DataFrame(columns=columns)
     rows = []
     for value, vector in list(zip(values, vectors.T, strict=True))[::-1]:
         group, cosine = nearest_group(vector, coordinates.group_directions, coordinates.groups)

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from agglom_mpi.analysis.set_posterior import Posterior
 
 SHOWN: Final = 0.01
-"""Share from which a direction is shown."""
+"""Minimum share of a direction that is shown."""
 LEAST_PROBABILITY: Final = 1e-6
-"""Probability below which only that is said of it."""
+"""Smallest probability that is shown as a number."""
 SMALL: Final = 0.1
-"""Weight in a direction, in units of the box, from which a variable is named in it."""
+"""Minimum weight of a variable that is named in a direction, relative to the largest weight."""
 
 BIASED_CHOICE: Final = (
     "favour what the search liked: it looks for the best string and returns to those that came "
@@ -39,7 +39,7 @@ def percent(share: float, digits: int = 3) -> str:
 
 
 def measure_text(of: FeasibleSet) -> str:
-    """Return in which measure shares are told: uniform in what the campaign searches by."""
+    """Return the measure of shares and volumes: uniform in the coordinates of the search."""
     kinds = {
         "by the logarithm": [each.name for each in of.own if each.logarithmic],
         "by the cube": [each.name for each in of.own if each.cubic],
@@ -65,7 +65,8 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
     if of.empty:
         parts.append(_nearest_table(of))
     elif of.volume > 0.0:
-        parts += [_variable_table(of), _direction_table(of)]
+        parts.append(_variable_table(of))
+        parts += [_direction_table(of)] if len(of.directions) else []
     parts += list(warnings(of))
     if posterior is not None:
         parts += ["", posterior_text(posterior)]
@@ -91,6 +92,7 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
     if not of.empty:
         table.add_row(f"  surely (P ≥ {INNER:g})", percent(of.inner))
         table.add_row(f"  possibly (P ≥ {OUTER:g})", percent(of.outer))
+    if of.volume > 0.0 and not of.empty:
         table.add_row(
             "expected error",
             f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
@@ -123,7 +125,7 @@ def _allowed(of: FeasibleSet) -> str:
 
 
 def empty_text(of: FeasibleSet) -> str:
-    """Return why a set has no members, or none that can be told."""
+    """Return why a set has no members, or none that the emulator can find."""
     if of.nearest.out_of_reach:
         return f"empty: no string of the box is a member with P ≥ {OUTER:g}"
     return (
@@ -220,7 +222,7 @@ def warnings(of: FeasibleSet) -> Iterator[str]:
         return
     if of.volume <= 0.0 or of.outer == 0.0:
         yield (
-            "warning: the set is too small for the points by which it is measured; it is near "
+            "warning: the set is smaller than the points that measure it can resolve; it is near "
             f"{of.nearest}"
         )
         return
@@ -290,7 +292,7 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
         "inner": of.inner,
         "outer": of.outer,
         "expected_error": None if of.empty else finite(of.expected_error),
-        "samples_to_halve": None if of.empty else samples_to_halve(of),
+        "samples_to_halve": samples_to_halve(of) if of.volume > 0.0 and not of.empty else None,
         "failed_strings": of.failing,
         "favours_low_objectives": of.favours_low_objectives,
         "variables": [each._asdict() for each in of.variables],

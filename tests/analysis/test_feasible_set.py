@@ -216,3 +216,8 @@ def test_too_few_strings_are_refused(tmp_path):
     path = three_variable_file(tmp_path, generations=2)
     with pytest.raises(NoFeasibleSetError, match="of 32 different strings; at least 50"):
         open_campaign(path).feasible_set()
+
+
+def test_only_a_set_of_maximum_growth_has_a_maximum(doubling):
+    with pytest.raises(NoFeasibleSetError, match="maximum: the objective is growth_target"):
+        _ = doubling.maximum

@@ -112,6 +112,32 @@ def test_an_emulator_that_is_not_calibrated_gives_no_set(doubling, monkeypatch):
     assert as_dict(doubling)["set"] is None
 
 
+@pytest.mark.parametrize(
+    ("coverage", "passed", "too_wide"),
+    [(0.79, False, False), (0.80, True, False), (0.97, True, False), (1.0, True, True)],
+)
+def test_only_too_narrow_intervals_are_refused(doubling, coverage, passed, too_wide):
+    found = calibrated(doubling, coverage)
+    assert (found.passed, found.too_wide) == (passed, too_wide)
+    assert ("is not calibrated" in found.text) is not passed
+    assert (f"half-width {found.width:.2g} of the tolerance" in found.text) is too_wide
+    assert 0.0 < found.width < 10.0
+
+
+def test_a_set_without_a_volume_has_no_error_of_it(doubling, monkeypatch):
+    none = np.zeros_like(doubling.points.probability)
+    monkeypatch.setattr(doubling, "points", doubling.points._replace(probability=none))
+    monkeypatch.setattr(doubling, "_kept", {"nearest": doubling.nearest})
+    assert doubling.expected_error == np.inf
+    assert not doubling.empty
+    shown = printed(set_text(doubling))
+    assert "inf" not in shown
+    assert "smaller than the points that measure it" in shown
+    found = as_dict(doubling)["set"]
+    assert found["expected_error"] is None
+    assert found["samples_to_halve"] is None
+
+
 def test_the_grid_fills_the_box(doubling):
     table = grid_table(doubling, most=1000)
     assert len(table) == 1000
