@@ -1,9 +1,11 @@
-"""The points of the box by which a feasible set is measured, and strings drawn from the set."""
+"""Points of the box that measure a feasible set, and strings drawn from the set."""
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agglom_mpi.config.allowed_share import allowed_share
 
 if TYPE_CHECKING:
     from agglom_mpi.analysis.feasible_set import FeasibleSet
@@ -13,13 +15,13 @@ Floats = NDArray[np.float64]
 POINTS: Final = 1 << 13
 """Points of the box."""
 SUFFICIENT: Final = 300.0
-"""Expected members among the points from which the box is not narrowed down."""
+"""Expected members among the points above which the box is not narrowed further."""
 NARROWER: Final = 6
-"""Times that it is narrowed down at most."""
+"""Maximum number of times that the box is narrowed."""
 POSSIBLE: Final = 1e-3
-"""Probability from which a point is in the narrower box."""
+"""Minimum probability of a point that the narrower box must contain."""
 MARGIN: Final = 0.1
-"""By which it is widened, in units of its own edges."""
+"""Relative margin added to the narrower box."""
 STARTS: Final = 8
 """Strings from which the best emulated mean is searched."""
 CANDIDATES: Final = 256
@@ -27,7 +29,11 @@ CANDIDATES: Final = 256
 FARTHEST: Final = 1e30
 """Distance that stands for one that is infinite or unknown."""
 MOST_DRAWS: Final = 1 << 22
-"""Points drawn at most to find members."""
+"""Maximum number of points that are drawn to find members."""
+FEWEST_EVEN: Final = 512
+"""Minimum number of allowed even points; below it, allowed points are drawn at random."""
+MOST_RANDOM: Final = 1 << 17
+"""Maximum number of points that are drawn at random."""
 
 
 class SetPoints(NamedTuple):
@@ -57,11 +63,15 @@ class SetPoints(NamedTuple):
     def draw(self, of: "FeasibleSet", count: int, random: np.random.Generator) -> Floats:
         """Draw strings from the set, (count, 10): each point is kept with its probability."""
         found, drawn = np.empty((0, self.strings.shape[1])), 0
-        space = of.campaign.variables.space()
-        while len(found) < count and drawn < MOST_DRAWS:
-            points = self.lower + random.random((POINTS, len(self.lower))) * (
-                self.upper - self.lower
-            )
+        space = of.campaign.space()
+        whole = bool(np.all(self.lower == 0.0) and np.all(self.upper == 1.0))
+        rare = whole and self.allowed * POINTS < FEWEST_EVEN
+        while len(found) < count and drawn < (MOST_RANDOM if rare else MOST_DRAWS):
+            if rare:
+                points = space.sample_points(random, POINTS)
+            else:
+                within_box = random.random((POINTS, len(self.lower)))
+                points = self.lower + within_box * (self.upper - self.lower)
             strings = space.from_unit(points)
             kept = random.random(POINTS) < of.probability_of(strings)
             found = np.vstack((found, strings[kept]))
@@ -84,8 +94,10 @@ def spread_points(of: "FeasibleSet", evaluated: Floats) -> SetPoints:
     space = of.campaign.variables.space()
     lower, upper = np.zeros(space.dimensions), np.ones(space.dimensions)
     units = space.to_unit(np.unique(np.nan_to_num(evaluated), axis=0))
-    strings = within(of, POINTS, lower, upper)
-    allowed_share = len(strings) / POINTS
+    strings = _even(of, POINTS, lower, upper)
+    allowed = len(strings) / POINTS
+    if len(strings) < FEWEST_EVEN:
+        strings, allowed = within(of, POINTS), allowed_share(of.campaign).value
     probability = of.probability_of(strings)
     weights = np.full(len(strings), 1.0 / max(len(strings), 1))
     own = of.probability_of(space.from_unit(units))
@@ -102,17 +114,32 @@ def spread_points(of: "FeasibleSet", evaluated: Floats) -> SetPoints:
         high = np.minimum(upper, possible.max(axis=0) + margin)
         if np.prod((high - low) / (upper - lower)) > 0.7:
             break
-        lower, upper = low, high
-        strings = within(of, POINTS, lower, upper)
+        even = _even(of, POINTS, low, high)
+        if len(even) < FEWEST_EVEN:
+            break
+        lower, upper, strings = low, high, even
         probability = of.probability_of(strings)
-        weights = np.full(len(strings), np.prod(upper - lower) / POINTS / allowed_share)
-    return SetPoints(strings, probability, weights, allowed_share, lower, upper)
+        weights = np.full(len(strings), np.prod(upper - lower) / POINTS / allowed)
+    return SetPoints(strings, probability, weights, allowed, lower, upper)
 
 
 def within(
     of: "FeasibleSet", count: int = POINTS, lower: Floats | float = 0.0, upper: Floats | float = 1.0
 ) -> Floats:
-    """Return the allowed strings of even points of the box, or of a part of it, (n, 10)."""
+    """Return the allowed strings of even points of the box, or of a part of it, (n, 10).
+
+    Where the constraints leave too few of the whole box, they are random and allowed strings.
+    """
+    strings = _even(of, count, lower, upper)
+    part = np.any(np.asarray(lower) > 0.0) or np.any(np.asarray(upper) < 1.0)
+    if part or len(strings) >= min(FEWEST_EVEN, count) or not of.campaign.relations.constraints:
+        return strings
+    space, random = of.campaign.space(), np.random.default_rng(of.campaign.seed)
+    return space.from_unit(space.sample_points(random, min(count, MOST_RANDOM)))
+
+
+def _even(of: "FeasibleSet", count: int, lower: Floats | float, upper: Floats | float) -> Floats:
+    """Return the allowed ones of `count` even points, arguments as for `within`."""
     from scipy.stats import qmc
 
     space = of.campaign.variables.space()

@@ -19,6 +19,8 @@ NEIGHBOURHOOD: Final = 3.0
 """Largest magnitude of the emulated mean in the neighbourhood of the set, in tolerances."""
 POINTS: Final = 1 << 12
 """Even points of the box by which the expected error is told."""
+FEWEST_POINTS: Final = 8
+"""Fewest allowed ones of these; where there are fewer, `POINTS` allowed ones are drawn."""
 FEWEST: Final = 50
 """Strings from which it is told."""
 
@@ -109,6 +111,8 @@ class SetAim(NamedTuple):
         box = space.from_unit(qmc.Sobol(space.dimensions, seed=1).random(POINTS))
         if space.allowed is not None:
             box = box[space.allowed(box)]
+            if len(box) < FEWEST_POINTS:
+                box = space.from_unit(space.sample_points(np.random.default_rng(1), POINTS))
         at = self.coordinates(box)
         inside = self.probability(emulator.mean(at), emulator.deviation(at))
         volume = float(inside.sum())

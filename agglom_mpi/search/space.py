@@ -16,6 +16,10 @@ MOST_DRAWS: Final = 1 << 20
 """Strings drawn at most to find one that may be proposed."""
 BLOCK: Final = 4096
 """Strings drawn at most at a time."""
+STEPS: Final = 10
+"""Steps of a random walk through what is allowed."""
+MOST_SHRINKS: Final = 60
+"""Maximum number of points that are tried in a step; a part of a line is halved by each."""
 HALVINGS: Final = 20
 """Steps by which the end of what is allowed on a line is found: to a millionth of its length."""
 
@@ -165,10 +169,13 @@ class SearchSpace:
     def sample_points(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
         """Draw points uniformly from what is allowed of the unit cube, shape (count, d).
 
+        Where fewer of `MOST_DRAWS` independent points are allowed, the others are found by random
+        walks that begin at these.
+
         Raises
         ------
         RuntimeError
-            If fewer of `MOST_DRAWS` are allowed.
+            If none of `MOST_DRAWS` is allowed.
         """
         found = np.empty((0, self.dimensions))
         if self.allowed is None:
@@ -178,7 +185,37 @@ class SearchSpace:
             found = np.vstack((found, points[self.allows(points)]))
             if len(found) >= count:
                 return found[:count]
-        raise RuntimeError(f"{len(found)} of {MOST_DRAWS:,} strings satisfy the constraints")
+        if not len(found):
+            raise RuntimeError(f"no string of {MOST_DRAWS:,} satisfies the constraints")
+        return np.vstack((found, self._walked(found, rng, count - len(found))))
+
+    def _walked(
+        self, found: NDArray[np.float64], rng: np.random.Generator, count: int
+    ) -> NDArray[np.float64]:
+        """Return more allowed points, (count, d), by random walks from independent ones, (n, d).
+
+        A step goes along a random line ("hit and run", Smith 1984) to a point that is drawn from
+        shorter and shorter parts of it until one is allowed (shrinkage, Neal 2003). Points that
+        are uniform in what is allowed stay so, whatever its shape.
+        """
+        points = found[rng.integers(len(found), size=count)]
+        for _ in range(STEPS):
+            along = rng.normal(size=points.shape)
+            ends = np.stack((-points / along, (1.0 - points) / along))
+            low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+            left = np.arange(count)
+            moved = points.copy()
+            for _ in range(MOST_SHRINKS):
+                at = low + rng.random(len(left)) * (high - low)
+                tried = np.clip(points[left] + at[:, None] * along[left], 0.0, 1.0)
+                allowed = self.allows(tried)
+                moved[left[allowed]] = tried[allowed]
+                low, high = np.where(at < 0.0, at, low), np.where(at < 0.0, high, at)
+                left, low, high = left[~allowed], low[~allowed], high[~allowed]
+                if not len(left):
+                    break
+            points = moved
+        return points
 
     def towards(
         self, points: NDArray[np.float64], origins: NDArray[np.float64]

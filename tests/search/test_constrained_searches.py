@@ -117,6 +117,39 @@ def test_allowed_strings_fill_their_region_evenly():
     assert abs(cosine.mean() - 0.5) < 4.0 * error
 
 
+def test_points_are_found_where_too_few_of_the_draws_are_allowed(monkeypatch):
+    """In two separate spots, one of them three times as large as the other."""
+
+    def spots(strings):
+        x, y, z = free_box().to_unit(strings).T
+        small, large = np.abs(x - 0.1) < 0.05, np.abs(x - 0.7) < 0.15
+        return (small | large) & (np.abs(y - 0.5) < 0.05) & (z < 0.2)
+
+    monkeypatch.setattr("agglom_mpi.search.space.MOST_DRAWS", 16 * BLOCK)
+    space = free_box().within(spots)
+    points = space.sample_points(np.random.default_rng(1), 2000)
+    again = space.sample_points(np.random.default_rng(1), 2000)
+    assert points.tobytes() == again.tobytes()
+    assert 100 < 0.008 * 16 * BLOCK < 1000  # independent ones; the others are walked to
+    assert space.allows(points).all()
+    assert len(np.unique(points, axis=0)) == 2000
+    # The share of the small spot has the error of the independent points, of which walks go on.
+    error = np.sqrt(0.25 * 0.75 / (0.008 * 16 * BLOCK))
+    assert abs(np.mean(points[:, 0] < 0.4) - 0.25) < 4.0 * error
+    for column, middle, half in ((1, 0.5, 0.05), (2, 0.1, 0.1)):
+        # Less than as many independent points, and no fewer than the draws.
+        deviations = (points[:, column] - middle) / half
+        assert abs(deviations.mean()) < 4.0 / np.sqrt(3.0 * 0.008 * 16 * BLOCK)
+        assert abs(np.mean(np.abs(deviations) < 0.5) - 0.5) < 4.0 * 0.5 / np.sqrt(500.0)
+
+
+def test_where_enough_draws_are_allowed_the_points_are_these():
+    space, random = box(), np.random.default_rng(5)
+    drawn = random.random((BLOCK, 3))
+    drawn = drawn[space.allows(drawn)][:50]
+    assert space.sample_points(np.random.default_rng(5), 50).tobytes() == drawn.tobytes()
+
+
 def test_a_point_is_moved_to_the_edge_of_what_is_allowed():
     space = box()
     origin, point = np.array([[0.97, 0.0, 0.0]]), np.array([[0.97, 0.9, 0.0]])
