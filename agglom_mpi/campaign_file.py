@@ -1,6 +1,7 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -222,12 +223,24 @@ class CampaignFile(metaclass=PublicFace):
         return self._snapshot().framed()
 
     def frames(self, string: int, sample: int) -> "Frames | None":
-        """Return the stored frames of a sample; None if there are none."""
-        return self._snapshot().frames(string, sample)
+        """Return the stored frames of a sample; None if there are none.
+
+        Raises
+        ------
+        ValueError
+            If a number is no whole number.
+        """
+        return self._snapshot().frames(*self._numbers(string, sample))
 
     def final_particles(self, string: int, sample: int) -> FinalParticles | None:
-        """Return the particles left at the end of a sample; None if they were not stored."""
-        return self._snapshot().final_particles(string, sample)
+        """Return the particles left at the end of a sample; None if they were not stored.
+
+        Raises
+        ------
+        ValueError
+            If a number is no whole number.
+        """
+        return self._snapshot().final_particles(*self._numbers(string, sample))
 
     def plot_convergence(self, ax: Any = None) -> Any:
         """Draw best and mean-of-top objective against generation, with 95 % bands.
@@ -419,6 +432,17 @@ class CampaignFile(metaclass=PublicFace):
         'time in which ranks simulate (%)'
         """
         return self._plot("busy", ax)
+
+    def _numbers(self, string: int, sample: int) -> tuple[int, int]:
+        """Return the numbers of a string and of a sample; raise an ArgumentError for others.
+
+        A negative number is that of no sample.
+        """
+        numbers = {"string": string, "sample": sample}
+        for field, number in numbers.items():
+            if not isinstance(number, Integral) or isinstance(number, bool):
+                self._count(field, number)
+        return int(string), int(sample)
 
     def _count(self, field: str, value: int, least: int = 0) -> int:
         """Return a whole number that is an argument; raise an ArgumentError for anything else."""

@@ -1,4 +1,4 @@
-"""What a file that a command was given is, told by its first bytes, before any library reads it."""
+"""Kinds of files that commands are given, recognised by their first bytes."""
 
 import os
 import re
@@ -10,7 +10,7 @@ SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
 
 HEAD: Final = 1 << 16
-"""Bytes of a text in which a section of a campaign is looked for."""
+"""Number of bytes at the beginning of a text that are searched for a section of a campaign."""
 
 _SECTION: Final = re.compile(rb"^(\xef\xbb\xbf)?(scene|variables):", re.MULTILINE)
 
@@ -49,24 +49,24 @@ def is_kernel_file(path: str | os.PathLike[str]) -> bool:
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is to be read as HDF5: by its name, or by what the file begins with."""
+    """Return whether to read a path as HDF5, by its name or its first bytes."""
     return Path(path).suffix == ".h5" or begins_as_hdf5(path)
 
 
 def begins_as_hdf5(path: str | os.PathLike[str]) -> bool:
-    """Whether a file begins as HDF5 does, whatever its size and its name."""
+    """Return whether a file begins as HDF5 does, whatever its size and its name."""
     return _head(path, len(SIGNATURE)) == SIGNATURE
 
 
 def reads_like_a_campaign(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a text with a section of a campaign."""
+    """Return whether a file is a text with a section of a campaign."""
     return _SECTION.search(_head(path, HEAD)) is not None
 
 
 def _head(path: str | os.PathLike[str], size: int) -> bytes:
-    """Return the first bytes of a regular file; none of anything else.
+    """Return the first bytes of a regular file, and no bytes of anything else.
 
-    A pipe, which can be read only once, is not looked into: HDF5 cannot be read from one.
+    A pipe is not opened: it can be read only once, and HDF5 cannot be read from it.
     """
     try:
         if not Path(path).is_file() or is_kernel_file(path):

@@ -25,7 +25,7 @@ STEPS: Final = 200
 TIMED: Final = 2000
 """Grains of a timed loop."""
 REPEATS: Final = 5
-"""Timed loops, of which median and quartiles count."""
+"""Number of timed loops; the median and the quartiles are reported."""
 
 
 class Grain(NamedTuple):

@@ -70,7 +70,7 @@ ROUNDING: Final = 1e-12
 """Errors below this are no part of a fit: the step does not decide them."""
 
 REPETITIONS = 5
-"""Times that a batch runs, of which median and quartiles count."""
+"""Number of runs of a batch; the median and the quartiles of their times are reported."""
 
 
 class FinalStates(NamedTuple):

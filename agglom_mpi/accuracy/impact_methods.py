@@ -58,7 +58,7 @@ PAIR: Final = ContactPair(
 """Equal spheres, head on; X is set by the hardness, which alone differs between the impacts."""
 
 REPEATS: Final = 3
-"""Timed loops, of which the median counts."""
+"""Number of timed loops; the median is reported."""
 
 TIME: Final = time_name("impact")
 """Column of the median time of an impact."""

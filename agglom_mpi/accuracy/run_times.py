@@ -1,4 +1,4 @@
-"""Processor times in reports as median and quartiles, and whether the machine was busy."""
+"""Median and quartiles of processor times in reports, and a warning about a busy machine."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -29,8 +29,8 @@ def quartile_names(of: str) -> tuple[str, str]:
 def time_columns(of: str, seconds: ArrayLike) -> dict[str, float]:
     """Return median and quartiles of times in s, shape (n,), n > 0, as columns of a frame.
 
-    The median is what a sample usually takes. A mean would rest on the few that an interruption
-    made long.
+    The median is the usual time of a sample. The few samples that an interruption made long would
+    decide a mean.
     """
     times = np.asarray(seconds, float)
     low, high = quartile_names(of)
@@ -60,14 +60,14 @@ def ratio_of_clocks(times: Sequence[TimeSpent]) -> float:
 
 
 def busy_lines(samples: float, sections: Iterable[Section]) -> list[str]:
-    """Return a line on a machine that was busy with other work, none if it was not.
+    """Return a warning about a machine that was busy with other work; empty if it was not.
 
     Parameters
     ----------
     samples
         Ratio of wall-clock to processor time of all samples; nan where the latter is unknown.
     sections
-        Those whose tables have a column `WALL_OVER_CPU` count with its median.
+        Sections of the report; the median of each column `WALL_OVER_CPU` in their tables counts.
     """
     if math.isnan(samples):
         return [

@@ -1,4 +1,4 @@
-"""What the samples of a string are warned of, of a campaign file and of `agglom simulate` alike."""
+"""Warnings about the samples of a string, of a campaign file and of `agglom simulate` alike."""
 
 from typing import Final
 
@@ -11,13 +11,13 @@ The box is then about two of their spacings wide (10^(1/3) = 2.2): the neighbour
 the images of a few others, and an impact changes the mean of b/b0 by a tenth of itself and more.
 """
 EARLY: Final = 0.1
-"""Share of the end time within which all changes are early."""
+"""Fraction of the end time; changes before it are early."""
 EARLY_SAMPLES: Final = 3
-"""Samples of which all changes must be early."""
+"""Minimum number of samples for a warning that all changes are early."""
 
 
 def few_left(left: float, grains: int, of: str = "") -> list[str]:
-    """Return a line if too few particles are left, by `FEWEST_LEFT`.
+    """Return a line if fewer than `FEWEST_LEFT` particles are left of a scene that had more.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def few_left(left: float, grains: int, of: str = "") -> list[str]:
     of
         Which string, as ` in the best string`.
     """
-    if left >= FEWEST_LEFT:
+    if left >= FEWEST_LEFT or grains < FEWEST_LEFT:
         return []
     return [
         f"scene.particles: {left:.3g} of {grains:,} particles are left on average{of}; fewer than "
@@ -38,7 +38,7 @@ def few_left(left: float, grains: int, of: str = "") -> list[str]:
 
 
 def early_changes(changes: int, samples: int) -> list[str]:
-    """Return a line that all `changes`, merges and breakups of samples, are within `EARLY`."""
+    """Return the warning that all `changes`, merges and breakups, of samples are early."""
     return [
         f"scene.end_time: all {changes:,} merges and breakups of {pluralise(samples, 'sample')} "
         f"happen in the first {EARLY:g} of it; an earlier end gives the same particles"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 DRAWS: Final = 256
-"""Points of the normal distribution by which functions of several numbers are averaged."""
+"""Number of normally distributed points that a function of several numbers is averaged over."""
 
 
 class SetEmulator:

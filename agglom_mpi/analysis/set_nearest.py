@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 MOST_FAILING: Final = 0.5
 """Probability of failure above which a string is not the nearest one."""
 SURELY: Final = 1.645
-"""Deviations by which a mean is out of reach of what is asked for, at 95 %."""
+"""Minimum distance, in deviations, of a mean that is out of reach at 95 %."""
 TINY: Final = 1e-300
 AT_END: Final = 1e-3
 """Distance from the end of a range, in units of the range, within which a string is at the end."""
@@ -50,12 +50,12 @@ class NearestString(NamedTuple):
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether it surely is no member; otherwise the emulator is too unsure to tell."""
+        """Whether the string is surely no member; otherwise the emulator is too uncertain."""
         return self.away > SURELY
 
     @property
     def reached(self) -> str:
-        """What it reaches, in words: `mean b/b0 4.52 ± 0.12`."""
+        """The emulated means as text: `mean b/b0 4.52 ± 0.12`."""
         return ", ".join(
             f"{quantity_name(name)} {value_with_error(mean, self.deviation[name])}"
             for name, mean in self.mean.items()

@@ -35,7 +35,7 @@ FARTHEST: Final = 4.0
 POSITIVE: Final = frozenset({"mean_radius_ratio", "mean"})
 """Quantities that are positive, so that their error is a fraction of them."""
 CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Quantiles that are told of each variable."""
+"""Reported quantiles."""
 
 
 class PosteriorError(UserError, ValueError):
@@ -56,7 +56,7 @@ class Posterior(NamedTuple):
     weights
         Shape (n,); their sum is 1.
     effective_size
-        Number of independent strings that would tell as much.
+        Number of independent strings that would be as informative.
     method
         `importance weights` or `chain`.
     """

@@ -9,9 +9,9 @@ from rich.measure import Measurement
 from rich.text import Text
 
 INDENT: Final = 2
-"""Columns by which what belongs to a heading is indented."""
+"""Number of blanks before what belongs to a heading."""
 LEAST_TEXT: Final = 30
-"""Columns that a text beside its label has at least; where there are fewer, it stands below."""
+"""Minimum width of a text beside its label; with less room the text stands below."""
 
 
 class FittedTable:

@@ -146,6 +146,15 @@ def test_a_scene_with_a_temperature_keeps_it(filled):
     assert np.isfinite(file.samples["mean_temperature"]).all()
 
 
+@pytest.mark.parametrize("numbers", [(1.5, 0), (0, 2.0), ("1", 0), (True, 0), (None, 0)])
+def test_numbers_of_strings_and_samples_are_whole(filled, numbers):
+    file = open_campaign(filled)
+    for read in (file.final_particles, file.frames):
+        with pytest.raises(ValueError, match=r"(string|sample): is .*; must be a whole number"):
+            read(*numbers)
+    assert file.final_particles(np.int64(0), np.int32(0)) is not None
+
+
 def test_what_is_not_there_is_none(filled, tmp_path):
     file = open_campaign(filled)
     assert file.final_particles(0, 8) is file.final_particles(1, 0) is None
