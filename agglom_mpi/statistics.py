@@ -207,6 +207,11 @@ def mean_of(values: ArrayLike) -> MeanEstimate:
     return MeanEstimate(float(np.mean(numbers)), error, numbers.size)
 
 
+def without_rounding(value: float, rounding: float) -> float:
+    """Return a number, as 0 where its magnitude is at most `rounding`; nan and inf as they are."""
+    return 0.0 if abs(value) <= rounding else value
+
+
 def t_95(degrees_of_freedom: int) -> float:
     """Return the two-sided 95 % quantile of Student's t; see `t_quantile`."""
     return t_quantile(degrees_of_freedom, 0.95)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.statistics import without_rounding
 
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives import Objective
@@ -144,11 +145,6 @@ def _rounding(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
     return objective_of(data).rounding(data.result_rows()["objective"])
-
-
-def without_rounding(value: float, rounding: float) -> float:
-    """Return an objective, or an error, as 0 where it is rounding; nan and inf as they are."""
-    return 0.0 if abs(value) <= rounding else value
 
 
 def unconverged(data: "CampaignData") -> int:

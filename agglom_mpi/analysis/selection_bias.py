@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.comparison import PairedSamples, significant_differences
-from agglom_mpi.analysis.estimates import Estimate, without_rounding
+from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.statistics import MeanEstimate
+from agglom_mpi.statistics import MeanEstimate, without_rounding
 
 CLAIMED_ERRORS: Final = 2.0
 """Standard errors beyond which a difference from the re-estimates is called a bias."""

@@ -15,7 +15,7 @@ from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.moment_targets import interval_notes
 from agglom_mpi.search.objectives import ReachedMoment
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
 from agglom_mpi.variables import NAMES, VARIABLES
 
 if TYPE_CHECKING:
@@ -190,6 +190,8 @@ def estimate_of(
     """
     objective = campaign.objective.build(campaign.scene.equivalent_grains)
     summaries = [outcome.measured for outcome in outcomes]
+    value, error = objective.of_ensemble(summaries)
+    rounding = objective.rounding(value)
     used = campaign.variables.used
     records = [outcome.record for outcome in outcomes]
 
@@ -204,7 +206,9 @@ def estimate_of(
         },
         samples=len(outcomes),
         failed=failed,
-        objective=MeanEstimate(*objective.of_ensemble(summaries), len(outcomes)),
+        objective=MeanEstimate(
+            *(without_rounding(number, rounding) for number in (value, error)), len(outcomes)
+        ),
         mean_radius_ratio=mean("mean_radius_ratio"),
         radius_spread=mean_of([math.sqrt(outcome.moments[1]) for outcome in outcomes]),
         particles_left=mean("particles"),

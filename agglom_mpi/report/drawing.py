@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.errors import require_library
+from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
     import matplotlib.figure
+    import numpy as np
+    import numpy.typing as npt
 
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, told apart by colour-blind readers too."""
@@ -94,6 +97,18 @@ def note(ax: Any, text: str) -> None:
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="0.35")
     ax.set_xticks([])
     ax.set_yticks([])
+
+
+def histogram_range(values: "npt.NDArray[np.float64]") -> tuple[float, float] | None:
+    """Return the range of a histogram of values, (n,), that are equal but for rounding; else None.
+
+    NumPy widens the range of values that are exactly equal, and fails for others.
+    """
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    size = max(abs(low), abs(high))
+    return None if high - low > ROUNDING * size else (low - 0.5, high + 0.5)
 
 
 def integer_ticks(axis: Any) -> None:

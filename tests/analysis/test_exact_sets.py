@@ -65,6 +65,11 @@ def test_a_mean_that_is_the_same_everywhere_is_known(tmp_path):
     said = printed(found)
     assert "of the tolerance" in said
     assert "what decides" not in said
+    pytest.importorskip("matplotlib")
+    from agglom_mpi.report.figures.feasible_set import set_drawings
+
+    names = [drawing.name for drawing in set_drawings(found)]
+    assert names == ["set_pairs", "set_marginals", "set_reliability"]
 
 
 def test_numbers_that_differ_by_rounding_are_the_same_to_an_emulator():

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from campaign_runs import TINY, finish, write_campaign
+from campaign_runs import QUICKSTART, TINY, finish, write_campaign
 from click.testing import CliRunner
 
 from agglom_mpi.analysis.comparison import p_value, paired_p_value, significant_differences
@@ -22,7 +22,9 @@ from agglom_mpi.analysis.sensitivity import (
     sensitivity_table,
 )
 from agglom_mpi.cli import main
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import ROUNDING
+from agglom_mpi.report.drawing import histogram_range
 from agglom_mpi.runtime import sample_runner
 from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
 from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget, MaximumGrowth
@@ -104,6 +106,26 @@ def test_rounding_is_of_the_scale_of_what_is_compared():
 
 def test_the_rounding_of_a_file_is_that_of_its_objective(path):
     assert rounding_of(read_campaign(path)) == ROUNDING
+
+
+def test_a_histogram_of_values_that_are_equal_but_for_rounding_can_be_drawn():
+    equal = 2.0 + ULP * np.arange(5.0)
+    low, high = histogram_range(equal)
+    assert (low, high) == pytest.approx((1.5, 2.5))
+    assert np.histogram(equal, 36, histogram_range(equal))[0].sum() == 5
+    assert histogram_range(np.array([1.0, 1.1])) is None
+    assert histogram_range(np.array([])) is None
+
+
+def test_an_estimate_takes_rounding_for_0(monkeypatch):
+    from agglom_mpi.search import objectives
+
+    campaign = load_campaign(QUICKSTART)
+    monkeypatch.setattr(
+        objectives.GrowthTarget, "of_ensemble", lambda self, outcomes: (2.0 * ULP, ULP)
+    )
+    objective = campaign.estimate({}, samples=2).objective
+    assert (objective.value, objective.error) == (0.0, 0.0)
 
 
 def test_means_that_differ_by_rounding_do_not_differ():

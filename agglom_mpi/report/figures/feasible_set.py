@@ -11,6 +11,7 @@ from agglom_mpi.report.drawing import (
     COLOURS,
     Drawing,
     axis_label,
+    histogram_range,
     legend_below,
     note,
     scaled_unit,
@@ -109,13 +110,16 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
                 lambda figure: draw_marginals(figure, shown),
                 (9.0, 2.4 * -(-len(shown.variables) // 3) + 0.4),
             ),
-            Drawing(
-                "set_group",
-                "The emulated mean of points of the box against the combination of variables that "
-                "decides most, with its 90 % interval; the band is the target.",
-                lambda figure: draw_group(figure.subplots(), shown),
-            ),
         ]
+        if len(of.directions):  # there are none where the mean is the same everywhere
+            drawings.append(
+                Drawing(
+                    "set_group",
+                    "The emulated mean of points of the box against the combination of variables "
+                    "that decides most, with its 90 % interval; the band is the target.",
+                    lambda figure: draw_group(figure.subplots(), shown),
+                )
+            )
     drawings.append(
         Drawing(
             "set_reliability",
@@ -313,7 +317,7 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
         style_axes(ax)
         finite = column[np.isfinite(column)]
         weights = np.full(len(finite), 100.0 / max(len(column), 1))
-        ax.hist(finite, REACH_BARS, weights=weights, color=COLOURS[0])
+        ax.hist(finite, REACH_BARS, histogram_range(finite), weights=weights, color=COLOURS[0])
         ax.axvline(nearest.mean[name], color="black", label=f"nearest, {nearest.mean[name]:.4g}")
         left, right = ax.get_xlim()
         first = lower if np.isfinite(lower) else min(left, upper)

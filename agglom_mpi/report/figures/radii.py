@@ -6,7 +6,7 @@ import numpy as np
 
 from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.report.drawing import COLOURS, style_axes
+from agglom_mpi.report.drawing import COLOURS, histogram_range, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import RadiusDistribution, final_radii
 from agglom_mpi.storage.reader import CampaignData
@@ -23,6 +23,7 @@ def draw_radii(ax: Any, radii: RadiusDistribution) -> Any:
     ax.hist(
         radii.values,
         bins=BINS,
+        range=histogram_range(radii.values),
         weights=np.full(len(radii.values), 100.0 / len(radii.values)),
         color=COLOURS[5],
         edgecolor="white",
