@@ -207,7 +207,7 @@ def estimate_of(
         samples=len(outcomes),
         failed=failed,
         objective=MeanEstimate(
-            *(without_rounding(number, rounding) for number in (value, error)), len(outcomes)
+            without_rounding(value, rounding), without_rounding(error, rounding), len(outcomes)
         ),
         mean_radius_ratio=mean("mean_radius_ratio"),
         radius_spread=mean_of([math.sqrt(outcome.moments[1]) for outcome in outcomes]),

@@ -317,7 +317,8 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
         style_axes(ax)
         finite = column[np.isfinite(column)]
         weights = np.full(len(finite), 100.0 / max(len(column), 1))
-        ax.hist(finite, REACH_BARS, histogram_range(finite), weights=weights, color=COLOURS[0])
+        shown = histogram_range(finite)
+        ax.hist(finite, REACH_BARS, range=shown, weights=weights, color=COLOURS[0])
         ax.axvline(nearest.mean[name], color="black", label=f"nearest, {nearest.mean[name]:.4g}")
         left, right = ax.get_xlim()
         first = lower if np.isfinite(lower) else min(left, upper)
