@@ -27,9 +27,10 @@ with a grain as wide as the box, and 1 of 508 between 0.3 and 0.6.
 """
 MAX_DRAWN_SAMPLES: Final = 4000
 MAX_DRAWN_GRAINS: Final = 4_000_000
-"""Samples of which sizes are drawn to see how many jam, and their grains; a fifth of a second."""
+"""Maximum numbers of samples, and of their grains, whose sizes are drawn to count those that jam;
+a fifth of a second."""
 MIN_DRAWN_SAMPLES: Final = 30
-"""Samples without which nothing is said of a law of sizes."""
+"""Minimum number of drawn samples for a warning about a law of sizes."""
 MISSING_VOLUME: Final = 0.01
 """Relative loss of volume fraction, beyond two standard errors, above which a law is too wide."""
 MAX_SCATTER: Final = 0.2
