@@ -97,6 +97,9 @@ class SobolSearch(BaselineSearch):
 class SobolStrings:
     """The strings of a seed's Sobol sequence that are allowed, numbered from 0.
 
+    A sequence has 2**`SOBOL_BITS` points; where these hold too few allowed ones, others of the same
+    seed follow.
+
     Parameters
     ----------
     space
@@ -109,15 +112,17 @@ class SobolStrings:
         self._space = space
         self._seed = seed
         self._whole: qmc.Sobol | None = None  # the sequence, beyond what is searched
+        self._sequences = 0
         self._allowed = NO_STRINGS
 
     def strings(self, first: int, count: int) -> NDArray[np.float64]:
         """Return strings `first` to `first + count - 1`, shape (count, 10)."""
         if self._space.allowed is None:
             return sobol_strings(self._space, self._seed, first, count)
-        if self._whole is None:
-            self._whole = _sequence(self._space, self._seed)
         while len(self._allowed) < first + count:
+            if self._whole is None or self._whole.num_generated + BLOCK > 1 << SOBOL_BITS:
+                self._whole = _sequence(self._space, self._seed, self._sequences)
+                self._sequences += 1
             strings = self._space.from_unit(self._whole.random(BLOCK))
             self._allowed = np.vstack((self._allowed, strings[self._space.allowed(strings)]))
         return self._allowed[first : first + count]
@@ -136,8 +141,9 @@ def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> NDAr
         return space.from_unit(sequence.random(count))
 
 
-def _sequence(space: SearchSpace, seed: int) -> "qmc.Sobol":
+def _sequence(space: SearchSpace, seed: int, number: int = 0) -> "qmc.Sobol":
+    """Return a sequence of a seed; the first one has the number 0."""
     from scipy.stats import qmc  # takes half a second to load
 
-    scramble = search_stream(seed, SOBOL_SCRAMBLE)
+    scramble = search_stream(seed, SOBOL_SCRAMBLE, number)
     return qmc.Sobol(space.dimensions, bits=SOBOL_BITS, seed=scramble)

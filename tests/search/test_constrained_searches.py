@@ -117,6 +117,13 @@ def test_allowed_strings_fill_their_region_evenly():
     assert abs(cosine.mean() - 0.5) < 4.0 * error
 
 
+def test_another_sequence_follows_one_that_is_used_up(monkeypatch):
+    monkeypatch.setattr("agglom_mpi.search.baselines.SOBOL_BITS", 13)
+    found = SobolStrings(box(), 7).strings(0, 900)  # of four sequences: 3 % of each is allowed
+    assert shell(found).all()
+    assert len(np.unique(found, axis=0)) == 900
+
+
 def test_points_are_found_where_too_few_of_the_draws_are_allowed(monkeypatch):
     """In two separate spots, one of them three times as large as the other."""
 
