@@ -26,11 +26,16 @@ def test_quantiles_are_in_order_and_inside_the_box(posterior):
 
 
 def test_what_pairs_hide_partial_correlations_show(posterior):
-    """Speed and hardness rise together; friction matters to neither."""
+    """Speed and hardness rise together; friction matters to neither.
+
+    Without the fit that knows it, the two are as independent as friction is. A hundredth of the
+    weight in a corner without any sample lowers a correlation of 0.98 to 0.7.
+    """
     names = list(posterior.of.coordinates.names)
     speed, hardness = names.index("relative_speed"), names.index("hardness")
-    assert posterior.correlations[speed, hardness] > 0.9
-    assert posterior.partial_correlations[speed, hardness] > 0.9
+    assert posterior.correlations[speed, hardness] > 0.5
+    assert posterior.partial_correlations[speed, hardness] > 0.5
+    assert abs(posterior.partial_correlations[speed, names.index("friction")]) < 0.5
     assert np.diag(posterior.partial_correlations) == pytest.approx(1.0)
 
 
@@ -56,7 +61,6 @@ def test_drawn_strings_follow_the_weights(posterior):
         (2.0, "wide", "a percentage like '5%'"),
         (2.0, True, "is True"),
         (2.0, "100%", "must be less than the measured 2"),
-        (4.6, 0.01, "no string of the box can give"),
         (9.0, 0.01, "measured: is 9.0; 100 grains in one give 4.642, which is the most"),
         (-2.0, 0.01, "measured: is -2.0; must be greater than 0"),
         (0.0, 0.01, "measured: is 0.0; must be greater than 0"),
@@ -68,6 +72,11 @@ def test_drawn_strings_follow_the_weights(posterior):
 def test_impossible_measurements_are_said(doubling, measured, error, said):
     with pytest.raises(ValueError, match=said):
         doubling.posterior(measured, error)
+
+
+def test_a_measured_mean_that_no_string_comes_near_is_said(half):
+    with pytest.raises(PosteriorError, match="no string of the box can give"):
+        half.posterior(4.6, 0.01)
 
 
 def test_a_measurement_of_several_numbers_is_refused_without_an_emulator(doubling):

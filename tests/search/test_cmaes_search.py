@@ -69,8 +69,9 @@ def test_given_strings_come_first_and_it_begins_about_the_first_of_them():
     assert np.array_equal(first.parameters[:2], strings)
     assert first.origin.tolist() == [GIVEN] * 2 + [RANDOM] * 198
     assert first.slot.tolist() == list(range(200))
+    # Six standard errors, for ten coordinates of any realisation; the box has its middle 176 away.
     error = 0.02 / np.sqrt(198)
-    assert np.all(abs(first.parameters[2:].mean(axis=0) - 0.25) < 4.0 * error)
+    assert np.all(abs(first.parameters[2:].mean(axis=0) - 0.25) < 6.0 * error)
     assert set(second.origin) == {MODEL}
     assert search.known_proposals(1) is None
 
