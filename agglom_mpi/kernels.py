@@ -22,6 +22,7 @@ import numba
 from numba.core import event
 from numba.extending import intrinsic, overload
 
+from agglom_mpi.kernel_cache import cache_of
 from agglom_mpi.kernel_linking import COMPILER
 
 _PACKAGE: Final = Path(__file__).parent
@@ -39,7 +40,6 @@ Submodel: TypeAlias = Any
 
 _CONFIG: Any = numba.config
 _KERNEL: Final[dict[str, Any]] = {
-    "cache": True,
     "pipeline_class": COMPILER,
     "nogil": True,
     "error_model": "numpy",
@@ -131,9 +131,9 @@ def cache_folder() -> Path:
 
 def kernel(function: F) -> F:
     """Compile a function that Python calls; cached on disk, runs without the GIL."""
-    if not _CONFIG.DISABLE_JIT:
-        _CONFIG.CACHE_DIR = str(cache_folder())
     compiled: F = numba.njit(**_KERNEL)(function)
+    if runs_compiled():
+        compiled._cache = cache_of(function, cache_folder())  # type: ignore[attr-defined]
     return compiled
 
 
@@ -142,12 +142,18 @@ def runs_compiled() -> bool:
     return not _CONFIG.DISABLE_JIT
 
 
-def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> None:
+def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> bool:
     """Compile a kernel for arguments like these, or load it from the cache, and do not run it.
 
     The caller reports it: nothing is logged here. No reference cycles are looked for meanwhile,
     which takes a tenth of the time of a compiler.
+
+    Returns
+    -------
+    bool
+        Whether it was compiled.
     """
+    misses = sum(compiled.stats.cache_misses.values())
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -156,6 +162,7 @@ def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> None:
     finally:
         if collecting:
             gc.enable()
+    return bool(sum(compiled.stats.cache_misses.values()) > misses)
 
 
 class _FirstCalls(event.Listener):

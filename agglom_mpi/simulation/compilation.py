@@ -94,7 +94,7 @@ def compile_kernels(
     """
     if not runs_compiled():
         return 0.0
-    begin, together = time.perf_counter(), not is_compiled(scene)
+    begin, together, compiled = time.perf_counter(), not is_compiled(scene), False
     names = [PLACEMENT, MEASUREMENT, ENGINE, *([FRAMES] if frames else [])]
     is_new = {name: not is_compiled(scene, name == FRAMES) for name in names}
     if new := [name for name in names if is_new[name]]:
@@ -103,13 +103,14 @@ def compile_kernels(
         for name in [*_called(scene), *names]:
             if name == ENGINE:
                 finish()
-            compile_ahead(*_example(name, scene))
+            compiled |= compile_ahead(*_example(name, scene))
             if is_new.get(name):
                 show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
     for what in [_ALL, FRAMES] if frames else [_ALL]:
         with suppress(OSError):  # a cache that is full may be read-only
             mark_of(scene, what).touch()
-    return time.perf_counter() - begin if new else 0.0
+    # What was compiled before may be missing from the cache, or be damaged.
+    return time.perf_counter() - begin if new or compiled else 0.0
 
 
 def ensure_compiled(scene: Scene, frames: bool = False) -> None:

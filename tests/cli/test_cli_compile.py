@@ -6,10 +6,11 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 import pytest
-from campaign_runs import environment
+from campaign_runs import TINY, assert_same, decisions, environment, finish, write_campaign
 from processes import HANG
 
 from agglom_mpi.cli.common import printing_log
@@ -80,6 +81,29 @@ def test_a_simulation_says_what_it_compiles_beside_its_json_and_only_once(unmark
     assert lines[0][0].startswith("compiling 3 kernels of a new kind of scene: placement, ")
     assert len(lines[0]) == 4
     assert lines[1] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled")
+def test_a_run_drops_what_it_cannot_read_of_the_cache_and_is_not_interrupted(tmp_path, agglom):
+    write_campaign(tmp_path / "tiny.yaml", **TINY)
+    assert agglom("compile", tmp_path / "tiny.yaml").exit_code == 0
+    folder = tmp_path / "cache" / cache_folder().name
+    for path in filter(Path.is_file, cache_folder().rglob("*")):
+        copy = folder / path.relative_to(cache_folder())
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.symlink_to(path)
+    [index] = folder.rglob("initial_state.scatter-*.nbi")
+    index.unlink()
+    index.write_bytes(b"")
+    cache = {"NUMBA_CACHE_DIR": str(folder.parent)}
+    done = finish(tmp_path, "tiny.yaml", "--output", "first.h5", **cache)
+    [line] = [line for line in done.stderr.splitlines() if str(index.parent) in line]
+    assert line.startswith("warning: ")
+    assert index.name in line
+    done = finish(tmp_path, "tiny.yaml", "--output", "second.h5", **cache)
+    assert str(index.parent) not in done.stderr
+    assert_same(tmp_path / "first.h5", decisions(tmp_path / "second.h5"))
 
 
 def test_a_kernel_that_its_first_call_compiles_is_said_by_commands_alone(capsys):
