@@ -7,6 +7,8 @@ from typing import Final
 import click
 
 from agglom_mpi.cli.common import examples, launch
+from agglom_mpi.launcher import is_first_rank
+from agglom_mpi.runtime.stop_request import interrupt_on_signals
 from agglom_mpi.version import __version__
 
 COMMANDS: Final = {
@@ -58,6 +60,8 @@ def agglom() -> None:
 
 def invert() -> None:
     """Run `agglom-invert`."""
+    if is_first_rank():
+        interrupt_on_signals()
     from agglom_mpi.cli.invert import invert_command
 
     launch(invert_command, simulates=True)

@@ -25,6 +25,7 @@ from agglom_mpi.errors import (
 )
 from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import is_first_rank
+from agglom_mpi.runtime.stop_request import ignore_signals
 
 LEAST_ADDRESS_SPACE: Final = 1 << 29
 """Bytes that a simulation is not begun without: libraries, short of them, abort or hang."""
@@ -74,6 +75,8 @@ def launch(command: click.Command, simulates: bool) -> None:
     except OSError as error:
         say(f"{command.name}: {error_text(error)}", error=True)
         code = FAILURE
+    if simulates:
+        ignore_signals()  # one more of those that stopped the run would change its exit code
     sys.exit(code)
 
 
@@ -104,7 +107,9 @@ def _exit_code(command: click.Command, simulates: bool) -> int:
             error.show(shown)
             say(shown.getvalue().rstrip("\n"), error=True)
         return error.exit_code
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as end:
+        if isinstance(end.__cause__, EOFError):  # click takes any for the end of what is typed
+            raise end.__cause__ from None
         if not simulates:
             return INTERRUPTED
         say("interrupted; run the same command again to continue", error=True)

@@ -3,10 +3,18 @@
 import signal
 import time
 from types import FrameType
+from typing import Final
+
+PATIENCE: Final = 1.0
+"""Seconds after the first signal during which another INT is the same request, not a new one."""
 
 
 class StopRequest:
     """Whether to stop early, by a signal or the walltime, and why.
+
+    Launchers, batch systems and shells send a signal several times, or several signals. The first
+    one is the request, and the others are ignored while the run stops. A later INT is somebody who
+    does not want to wait: it raises KeyboardInterrupt, and the next one kills.
 
     Parameters
     ----------
@@ -16,6 +24,7 @@ class StopRequest:
 
     def __init__(self, max_walltime: float | None = None) -> None:
         self._reason = ""
+        self._signalled: float | None = None
         self._deadline = None if max_walltime is None else time.monotonic() + max_walltime
 
     def listen(self) -> None:
@@ -31,11 +40,27 @@ class StopRequest:
         return self._reason
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._reason = f"received {signal.Signals(number).name}"
+        now = time.monotonic()
+        if self._signalled is None:
+            self._signalled = now
+            self._reason = self._reason or f"received {signal.Signals(number).name}"
+        elif number == signal.SIGINT and now - self._signalled > PATIENCE:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            raise KeyboardInterrupt
+
+
+def interrupt_on_signals() -> None:
+    """Let these signals raise KeyboardInterrupt, as INT does, until there is something to stop."""
+    for number in _signals():
+        signal.signal(number, signal.default_int_handler)
 
 
 def ignore_signals() -> None:
-    """Ignore these signals on this rank: rank 0 gets them too, and stops the others."""
+    """Ignore these signals from now on.
+
+    So does a rank other than 0: rank 0 gets them too, and stops the others. So does a process at
+    its end: Python takes its handlers away then, and a signal would kill it.
+    """
     for number in _signals():
         signal.signal(number, signal.SIG_IGN)
 

@@ -63,6 +63,40 @@ def test_the_reason_stays_after_a_deadline_passed_too(now):
     assert stop.reason == "received SIGUSR1"
 
 
+@pytest.mark.parametrize("again", ALL)
+@pytest.mark.parametrize("number", ALL)
+def test_a_second_signal_within_a_second_is_ignored(now, number, again):
+    stop = StopRequest()
+    stop.listen()
+    signal.raise_signal(number)
+    now.seconds += 0.9
+    signal.raise_signal(again)
+    assert stop.reason == f"received {number.name}"
+
+
+@pytest.mark.parametrize("again", ALL[1:])
+def test_later_only_an_interrupt_is_another_request(now, again):
+    stop = StopRequest()
+    stop.listen()
+    signal.raise_signal(signal.SIGTERM)
+    now.seconds += 1.1
+    signal.raise_signal(again)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert stop.reason == "received SIGTERM"
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL  # the third one waits for nothing
+
+
+def test_the_first_interrupt_after_the_walltime_ends_nothing(now):
+    stop = StopRequest(10.0)
+    stop.listen()
+    now.seconds += 10.0
+    assert stop.reason == "the walltime limit is reached"
+    now.seconds += 5.0
+    signal.raise_signal(signal.SIGINT)
+    assert stop.reason == "the walltime limit is reached"
+
+
 def test_workers_ignore_what_the_first_rank_listens_to():
     ignore_signals()
     for number in ALL:
