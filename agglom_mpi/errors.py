@@ -58,6 +58,14 @@ def error_text(error: Exception) -> str:
     return printable(str(error))
 
 
+def named_error(error: BaseException) -> str:
+    """Return an error as `TYPE: TEXT`; of a user's class that has no readable text, its type."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except BaseException:
+        return type(error).__name__
+
+
 _EXHAUSTED: Final = {
     "can't start new thread": "no more threads are allowed here (ulimit -u)",
     "failed to map segment": "not enough memory is allowed here (ulimit -v)",

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.compilation import ensure_compiled
@@ -64,7 +65,7 @@ def simulate(
     try:
         objective = _objective_value(campaign, scene, vector, record, final)
     except Exception as error:  # a user's function may raise any
-        reason = f"{type(error).__name__}: {error}"
+        reason = named_error(error)
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
     if not scene.has_temperature:
         final = without_temperatures(final)

@@ -8,10 +8,14 @@ file knows only the digest, and cannot call the function.
 import hashlib
 import linecache
 import math
+import os
+import posix
 import reprlib
 import sys
-from collections.abc import Callable, Mapping
-from functools import cache
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache, wraps
 from keyword import iskeyword
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
+from agglom_mpi.errors import FAILURE, named_error
 
 MAX_MAGNITUDE: Final = 1e100
 """Largest magnitude that a function may return, so that squares and sums are finite."""
@@ -118,10 +123,13 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
     linecache.cache[function.file] = len(function.source), None, lines, function.file
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        exec(compile(function.source, function.file, "exec", dont_inherit=True), module.__dict__)
-    except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {error}"
-        raise ValueError(f"is {function.call!r}, but {function.file} raises {reason}") from error
+        with users_code(function.file):
+            exec(
+                compile(function.source, function.file, "exec", dont_inherit=True), module.__dict__
+            )
+    except Exception as error:
+        reason = f"{function.file} raises {named_error(error)}"
+        raise ValueError(f"is {function.call!r}, but {reason}") from error
     loaded = getattr(module, name, None)
     if not callable(loaded):
         raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
@@ -136,22 +144,24 @@ def evaluate(function: UserFunction, sample: Any) -> float:
     TypeError, ValueError
         If it does not return a number, or one that is not finite or too large.
     Exception
-        Whatever the function raises.
+        Whatever the function raises; see `users_code`.
     """
-    try:
-        value = load_function(function)(sample)
-    except SystemExit as error:  # must end no rank
-        raise RuntimeError(f"{function.call} asked to exit") from error
+    with users_code(function.call):
+        return _as_number(function.call, load_function(function)(sample))
+
+
+def _as_number(call: str, value: Any) -> float:
+    """Return what a function has returned; to look at it may run code of the user's, too."""
     if isinstance(value, bool) or not isinstance(value, NUMBERS):
         kind = type(value).__name__
         raise TypeError(
-            f"{function.call} returned {reprlib.repr(value)}, of type {kind}; must be a number, "
+            f"{call} returned {reprlib.repr(value)}, of type {kind}; must be a number, "
             "which float(...) makes of what stands for one"
         )
     number = as_float(value)
     if not (math.isfinite(number) and abs(number) <= MAX_MAGNITUDE):
         limit = f"must be finite, and in size at most {MAX_MAGNITUDE:g}"
-        raise ValueError(f"{function.call} returned {reprlib.repr(value)}; {limit}")
+        raise ValueError(f"{call} returned {reprlib.repr(value)}; {limit}")
     return number
 
 
@@ -161,3 +171,64 @@ def as_float(number: Any) -> float:
         return float(number)
     except OverflowError:
         return math.inf
+
+
+class EndedError(RuntimeError):
+    """A user's code has asked to end the process, or to replace it by another program."""
+
+
+@contextmanager
+def users_code(name: str) -> Iterator[None]:
+    """Let nothing but exceptions come out of code of the user's, which `name` says.
+
+    What would end the rank, and with it perhaps the run with exit code 0, raises an EndedError. A
+    process that the code has forked ends here if it gets here, as it is no rank.
+
+    Raises
+    ------
+    EndedError
+        Instead of SystemExit and whatever else is no Exception. A Ctrl-C stays one: it reaches the
+        main thread alone.
+    """
+    _refuse_endings()
+    owner, outer = os.getpid(), getattr(_INSIDE, "owner", None)
+    _INSIDE.owner = owner
+    try:
+        yield
+    except Exception:
+        raise
+    except BaseException as error:
+        main = threading.current_thread() is threading.main_thread()
+        if main and isinstance(error, KeyboardInterrupt):
+            raise
+        raise EndedError(f"{name} raised {type(error).__name__}, which would end a rank") from error
+    finally:
+        _INSIDE.owner = outer
+        if os.getpid() != owner:
+            _ENDINGS["_exit"](FAILURE)
+
+
+_ENDINGS: Final = {name: getattr(posix, name) for name in ("_exit", "execv", "execve")}
+"""What ends a process, or replaces it, without an exception."""
+
+_INSIDE: Final = threading.local()
+"""`owner`: the process whose thread executes code of the user's; None outside."""
+
+
+@cache
+def _refuse_endings() -> None:
+    """Let these functions raise an EndedError within `users_code`, but not in its children."""
+    for name, original in _ENDINGS.items():
+        refusing = _refusing(name, original)
+        setattr(os, name, refusing)
+        setattr(posix, name, refusing)
+
+
+def _refusing(name: str, original: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(original)
+    def refusing(*arguments: Any, **named: Any) -> Any:
+        if getattr(_INSIDE, "owner", None) == os.getpid():
+            raise EndedError(f"os.{name} would end a rank")
+        return original(*arguments, **named)
+
+    return refusing

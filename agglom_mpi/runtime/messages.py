@@ -176,14 +176,14 @@ def failed_sample(
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["frames"] = frames
     record["host"] = _host()
-    record["text"] = (
-        text.encode()[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
-    )
+    # What is no text, as half of a surrogate pair, is written as Python writes it.
+    encoded = text.encode(errors="backslashreplace")
+    record["text"] = encoded[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
     return record
 
 
 def _host() -> bytes:
-    return socket.gethostname().encode()[:64]
+    return socket.gethostname().encode(errors="backslashreplace")[:64]
 
 
 def storable(results: NDArray[np.void]) -> NDArray[np.void]:

@@ -16,6 +16,9 @@ from agglom_mpi.runtime.wakeup import Wakeup
 MAX_DELAY: Final = 0.1
 """Seconds after which finished samples do not wait for the next of their batch."""
 
+MAX_WAIT: Final = 10.0
+"""Seconds after which a thread that was told to stop is not waited for; kernels end at once."""
+
 
 class SimulationThread:
     """Simulates batches of tasks in the order in which they come.
@@ -71,18 +74,21 @@ class SimulationThread:
             item = self._results.get_nowait()
         except queue.Empty:
             return None
-        if isinstance(item, BaseException):
+        if isinstance(item, Exception):
             raise item
+        if isinstance(item, BaseException):  # only the main thread is interrupted, or may exit
+            raise RuntimeError(f"the simulating thread ended with {type(item).__name__}") from item
         return item
 
     def stop(self) -> None:
         """Abandon what is under way and queued, and wait for the thread to end.
 
-        `poll` still returns what was finished.
+        `poll` still returns what was finished. A user's function that does not come back is not
+        waited for longer than `MAX_WAIT`.
         """
         self._abort_flag.stop()
         self._batches.put(None)
-        self._thread.join()
+        self._thread.join(MAX_WAIT)
 
     def _work(self) -> None:
         try:

@@ -178,7 +178,7 @@ def make_row(dtype: np.dtype, **columns: Any) -> np.ndarray:
     row = np.zeros(1, dtype)
     for name, value in columns.items():
         if isinstance(value, str):
-            fitting = value.encode()[: dtype[name].itemsize]
+            fitting = value.encode(errors="backslashreplace")[: dtype[name].itemsize]
             value = fitting.decode(errors="ignore").encode()
         row[name] = value
     return row

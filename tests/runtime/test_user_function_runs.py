@@ -1,10 +1,13 @@
 """A user's own objective on the farm: run when allowed, and never from a campaign file."""
 
 import json
+import os
+import threading
 
 import numpy as np
+import psutil
 import pytest
-from campaign_runs import assert_same, decisions, finish, invert
+from campaign_runs import assert_same, decisions, finish, invert, state
 from click.testing import CliRunner
 from user_function_runs import WORTH, write_own
 
@@ -27,6 +30,13 @@ def own(tmp_path_factory):
     write_own(folder, trace=folder / "trace")
     finish(folder, "own.yaml", "--allow-code")
     return folder
+
+
+def forked_ending(end):
+    """Return the exit code of a child of this process that ends in this way."""
+    if not (child := os.fork()):
+        end()
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 @pytest.fixture
@@ -211,6 +221,121 @@ def test_a_function_that_fails_makes_a_failed_sample_with_its_text(tmp_path, fau
     assert failure["sample"] == 1
     assert said in text
     assert "shape.py" in text or "must be" in text
+
+
+HOSTILE = """
+import os, posix, sys
+from os import _exit as ending
+
+class Stranger:
+    @property
+    def __class__(self):
+        raise SystemExit(0)
+
+class Number(float):
+    def __float__(self):
+        raise SystemExit(0)
+
+class Shy(ValueError):
+    def __str__(self):
+        raise SystemExit(0)
+
+class Bare(BaseException):
+    pass
+
+owner, seen = os.getpid(), []
+
+def worth(sample):
+    seen.append(0)
+    if len(seen) == 2: FAULT
+    return 0.5
+"""
+ENDINGS = [
+    (r"raise ValueError('\udc80 and \ud800')", r"ValueError: \udc80 and \ud800"),
+    ("raise Shy", "Shy: <exception str() failed>"),
+    ("raise Bare('me')", "shape:worth raised Bare, which would end a rank"),
+    ("raise KeyboardInterrupt", "shape:worth raised KeyboardInterrupt"),
+    ("raise GeneratorExit", "shape:worth raised GeneratorExit"),
+    ("raise StopIteration", "StopIteration"),
+    ("raise EOFError", "EOFError"),
+    ("sys.exit()", "shape:worth raised SystemExit"),
+    ("return Number(1.0)", "shape:worth raised SystemExit"),
+    ("return Stranger()", "shape:worth raised SystemExit"),
+    ("os._exit(0)", "os._exit would end a rank"),
+    ("posix._exit(0)", "os._exit would end a rank"),
+    ("ending(0)", "os._exit would end a rank"),
+    ("os.execl('/bin/true', 'true')", "os.execv would end a rank"),
+    ("os.execvpe('true', ['true'], {})", "os.execve would end a rank"),
+]
+
+
+@pytest.mark.parametrize(("fault", "said"), ENDINGS)
+def test_a_function_that_would_end_the_process_makes_a_failed_sample(tmp_path, fault, said):
+    path = write_own(tmp_path, HOSTILE.replace("FAULT", fault))
+    campaign = load_campaign(path, allow_code=True)
+    done = []
+    # As in a run: not in the main thread, which a Ctrl-C may interrupt.
+    thread = threading.Thread(target=lambda: done.append(simulated(campaign)))
+    thread.start()
+    thread.join()
+    [batch] = done
+    assert batch.results["state"].tolist() == [COMPLETED, FAILED, COMPLETED]
+    assert batch.results["objective"].tolist() == [0.5, 0.0, 0.5]
+    [failure] = batch.failures
+    assert said in failure["text"].decode()
+
+
+@pytest.mark.parametrize("ending", ["return 1.0", "raise ValueError", "sys.exit(0)"])
+def test_a_process_that_the_function_forks_is_no_second_rank(tmp_path, ending):
+    note = tmp_path / "child"
+    fork = f"""
+        if not os.fork():
+            open({str(note)!r}, 'w').write(str(os.getpid()))
+            {ending}
+        os.wait()
+    """
+    path = write_own(tmp_path, HOSTILE.replace("FAULT", fork.rstrip()))
+    batch = simulated(load_campaign(path, allow_code=True))
+    assert batch.results["objective"].tolist() == [0.5] * 3
+    assert not psutil.pid_exists(int(note.read_text()))
+
+
+def test_a_process_that_the_function_forks_may_end_itself(tmp_path):
+    fork = """
+        if not (child := os.fork()):
+            os.execl('/bin/sh', 'sh', '-c', 'exit 7')
+        if not (other := os.fork()):
+            os._exit(8)
+        ended = [os.waitstatus_to_exitcode(os.waitpid(each, 0)[1]) for each in (child, other)]
+        return float(ended[0] + 10 * ended[1])
+    """
+    path = write_own(tmp_path, HOSTILE.replace("FAULT", fork.rstrip()))
+    batch = simulated(load_campaign(path, allow_code=True))
+    assert batch.results["objective"].tolist() == [0.5, 87.0, 0.5]
+
+
+def test_outside_of_the_function_these_calls_are_as_ever(tmp_path):
+    path = write_own(tmp_path)
+    simulated(load_campaign(path, allow_code=True), samples=1)
+    assert forked_ending(lambda: os._exit(9)) == 9
+    assert forked_ending(lambda: os.execv("/bin/false", ["false"])) == 1
+
+
+@pytest.mark.parametrize("ending", ["os._exit(0)", "sys.exit()", "raise Bare", "raise Shy"])
+def test_a_module_that_would_end_the_process_is_one_message(tmp_path, ending):
+    path = write_own(tmp_path, f"{HOSTILE.replace('FAULT', 'pass')}\n{ending}\n")
+    with pytest.raises(CampaignError, match=r"own.yaml:27: objective.call: is 'shape:worth', but"):
+        load_campaign(path, allow_code=True)
+
+
+@pytest.mark.parametrize("fault", ["os._exit(0)", r"raise ValueError('\udc80')"])
+def test_a_run_whose_function_would_end_it_fails_in_words(tmp_path, fault):
+    source = f"import os\ndef worth(sample):\n    {fault}\n"
+    write_own(tmp_path, source, max_failures=3)
+    done = invert(tmp_path, "own.yaml", "--allow-code", alone="_exit" in fault)
+    assert done.returncode == 1
+    assert "samples failed with errors" in done.stderr
+    assert state(tmp_path / "own.h5")[0] == "failed"
 
 
 COUNTS = "seen = []\ndef worth(sample):\n    seen.append(0)\n    return float(len(seen))\n"
