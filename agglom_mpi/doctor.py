@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -19,6 +20,7 @@ from typing import Final, NamedTuple
 from rich.console import Group, RenderableType
 
 from agglom_mpi.display.fitted_table import LabelledTexts
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.kernels import cache_folder
 from agglom_mpi.launcher import launched_size
 from agglom_mpi.runtime.file_setup import processor
@@ -187,9 +189,8 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
         return
     alone = _output_of([sys.executable, "-c", MPI_PROBE], environment)
     if not _is_probe_output(alone):
-        yield Finding(
-            "MPI library", f"cannot be loaded: {_main_line(alone)}", INSTALL_MPI, broken=True
-        )
+        found = f"cannot be loaded: {_main_line(alone)}"
+        yield Finding("MPI library", found, _advice_on(alone), broken=True)
         return
     _, level, version = alone.split(";")
     yield Finding("MPI library", f"{version}, thread level {level}")
@@ -238,7 +239,21 @@ def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
         return f"no answer in {MPI_TIMEOUT:.0f} s"
     except OSError as error:
         return str(error)
+    if done.returncode < 0:
+        return f"ended by signal {-done.returncode}"
     return (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip()
+
+
+_SIGNAL: Final = re.compile(r"\bsignal (\d+)")
+"""How launchers name what ended a rank: `Bus error (signal 7)`, `on signal 7 (Bus error)`."""
+
+
+def signal_name(number: int) -> str:
+    """Return name and meaning of a signal: `SIGBUS (Bus error)`."""
+    try:
+        return f"{signal.Signals(number).name} ({signal.strsignal(number)})"
+    except ValueError:
+        return f"signal {number}"
 
 
 def _is_probe_output(output: str) -> bool:
@@ -246,7 +261,9 @@ def _is_probe_output(output: str) -> bool:
 
 
 def _main_line(output: str) -> str:
-    """Return the most informative line: the last of a traceback, else the first."""
+    """Return the most informative line: a signal, the last of a traceback, else the first."""
+    if ended := _SIGNAL.search(output):
+        return f"ended by {signal_name(int(ended[1]))}"
     lines = [line.strip() for line in output.splitlines() if line.strip(" -*=")]
     if not lines:
         return "no answer"
@@ -254,6 +271,8 @@ def _main_line(output: str) -> str:
 
 
 def _advice_on(output: str) -> str:
+    if _SIGNAL.search(output) and shared_ranks() < 2:
+        return LARGER_SHARED_MEMORY
     if "as root" in output:
         return "as root: export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
     if "slots" in output:
@@ -352,10 +371,39 @@ def file_system(folder: Path, mounts: Path = Path("/proc/mounts")) -> str:
     return kind
 
 
+LARGER_SHARED_MEMORY: Final = (
+    "ranks of one machine take some 5 MB each of /dev/shm, and without it a signal ends them: "
+    "docker run --shm-size=1g, or mount -o remount,size=1g /dev/shm"
+)
+SHARED_MEMORY: Final = Path("/dev/shm")
+"""Where the ranks of one machine share memory."""
+SHARED_BY_RANK: Final = 11 * 2**19
+"""Space that each rank takes of it, bytes: 5.4 million with MPICH, and some more to begin with."""
+
+
+def shared_ranks() -> int:
+    """Return the number of ranks for which there is shared memory now; 0 without any."""
+    try:
+        return shutil.disk_usage(SHARED_MEMORY).free // SHARED_BY_RANK
+    except OSError:
+        return 0
+
+
+def check_shared_memory(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Yield for how many ranks there is shared memory, compared with their number."""
+    launched = launched_size(environment) if environment.get("SLURM_NNODES", "1") == "1" else None
+    ranks, enough = launched or len(os.sched_getaffinity(0)), shared_ranks()
+    advice = "" if enough >= max(ranks, 2) else LARGER_SHARED_MEMORY
+    yield Finding(
+        "shared memory", f"{SHARED_MEMORY} has room for {pluralise(enough, 'rank')}", advice
+    )
+
+
 def run_checks(folder: Path) -> Iterator[Finding]:
     """Yield the findings of all checks; `folder` is that of the campaign files."""
     yield from check_libraries()
     yield from check_mpi()
+    yield from check_shared_memory()
     yield from check_processors()
     yield from check_storage(folder)
     yield from check_batch_system()

@@ -2,6 +2,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -65,6 +66,25 @@ def test_threads_that_only_cost_are_named():
 def test_more_ranks_than_processors_are_named():
     (found,) = doctor.check_processors({"PMI_SIZE": str(10 * (os.cpu_count() or 1))})
     assert "no more than" in found.advice
+
+
+@pytest.mark.parametrize(
+    ("mebibytes", "ranks", "enough"),
+    [(64, 11, 11), (64, 12, 11), (4, 1, 0), (8, 1, 1), (704, 8, 128)],
+)
+def test_shared_memory_is_compared_with_the_ranks(monkeypatch, mebibytes, ranks, enough):
+    usage = SimpleNamespace(free=mebibytes * 2**20)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda folder: usage)
+    (found,) = doctor.check_shared_memory({"PMI_SIZE": str(ranks)})
+    assert found.found.startswith(f"/dev/shm has room for {enough} rank")
+    assert ("--shm-size" in found.advice) is (enough < max(ranks, 2))
+
+
+def test_without_shared_memory_there_is_advice(monkeypatch, tmp_path):
+    monkeypatch.setattr(doctor, "SHARED_MEMORY", tmp_path / "none")
+    (found,) = doctor.check_shared_memory({})
+    assert "0 ranks" in found.found
+    assert "--shm-size" in found.advice
 
 
 def test_a_missing_extra_is_named_with_what_it_is_for(monkeypatch):

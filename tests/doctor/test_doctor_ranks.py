@@ -58,6 +58,31 @@ def test_a_launcher_that_refuses_root_is_told_how(launcher):
     assert "OMPI_ALLOW_RUN_AS_ROOT=1" in found.advice
 
 
+HYDRA = "echo '====' >&2; echo 'THE EXIT STRING: Bus error (signal 7)' >&2; exit 7"
+OPEN_MPI = "echo 'mpirun noticed that process rank 1 exited on signal 7 (Bus error).' >&2; exit 135"
+
+
+@pytest.mark.parametrize("script", [HYDRA, OPEN_MPI, "kill -BUS $$"])
+@pytest.mark.parametrize("room", [0, 8])
+def test_a_signal_that_ends_ranks_is_named_and_shared_memory_where_it_is_short(
+    launcher, monkeypatch, script, room
+):
+    monkeypatch.setattr(doctor, "shared_ranks", lambda: room)
+    found = last(launcher(script))
+    assert found.broken
+    assert "SIGBUS (Bus error)" in found.found
+    assert ("--shm-size" in found.advice) is (room == 0)
+
+
+def test_a_signal_that_ends_the_library_is_not_a_missing_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(doctor, "shared_ranks", lambda: 0)
+    (tmp_path / "mpi4py.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGBUS)")
+    (found,) = doctor.check_mpi(environment(tmp_path))
+    assert found.broken
+    assert "ended by SIGBUS (Bus error)" in found.found
+    assert "--shm-size" in found.advice
+
+
 def test_a_launcher_that_hangs_is_given_up(launcher, monkeypatch):
     run, where = subprocess.run, launcher(f"exec sleep {HANG}")
 
