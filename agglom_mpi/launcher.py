@@ -1,13 +1,26 @@
 """What the environment tells of an MPI launcher: number of ranks, rank, rank within the node."""
 
+import fcntl
 import os
-from collections.abc import Mapping
+import stat
+import sys
+import termios
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Final
 
 _SIZES: Final = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
 
 
 _RANKS: Final = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK")
+
+LAUNCHING: Final = {
+    *("mpirun", "mpiexec", "mpiexec.hydra", "hydra_pmi_proxy"[:15]),
+    *("orterun", "orted", "prterun", "prted", "prun", "slurmstepd"),
+}
+"""Names of processes that start ranks; Linux cuts names to 15 characters."""
+
+PROC: Final = Path("/proc")
 
 _LOCAL_RANKS: Final = (
     "OMPI_COMM_WORLD_LOCAL_RANK",
@@ -41,12 +54,68 @@ def launched_size(environment: Mapping[str, str] = os.environ) -> int | None:
     return _tasks_of_srun(environment) if size is None else size
 
 
+def rank_variables(environment: Mapping[str, str] = os.environ) -> list[str]:
+    """Return the names of the variables that make this process a rank."""
+    names = dict.fromkeys((*_SIZES, *_RANKS, "SLURM_STEP_ID"))
+    return [name for name in names if name in environment]
+
+
+def started_by_a_rank(environment: Mapping[str, str] = os.environ, proc: Path = PROC) -> bool:
+    """Return whether a rank has started this process, which has inherited its variables.
+
+    Its connection to the launcher is closed then, or belongs to a process above this one that has
+    loaded an MPI library. A shell between launcher and rank has loaded none.
+    """
+    connection = environment.get("PMI_FD", "")
+    if connection.isdigit():
+        try:
+            os.fstat(int(connection))
+        except OSError:
+            return True
+    try:
+        return any(_is_mpi_program(proc / str(pid)) for pid in _parents(os.getpid(), proc))
+    except (OSError, ValueError):  # of another user, or just gone
+        return False
+
+
+def _parents(pid: int, proc: Path) -> Iterator[int]:
+    """Yield the processes above one, up to the launcher that has started it."""
+    while True:
+        # The name, in brackets, may hold brackets and spaces itself.
+        pid = int((proc / str(pid) / "stat").read_text().rpartition(")")[2].split()[1])
+        if pid <= 1 or (proc / str(pid) / "comm").read_text().strip() in LAUNCHING:
+            return
+        yield pid
+
+
+def _is_mpi_program(process: Path) -> bool:
+    """Return whether a process has an MPI library and the variables of a rank."""
+    entries = (process / "environ").read_bytes().split(b"\0")
+    names = {entry.partition(b"=")[0].decode(errors="replace") for entry in entries}
+    return not names.isdisjoint(_RANKS) and b"/libmpi" in (process / "maps").read_bytes()
+
+
 def is_first_rank(environment: Mapping[str, str] = os.environ) -> bool:
     """Return whether this process is rank 0, the one that prints, by the environment."""
     rank = _first(_RANKS, environment)
     if rank is None and _tasks_of_srun(environment) is not None:
         rank = int(environment.get("SLURM_PROCID", "0"))
     return rank in (None, 0)
+
+
+def unread_input(descriptor: int = 0) -> int:
+    """Return the number of bytes that wait on standard input, where it is a pipe or a socket.
+
+    A launcher reads its own standard input, and hands it to rank 0.
+    """
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if not (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)):
+            return 0
+        waiting = fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4))
+    except OSError:
+        return 0
+    return int.from_bytes(waiting, sys.byteorder)
 
 
 def compiles_for_node(rank: int, environment: Mapping[str, str] = os.environ) -> bool:

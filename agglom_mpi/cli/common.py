@@ -131,7 +131,7 @@ def run_connected(run: Callable[[Any], int]) -> int:
     try:
         world = connect()
     except LaunchError as error:
-        if is_first_rank():
+        if is_first_rank() or error.every_rank:
             say(str(error), error=True)
         return error.exit_code
     return run(world)

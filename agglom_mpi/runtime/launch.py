@@ -3,12 +3,13 @@
 import os
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 import h5py
 
 from agglom_mpi.errors import UserError
-from agglom_mpi.launcher import launched_size
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.launcher import launched_size, rank_variables, started_by_a_rank
 from agglom_mpi.runtime.file_setup import OutputError
 
 if TYPE_CHECKING:
@@ -16,7 +17,21 @@ if TYPE_CHECKING:
 
 
 class LaunchError(UserError, RuntimeError):
-    """Launcher, MPI library and the programs of the ranks do not belong together."""
+    """Launcher, MPI library and the programs of the ranks do not belong together.
+
+    Attributes
+    ----------
+    every_rank : bool
+        Whether each rank shows it, as it may be the only one; else the first rank does.
+    """
+
+    every_rank: ClassVar[bool] = False
+
+
+class InheritedRankError(LaunchError):
+    """A rank of a job has started this process, which the launcher does not know."""
+
+    every_rank: ClassVar[bool] = True
 
 
 def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
@@ -27,10 +42,18 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
     LaunchError
         If no MPI library loads, or the size of the world is not that of the launch: launcher and
         library are then of different MPIs, and every process would run the campaign for itself.
+    InheritedRankError
+        If a rank has started this process: to connect would end in errors of MPI, or never.
     """
     launched = launched_size(environment)
     if launched is None:
         return None
+    if started_by_a_rank(environment):
+        without = " ".join(f"-u {name}" for name in rank_variables(environment))
+        raise InheritedRankError(
+            "started by a rank of an MPI job, whose variables it has inherited, and not by the "
+            f"launcher; as a plain program: env {without} agglom-invert …"
+        )
     import mpi4py
 
     mpi4py.rc.thread_level = "funneled"
@@ -51,6 +74,15 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
             "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
         )
     return world
+
+
+def taken_input(count: int) -> str:
+    """Return a line on bytes of standard input that the launcher has read."""
+    return (
+        f"the launcher has read {pluralise(count, 'byte')} of standard input, which no rank uses; "
+        "a loop `while read` around it ends with this campaign: add </dev/null to the launcher's "
+        "command"
+    )
 
 
 GATHERED: Final = "gathered"

@@ -5,7 +5,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,9 +17,18 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Progress
-from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, UserError, error_text, exhausted
+from agglom_mpi.errors import (
+    BAD_INPUT,
+    FAILURE,
+    FINISHED,
+    STOPPED,
+    UserError,
+    error_text,
+    exhausted,
+    named_error,
+)
 from agglom_mpi.formatting import printable
-from agglom_mpi.launcher import compiles_for_node
+from agglom_mpi.launcher import compiles_for_node, unread_input
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import (
@@ -33,6 +42,7 @@ from agglom_mpi.runtime.launch import (
     Nodes,
     choose_database,
     find_nodes,
+    taken_input,
 )
 from agglom_mpi.runtime.programs import (
     MixedJobError,
@@ -151,14 +161,21 @@ def run_on_all_ranks(
     try:
         if world is not None and world.rank > 0:
             return run_worker(world)
-        return run_rank_zero(read, display, finish, StopRequest(max_walltime), world)
+        code = run_rank_zero(read, display, finish, StopRequest(max_walltime), world)
+        if world is not None and (unread := unread_input()):
+            display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
+        return code
     except BaseException as error:
         if world is None:
             raise
-        text = exhausted(error)
-        shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
-        print(f"rank {world.rank}:{shown}", file=sys.stderr, flush=True)
-        end_job(world, FAILURE)
+        if isinstance(error, KeyboardInterrupt):
+            print("interrupted; run the same command again to continue", file=sys.stderr)
+        else:
+            text = exhausted(error)
+            shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
+            print(f"rank {world.rank}:{shown}", file=sys.stderr)
+        sys.stderr.flush()
+        end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
         raise
 
 
@@ -267,7 +284,18 @@ def run_rank_zero(
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE
+        except BaseException as error:  # whoever reads the file must not take it for a running one
+            with suppress(Exception):
+                writer.set_status(*ended_by(error))
+            raise
     return conclude(end, request, display, finish)
+
+
+def ended_by(error: BaseException) -> tuple[str, str]:
+    """Return state and reason of a run that an error ends, or somebody who does not wait."""
+    if isinstance(error, KeyboardInterrupt):
+        return "stopped", "ended by SIGINT before it had stopped"
+    return "failed", named_error(error)
 
 
 def run_leg(

@@ -1,9 +1,18 @@
+import os
+import socket
 import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from agglom_mpi.launcher import compiles_for_node, is_first_rank, launched_size
+from agglom_mpi.launcher import (
+    compiles_for_node,
+    is_first_rank,
+    launched_size,
+    rank_variables,
+    started_by_a_rank,
+    unread_input,
+)
 from agglom_mpi.runtime.launch import LaunchError, connect
 
 MPICH = {"PMI_SIZE": "4", "PMI_RANK": "3", "MPI_LOCALNRANKS": "4", "MPI_LOCALRANKID": "3"}
@@ -50,6 +59,71 @@ def test_the_first_rank_of_each_node_compiles():
     assert not compiles_for_node(1, {})
     assert compiles_for_node(5, {"SLURM_LOCALID": "0"})
     assert not compiles_for_node(5, {"MPI_LOCALRANKID": "1"})
+
+
+def test_input_that_the_launcher_has_read_is_counted():
+    read, write = os.pipe()
+    assert unread_input(read) == 0
+    os.write(write, b"second.yaml\n")
+    assert unread_input(read) == 12
+    os.close(write)
+    assert unread_input(read) == 12
+    os.read(read, 100)
+    assert unread_input(read) == 0
+    os.close(read)
+    assert unread_input(read) == 0
+    with open(os.devnull) as null:
+        assert unread_input(null.fileno()) == 0
+
+
+def process(proc, pid, name, parent, variables=b"", maps=b"libc.so"):
+    folder = proc / str(pid)
+    folder.mkdir()
+    (folder / "comm").write_text(f"{name}\n")
+    (folder / "stat").write_text(f"{pid} ({name}) (x) S {parent} 1 1\n")
+    (folder / "environ").write_bytes(variables)
+    (folder / "maps").write_bytes(maps)
+
+
+RANK = b"HOME=/root\0PMI_RANK=0\0"
+LIBRARY = b"7f r-xp /opt/lib/libmpi.so.12\n"
+
+
+@pytest.mark.parametrize(
+    ("parent", "found"),
+    [
+        (("python", RANK, LIBRARY), True),
+        (("python", b"OMPI_COMM_WORLD_RANK=1\0", LIBRARY), True),
+        (("python", b"HOME=/root\0", LIBRARY), False),  # an interactive one, which is no rank
+        (("bash", RANK, b"libc.so"), False),
+        (("hydra_pmi_proxy", RANK, LIBRARY), False),
+        (("slurmstepd", RANK, LIBRARY), False),
+    ],
+)
+def test_a_rank_that_another_rank_has_started_is_recognised(tmp_path, parent, found):
+    process(tmp_path, os.getpid(), "agglom (1) x", 20, RANK)
+    process(tmp_path, 20, "sh", 10, RANK)
+    process(tmp_path, 10, parent[0], 5, *parent[1:])
+    process(tmp_path, 5, "mpirun", 3)
+    process(tmp_path, 3, "python", 1, RANK, LIBRARY)  # has started that mpirun
+    assert started_by_a_rank({"PMI_RANK": "0"}, tmp_path) is found
+
+
+def test_a_closed_connection_to_the_launcher_is_that_of_another_process(tmp_path):
+    one, other = socket.socketpair()
+    assert not started_by_a_rank({"PMI_FD": str(one.fileno())}, tmp_path)
+    number = one.fileno()
+    one.close()
+    other.close()
+    assert started_by_a_rank({"PMI_FD": str(number)}, tmp_path)
+
+
+def test_a_plain_program_is_what_remains_without_the_variables():
+    for variables in (MPICH, OPEN_MPI, SRUN):
+        names = rank_variables(variables)
+        rest = {name: value for name, value in variables.items() if name not in names}
+        assert launched_size(rest) is None
+        assert is_first_rank(rest)
 
 
 @pytest.fixture
