@@ -25,11 +25,12 @@ if TYPE_CHECKING:
 def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     """Validate CAMPAIGN.yaml and print what would run, or verify the contents of FILE.h5.
 
-    Of a campaign, warns of what is unlikely, on standard error; with --allow-code, simulates one
-    sample in the middle of the box and calls the objective's function with it. Of a file, verifies
-    checksums, the agreement of all numbers, and that the stored samples lead to the stored
-    decisions of the search; also while the file is being written. Exit codes: 0 valid or sound, 1
-    damaged, 2 invalid, no campaign file, or a newer format version.
+    Of a campaign, prints the size of the file that a run would make, and warns of what is unlikely,
+    on standard error; with --allow-code, simulates one sample in the middle of the box and calls
+    the objective's function with it. Of a file, verifies checksums, the agreement of all numbers,
+    and that the stored samples lead to the stored decisions of the search; also while the file is
+    being written. Exit codes: 0 valid or sound, 1 damaged, 2 invalid, no campaign file, or a newer
+    format version.
     """
     if is_hdf5(file):
         from agglom_mpi.analysis.replay import check_file
@@ -40,20 +41,28 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         return code
     from agglom_mpi.config.loading import check_campaign
     from agglom_mpi.config.yaml_source import warn
+    from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
 
     loaded = check_campaign(file, allow_code)
     if loaded.plan is None:
         loaded.check_scales(loaded.parameters())
+        size = None
     else:
         loaded.check_searchable()
+        sizes = table_sizes(loaded)
+        check_room(loaded, sizes)
+        size = file_bytes(sizes)
     warnings = [*loaded.warnings(), *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     value = loaded.try_function() if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
+        found |= {} if size is None else {"file_bytes": size}
         say(json.dumps(found if value is None else found | {"function_value": value}, indent=2))
         return 0
     say(loaded.describe())
+    if size is not None:
+        say(f"File\n  size: {size_text(size)} at most; on the disk, as much as has been written")
     if value is not None:
         say(f"Function\n  a sample in the middle of the box is worth {value:.6g}")
     return 0

@@ -14,6 +14,7 @@ from agglom_mpi.config.scene import Engine
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.decisions import SET_KNOWN, TARGET_REACHED
 from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.storage.room import TableSizes, table_sizes
 from agglom_mpi.storage.schema import INVERSION
 
 
@@ -27,23 +28,6 @@ class SampleSetup(NamedTuple):
     engine: Engine | None = None
     """Replaces that of the campaign."""
     first_sample: int = 0
-
-
-class TableSizes(NamedTuple):
-    """Sizes of the tables of a campaign file."""
-
-    strings: int
-    max_samples: int
-    """Of each string, without fresh ones."""
-    generations: int
-    population: int
-    fresh: int = 0
-    """Fresh samples of each string, which have the numbers from `max_samples` on."""
-    grains: int = 0
-    """Particles of a sample in the tables of particles."""
-    final_particles: bool = False
-    frames: int = 0
-    """Frames of all samples together."""
 
 
 class FramePlan(NamedTuple):
@@ -182,18 +166,7 @@ class InversionExperiment(Experiment):
     @property
     def table_sizes(self) -> TableSizes:
         """Sizes for all generations that the campaign allows."""
-        campaign, output, frames = self.campaign, self.campaign.output, self.campaign.output.frames
-        strings, samples = campaign.max_framed
-        return TableSizes(
-            campaign.max_strings,
-            campaign.ensemble.max_samples,
-            campaign.stopping.generations,
-            campaign.search.population,
-            campaign.final.samples if campaign.final else 0,
-            campaign.scene.particles if output.final_particles or frames else 0,
-            output.final_particles,
-            strings * samples * frames.count if frames else 0,
-        )
+        return table_sizes(self.campaign)
 
     def continuing(self, generations: int) -> Self:
         """Return the experiment with at least the generations that are there."""

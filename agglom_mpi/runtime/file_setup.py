@@ -22,6 +22,7 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.room import check_room
 from agglom_mpi.version import __version__
 
 _SOURCES = Path(__file__).parents[2]
@@ -209,9 +210,12 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
         If something else lies there.
     OutputError
         If it belongs to other work or to other simulation sources.
+    CampaignError
+        If it would be too large.
     """
     sizes, campaign = experiment.table_sizes, experiment.campaign
     if not path.exists():
+        check_room(campaign, sizes)
         create_campaign_file(
             path,
             campaign_text=campaign.text,
@@ -237,6 +241,7 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
+    check_room(campaign, sizes, path.stat().st_size)
     larger = enlarge_campaign_file(
         path,
         sizes.strings,

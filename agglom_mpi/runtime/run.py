@@ -57,7 +57,8 @@ from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
-from agglom_mpi.storage.files import CampaignLock
+from agglom_mpi.storage.fingerprint import AlteredFileError
+from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.sample_writer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
@@ -239,8 +240,11 @@ def run_rank_zero(
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)
-            stack.enter_context(CampaignLock(path))
+            lock = stack.enter_context(CampaignLock(path))
             file = prepare(request.path, experiment, request.accept_code_change)
+            lock.lock_file()  # it may be another one by now
+            if database == PARALLEL:
+                lock.leave_to_mpi()
             writer = stack.enter_context(CampaignWriter(path))
         except (UserError, OSError) as error:
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
@@ -279,7 +283,8 @@ def run_rank_zero(
             writer.close()
         except OSError as error:
             kept = "everything written before is whole, run again to go on"
-            display.error(f"{error_text(error)}; {kept if path.exists() else 'it is lost'}")
+            rest = f"; {kept if path.exists() else 'it is lost'}"
+            display.error(error_text(error) + ("" if isinstance(error, AlteredFileError) else rest))
             writer.abandon(error_text(error))
             if world is not None:
                 world.Abort(FAILURE)
@@ -403,9 +408,9 @@ def conclude(
     try:
         with blame_damage(request.path):
             finish(request)
-    except DamagedCampaign as error:
+    except NotACampaign as error:  # any more
         display.error(error_text(error))
-        return error.exit_code
+        return FAILURE
     return FINISHED
 
 

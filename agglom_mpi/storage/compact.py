@@ -1,6 +1,8 @@
 """A compact copy of a campaign file: the same tables, as short as they are, compressed."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -10,8 +12,9 @@ import numpy as np
 from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.reader import REWRITE_SECONDS
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import TableSchema, table_schemas
-from agglom_mpi.storage.table import Rows, checksum_ok
+from agglom_mpi.storage.table import checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
 """Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""
@@ -66,27 +69,38 @@ def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
     A run writes strings, then their samples, then results, then the generation. Read the other
     way round, no row is there without those that it rests on.
     """
-    final = {
-        name: _up_to_last(_read(file, f"{name}_done", path) != 0)
-        for name in ("legs", "generations", "results", "failures", "strings")
-    }
-    strings = len(final["strings"])
-    short = final["results"]
-    final["results"] = np.zeros(strings, bool)
-    final["results"][: len(short)] = short[:strings]
+    order = ("legs", "generations", "results", "failures", "strings")
+    places = {name: _final_places(file, name, path) for name in order}
+    strings = _length(places["strings"])
+    final = {name: _flags(places[name], _length(places[name])) for name in order}
+    final["results"] = _flags(places["results"], strings)
     count = strings * int(file.attrs["max_samples"])
-    final["samples"] = _read(file, "samples_done", path, 0, count) != 0
+    final["samples"] = _flags(_final_places(file, "samples", path, count), count)
     if "final_particles" in file:
-        whole = _read(file, "final_particles_done", path, 0, count) != 0
+        whole = _flags(_final_places(file, "final_particles", path, count), count)
         final["final_particles"] = whole & final["samples"]
     if "frames" in file:
-        final["frames"] = _up_to_last(_read(file, "frames_done", path) != 0)
+        frames = _final_places(file, "frames", path)
+        final["frames"] = _flags(frames, _length(frames))
     return final
 
 
-def _up_to_last(final: np.ndarray) -> np.ndarray:
-    found = np.flatnonzero(final)
-    return final[: max(1, int(found[-1]) + 1 if len(found) else 0)]
+def _final_places(file: h5py.File, name: str, path: Path, count: int | None = None) -> np.ndarray:
+    """Return the numbers of the final rows among the first `count` of a table (default: all)."""
+    with _naming_table(path, f"{name}_done"):
+        return Rows(file[f"{name}_done"], path).nonzero(0, count)
+
+
+def _length(places: np.ndarray) -> int:
+    """Return how many rows a copy has of a table with these final rows: one at least."""
+    return int(places[-1]) + 1 if len(places) else 1
+
+
+def _flags(places: np.ndarray, length: int) -> np.ndarray:
+    """Return which of the first `length` rows are final, bool."""
+    flags = np.zeros(length, bool)
+    flags[places[places < length]] = True
+    return flags
 
 
 def _copy(
@@ -132,7 +146,14 @@ def _read(
     file: h5py.File, name: str, path: Path, first: int = 0, count: int | None = None
 ) -> np.ndarray:
     rows = Rows(file[name], path)
-    try:
+    with _naming_table(path, name):
         return rows.read(first, rows.capacity - first if count is None else count)
+
+
+@contextmanager
+def _naming_table(path: Path, name: str) -> Iterator[None]:
+    """Turn the error of a table that cannot be read into a DamagedCampaign that names it."""
+    try:
+        yield
     except OSError as error:
         raise DamagedCampaign(f"{path}: a damaged campaign file: /{name} cannot be read") from error

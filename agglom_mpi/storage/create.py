@@ -13,20 +13,20 @@ from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
 from agglom_mpi.storage.files import atomic_file, new_file
+from agglom_mpi.storage.room import capacities
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
     BY_SAMPLE,
-    FAILURE_CAPACITY,
     FORMAT,
     FORMAT_VERSION,
     INVERSION,
-    LEG_CAPACITY,
     STATUS,
     VARIABLE_TABLE,
     TableSchema,
     fresh_from,
     table_schemas,
 )
-from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import COUNT, VARIABLES
 
 _COPY_BYTES = 1 << 25
@@ -165,14 +165,9 @@ def enlarge_campaign_file(
 
 def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:
     file.attrs.update(attributes)
-    strings = int(attributes["strings"])
-    samples = strings * int(attributes["max_samples"])
-    capacities = {"strings": strings, "results": strings, "samples": samples}
-    capacities |= {"legs": LEG_CAPACITY, "failures": FAILURE_CAPACITY, "status": 1}
-    capacities |= {"variables": COUNT, "generations": generations}
-    capacities |= {"final_particles": samples, "frames": int(attributes.get("frames", 0))}
+    rooms = capacities(attributes, generations)
     for schema in table_schemas(attributes):
-        capacity = capacities[schema.name]
+        capacity = rooms[schema.name]
         rows = _dataset(file, schema.name, schema.dtype, capacity)
         rows.attrs["meaning"] = schema.meaning
         rows.attrs["row"] = schema.row

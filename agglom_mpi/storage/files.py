@@ -1,17 +1,15 @@
-"""Atomic writing of files, detection of a full disk, and the lock against a second writer."""
+"""Atomic writing of files, detection of a full disk, and files of this program's own."""
 
 import errno
 import fcntl
 import io
 import os
 import shutil
-import socket
 import stat
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import h5py
 from h5py import h5f, h5fd, h5p
@@ -46,6 +44,14 @@ class CheckedFile(io.FileIO):
         except OSError as error:
             self._error = error.errno or errno.EIO
         return len(view)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move to a place in the file; one that the file system cannot have fails as a write."""
+        try:
+            return super().seek(offset, whence)
+        except OSError:
+            self._error = self._error or errno.EFBIG
+            return offset
 
     def truncate(self, size: int | None = None) -> int:
         """Set the length of the file, unless a write has failed."""
@@ -152,7 +158,7 @@ class ForeignFileError(UserError, OSError):
     """A name that this program uses for a file of its own belongs to something else."""
 
 
-def _open_own(name: Path, path: Path) -> int:
+def open_own(name: Path, path: Path) -> int:
     """Open or create a file beside a campaign's, for reading and writing, as what it must be.
 
     In a directory where others may write, somebody may have put a link there: to follow it would
@@ -213,7 +219,7 @@ def _owners(path: Path) -> set[int]:
 def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
     """Hold a lock on the temporary file, which the kernel releases however the process ends."""
     try:
-        descriptor = _open_own(temporary, path)
+        descriptor = open_own(temporary, path)
     except ForeignFileError:
         raise
     except OSError as error:
@@ -229,77 +235,6 @@ def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
-
-
-_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
-
-
-class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - it says what is the matter
-    """Another process is writing to this campaign file."""
-
-
-class CampaignLock:
-    """Lock of a campaign file against a second writer: `acquire` and `release`, or `with`.
-
-    The kernel releases it when the process ends, however it ends. The lock file stays.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(os.path.realpath(path))
-        self.lock_path = self.path.with_name(f".{self.path.stem}.lock")
-        self._descriptor: int | None = None
-
-    def acquire(self) -> None:
-        """Take the lock, without waiting for it.
-
-        Raises
-        ------
-        CampaignInUse
-            If another process holds it.
-        ForeignFileError
-            If something else has the name of the lock file.
-        OSError
-            If the lock file cannot be made.
-        """
-        descriptor = _open_own(self.lock_path, self.path)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.read(descriptor, 400).decode(errors="replace").strip()
-            os.close(descriptor)
-            raise CampaignInUse(
-                f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path})"
-            ) from None
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                os.close(descriptor)
-                raise OSError(error.errno, error.strerror, str(self.lock_path)) from error
-            # Better a campaign that runs unprotected than none on such a file system.
-            warnings.warn(
-                f"{self.lock_path}: this file system has no locks ({error.strerror}); "
-                "nothing keeps a second run from writing to the same campaign file",
-                stacklevel=2,
-            )
-        # A full disc leaves the lock without a name. The name is synced, or NFS would keep it on
-        # this machine, and a start on another could not tell it.
-        with suppress(OSError):
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
-            os.fsync(descriptor)
-        self._descriptor = descriptor
-
-    def release(self) -> None:
-        """Release the lock if it is held."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-
-    def __enter__(self) -> Self:
-        self.acquire()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.release()
 
 
 def require_in_place(path: Path, descriptor: int) -> None:

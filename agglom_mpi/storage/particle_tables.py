@@ -11,7 +11,7 @@ import numpy as np
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema
-from agglom_mpi.storage.table import Table, concatenated
+from agglom_mpi.storage.table import Table, concatenated, consecutive_numbers
 
 _OF_FINAL = {
     "radius": "radii",
@@ -82,9 +82,10 @@ def frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int]]:
     """Read (string, sample) of each final row of `/frames`, by row, and no particles."""
     if "frames" not in file:
         return {}
-    final = np.flatnonzero(Table(file, "frames", path).done.read_all())
-    pairs = file["frames"].fields(["string", "sample"])[:]
-    return dict(zip(final.tolist(), pairs[final].tolist(), strict=True))
+    final, columns = Table(file, "frames", path).done.nonzero(), ["string", "sample"]
+    runs = [slice(first, first + count) for first, count in consecutive_numbers(final)]
+    pairs = [pair for run in runs for pair in file["frames"].fields(columns)[run].tolist()]
+    return dict(zip(final.tolist(), pairs, strict=True))
 
 
 def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, int]]:
@@ -92,7 +93,7 @@ def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, i
     if "frames" not in file:
         return {}
     table, keys = Table(file, "frames", path), {}
-    for place in np.flatnonzero(table.done.read_all()).tolist():  # one by one: they are large
+    for place in table.done.nonzero().tolist():  # one by one: they are large
         for row in table.read(place, 1).rows:
             keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
     return keys

@@ -16,8 +16,9 @@ from agglom_mpi.simulation.frames import Frames, without_temperatures
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import frame_keys, read_final_particles, read_frames
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
-from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import NAMES
 
 __all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
@@ -74,7 +75,7 @@ class CampaignData(CampaignHeader):
         self._strings_end = 0
         self._frames = 0
         self._generation_capacity = 0
-        self._seen = np.zeros(0, bool)  # places in /samples of the rows that are kept
+        self._seen = np.zeros(0, np.int64)  # places in /samples of the rows that are kept
 
     @classmethod
     def of_rows(
@@ -268,25 +269,20 @@ class CampaignData(CampaignHeader):
             self._kept[name], self._damaged[name] = _locked(found.rows), found.damaged
         self._generation_capacity = len(file["generations"])
         if "frames" in file:
-            self._frames = int(np.count_nonzero(Rows(file["frames_done"], self.path).read_all()))
+            self._frames = len(Rows(file["frames_done"], self.path).nonzero())
         self._kept["variables"] = _locked(Rows(file["variables"], self.path).read_all())
         self._kept["status"] = _locked(status)
 
     def _read_samples(self, file: h5py.File) -> None:
         """Read the samples that are not kept yet, of strings that are."""
         table = Table(file, "samples", self.path)
-        new = table.done.read(0, self._strings_end * self.max_samples) != 0
-        before = self._seen[: len(new)]
-        new[: len(before)] &= ~before
-        found = table.read_marked(new)
+        before, final = self._seen, table.done.nonzero(0, self._strings_end * self.max_samples)
+        found = table.read_places(np.setdiff1d(final, before, assume_unique=True))
         rows = self._with_columns(found.rows)
         if "samples" in self._kept:
-            places = np.searchsorted(np.flatnonzero(before), found.places)
-            rows = np.insert(self._kept["samples"], places, rows)
+            rows = np.insert(self._kept["samples"], np.searchsorted(before, found.places), rows)
         self._kept["samples"], self._damaged["samples"] = _locked(rows), found.damaged
-        self._seen = np.zeros(len(new), bool)
-        self._seen[: len(before)] = before
-        self._seen[found.places] = True
+        self._seen = np.union1d(before, found.places)
 
     def _with_columns(self, rows: np.ndarray) -> np.ndarray:
         """Return rows of `/samples` with the columns to keep alone."""

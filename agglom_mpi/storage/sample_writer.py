@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -130,6 +130,8 @@ class SampleWriter:
         Its name.
     clock
         Measures the time spent on writing.
+    check
+        Called before rows are written; may raise an OSError.
 
     Attributes
     ----------
@@ -137,8 +139,15 @@ class SampleWriter:
         Rows written so far.
     """
 
-    def __init__(self, file: h5py.File, path: Path, clock: Stopwatch) -> None:
+    def __init__(
+        self,
+        file: h5py.File,
+        path: Path,
+        clock: Stopwatch,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
         self.written = 0
+        self._check = check
         self._clock = clock
         room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
         self._table = Table(file, "samples", path)
@@ -178,6 +187,7 @@ class SampleWriter:
 
     def flush(self) -> None:
         """Write the buffered samples, consecutive ones together, their particles first."""
+        self._check()
         with self._clock:
             if self._finals is not None:
                 for first, rows in self._waiting_finals.runs():

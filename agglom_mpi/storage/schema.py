@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-import h5py
 import numpy as np
 
 from agglom_mpi.outcome import COLUMNS
@@ -75,7 +74,12 @@ class TableSchema(NamedTuple):
 
 
 def _scalar(code: str) -> np.dtype:
-    return h5py.string_dtype("utf-8", int(code[1:])) if code[0] == "S" else np.dtype(code)
+    if code[0] != "S":
+        return np.dtype(code)
+    # Imported here: the size of a file is known without HDF5.
+    import h5py
+
+    return h5py.string_dtype("utf-8", int(code[1:]))
 
 
 CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")

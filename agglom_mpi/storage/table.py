@@ -9,60 +9,9 @@ from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
-from h5py import h5s
 
-from agglom_mpi.storage.access import with_path
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, table_schemas
-
-
-class Rows:
-    """Reading and writing of ranges of one dataset.
-
-    The low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
-    """
-
-    def __init__(self, dataset: h5py.Dataset, path: Path) -> None:
-        self.name: str = dataset.name
-        self.dtype: np.dtype = dataset.dtype
-        self.capacity: int = dataset.shape[0]
-        self._path = path
-        self._id = dataset.id
-        self._type = dataset.id.get_type()
-        self._space = dataset.id.get_space()
-
-    def read(self, first: int, count: int) -> np.ndarray:
-        """Read `count` elements from `first` on; raises IndexError, and OSError with the path."""
-        self._select(first, count)
-        rows = np.empty(count, self.dtype)
-        try:
-            self._id.read(h5s.create_simple((count,)), self._space, rows, self._type)
-        except OSError as error:
-            raise with_path(error, self._path) from error
-        return rows
-
-    def read_all(self) -> np.ndarray:
-        """Read all elements."""
-        return self.read(0, self.capacity)
-
-    def write(self, first: int, rows: np.ndarray) -> None:
-        """Write elements from `first` on; raises IndexError, and OSError with the path."""
-        self._select(first, len(rows))
-        try:
-            self._id.write(h5s.create_simple((len(rows),)), self._space, rows, self._type)
-        except OSError as error:
-            raise with_path(error, self._path) from error
-
-    def check(self, first: int, count: int) -> None:
-        """Raise an IndexError if these elements do not exist."""
-        if not 0 <= first <= first + count <= self.capacity:
-            raise IndexError(
-                f"{self._path}: rows {first} to {first + count - 1} of {self.name} "
-                f"do not exist; it has room for {self.capacity}"
-            )
-
-    def _select(self, first: int, count: int) -> None:
-        self.check(first, count)
-        self._space.select_hyperslab((first,), (count,))
 
 
 class ValidRows(NamedTuple):
@@ -129,27 +78,23 @@ class Table:
 
     def read(self, first: int = 0, count: int | None = None) -> ValidRows:
         """Return the valid rows among `count` from `first` on (by default all), in order."""
-        return self.read_marked(self._done(first, count), first)
+        return self.read_places(self.done.nonzero(first, count))
 
-    def read_marked(self, marked: np.ndarray, first: int = 0) -> ValidRows:
-        """Return the valid rows among those not 0 in `marked`, (n,), which begins at `first`."""
-        runs = [(first + start, length) for start, length in runs_of(marked)]
-        rows = concatenated([self.rows.read(*run) for run in runs], self.rows.dtype)
+    def read_places(self, places: np.ndarray) -> ValidRows:
+        """Return the valid rows among those with the numbers `places`, (n,), ascending."""
+        runs = [self.rows.read(*run) for run in consecutive_numbers(places)]
+        rows = concatenated(runs, self.rows.dtype)
         valid = checksum_ok(rows)
-        places = first + np.flatnonzero(marked)[valid]
-        return ValidRows(fitted(rows[valid], self.dtype), places, int(len(rows) - valid.sum()))
+        damaged = int(len(rows) - valid.sum())
+        return ValidRows(fitted(rows[valid], self.dtype), places[valid], damaged)
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
         """Yield start and length of each run of final rows in a range."""
-        for start, length in runs_of(self._done(first, count)):
-            yield first + start, length
-
-    def _done(self, first: int, count: int | None) -> np.ndarray:
-        return self.done.read(first, self.capacity - first if count is None else count)
+        return consecutive_numbers(self.done.nonzero(first, count))
 
     def end(self) -> int:
         """Return the number after that of the last final row."""
-        final = np.flatnonzero(self.done.read_all())
+        final = self.done.nonzero()
         return int(final[-1]) + 1 if len(final) else 0
 
     def append_place(self) -> int:
@@ -202,6 +147,14 @@ def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
     for start, stop in edges.reshape(-1, 2).tolist():
         yield start, stop - start
+
+
+def consecutive_numbers(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield first and length of each run of consecutive numbers among some, (n,), ascending."""
+    ends = np.flatnonzero(np.diff(numbers) != 1) + 1
+    for begin, end in pairwise([0, *ends.tolist(), len(numbers)]):
+        if end > begin:
+            yield int(numbers[begin]), end - begin
 
 
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file, with_path
-from agglom_mpi.storage.files import require_in_place
+from agglom_mpi.storage.fingerprint import AlteredFileError, Fingerprint, redirect_writes
 from agglom_mpi.storage.particle_tables import valid_frame_keys
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
-from agglom_mpi.storage.table import Rows, Table, fitted, make_row
+from agglom_mpi.storage.table import Table, fitted, make_row
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
@@ -31,7 +32,9 @@ class CampaignWriter:
     Samples and results are buffered until `flush`. All else is in the file, visible to readers and
     safe from a kill of the process, when its `put_` returns. Only `sync` guards against a
     crash of the machine. Failed writes raise OSError with the path, and can be repeated;
-    numbers beyond the room in the file raise IndexError.
+    numbers beyond the room in the file raise IndexError. Before each write the file is compared
+    with what it was: an AlteredFileError means that another program has truncated or overwritten
+    it.
 
     Attributes
     ----------
@@ -47,13 +50,15 @@ class CampaignWriter:
         self.path = Path(os.path.realpath(path))
         self.clock = Stopwatch()
         self.parallel = False
-        self._running = self._closed = False
+        self._running = self._closed = self._altered = False
+        self._written_status: bytes | None = None
         self._descriptor = os.open(self.path, os.O_RDONLY)
         self._open(open_file(self.path, write=True))
 
     def _open(self, file: h5py.File) -> None:
         self._file = file
-        self.samples = SampleWriter(file, self.path, self.clock)
+        self._fingerprint = Fingerprint(file, self.path, self._descriptor)
+        self.samples = SampleWriter(file, self.path, self.clock, self._check_file)
         self._tables = {
             name: Table(file, name, self.path)
             for name in ("strings", "results", "failures", "generations", "legs")
@@ -113,6 +118,7 @@ class CampaignWriter:
         rows["origin"], rows["parents"] = origins, parents
         for column, name in enumerate(NAMES):
             rows[name] = values[:, column]
+        self._check_file()
         with self.clock:
             self._tables["strings"].write(first_id, rows)
 
@@ -122,7 +128,6 @@ class CampaignWriter:
         due = self.samples.due(now) or self._results.due(now)
         if due:
             self.flush()
-            self._check_place()
         return due
 
     def flush(self) -> None:
@@ -139,6 +144,7 @@ class CampaignWriter:
 
     def put_frames(self, first: int, rows: np.ndarray) -> None:
         """Write frames, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        self._check_file()
         with self.clock:
             table = Table(self._file, "frames", self.path)
             table.mark_absent(first, len(rows))
@@ -148,8 +154,18 @@ class CampaignWriter:
         """Return (string, sample, frame) of the frames there are, by row."""
         return valid_frame_keys(self._file, self.path)
 
+    @property
+    def frame_count(self) -> int:
+        """Number of frames there are."""
+        return (
+            len(Rows(self._file["frames_done"], self.path).nonzero())
+            if "frames" in self._file
+            else 0
+        )
+
     def forget_frames(self) -> None:
         """Make all frames absent."""
+        self._check_file()
         with self.clock:
             table = Table(self._file, "frames", self.path)
             table.mark_absent(0, table.capacity)
@@ -288,6 +304,7 @@ class CampaignWriter:
         row["stopped"], row["exit_code"] = stopped, exit_code
         row["samples"], row["database_seconds"] = samples, database_seconds
         row["busy_seconds"], row["cpu_seconds"] = busy_seconds, cpu_seconds
+        self._check_file()
         with self.clock:
             legs.write(index, row)
 
@@ -295,9 +312,14 @@ class CampaignWriter:
         """Write what the campaign is doing, one of `CAMPAIGN_STATES`, and why."""
         if state not in CAMPAIGN_STATES:
             raise ValueError(f"state {state!r} is none of {', '.join(CAMPAIGN_STATES)}")
+        self._check_file()
+        self._write_status(state, reason)
+
+    def _write_status(self, state: str, reason: str) -> None:
         row = make_row(self._status.dtype, state=state, updated=time.time(), reason=reason)
         with self.clock:
             self._status.write(0, row)
+        self._written_status = row.tobytes()
         self._running = state == "running"
 
     def mark_running(self) -> None:
@@ -308,20 +330,32 @@ class CampaignWriter:
     def sync(self) -> None:
         """Flush, and wait until everything is on the disk."""
         self.flush()
-        self._check_place()
         with self.clock:
             sync_descriptor(self._descriptor, self.path)
 
-    def _check_place(self) -> None:
-        with self.clock:
-            require_in_place(self.path, self._descriptor)
+    def _check_file(self) -> None:
+        """Raise an OSError if the file is no longer in its place, or was altered by others.
+
+        Once it was altered, nothing raises any more: what is written goes nowhere.
+        """
+        if self._altered:
+            return
+        try:
+            with self.clock:
+                self._fingerprint.check(self._written_status)
+        except AlteredFileError:
+            self._altered = True
+            if not self.parallel:  # or all ranks are ended by force
+                redirect_writes(self._file)
+            raise
 
     def abandon(self, reason: str) -> None:
         """After a failed write: drop what is buffered, set the status if possible, and close."""
         self.samples.discard()
         self._results.clear()
-        with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
-            self.set_status("failed", reason)
+        if not (self._altered and self.parallel):
+            with suppress(OSError, RuntimeError, ValueError):  # or the file is no longer open
+                self._write_status("failed", reason)
         if not self.parallel:
             with suppress(OSError):
                 self.close()
@@ -354,5 +388,6 @@ class CampaignWriter:
 
     def _put(self, table: str, number: int, **fields: Any) -> None:
         rows = self._tables[table]
+        self._check_file()
         with self.clock:
             rows.write(number, make_row(rows.dtype, **fields))

@@ -1,5 +1,7 @@
+import json
+
 import pytest
-from campaign_runs import QUICKSTART, write_campaign
+from campaign_runs import QUICKSTART, invert, write_campaign
 
 JOBS = sorted(QUICKSTART.parent.glob("*.yaml"))
 
@@ -11,7 +13,7 @@ def test_every_job_is_valid_and_says_what_would_run(agglom, job):
     assert done.stderr == ""
     headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
     headings = [heading for heading in headings if heading != "Constraints"]
-    assert headings[1:] == ["Scene", "Variables", "What follows", "Submodels", "Left out"]
+    assert headings[1:] == ["Scene", "Variables", "What follows", "Submodels", "Left out", "File"]
     for entry in ("seed", "objective", "ensemble", "generations", "strings", "samples", "engine"):
         assert f"\n  {entry}: " in done.stdout
 
@@ -21,6 +23,8 @@ def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
     assert "\n  strings: 52\n" in text
     assert "\n  samples: 260 to 7,800, 5 to 150 per string\n" in text
     assert "\n  relative_speed    m/s     0.1 .. 30\n" in text
+    text, _, size = text.partition("\nFile\n")
+    assert size.startswith("  size: 4.56 MB")
     used, _, left_out = text.partition("\nSubmodels\n")[2].partition("\nLeft out\n")
     names = [line.split()[0].rstrip(":") for line in used.splitlines()]
     assert {"hardness", "friction", "reaction", "restitution"} <= set(names)
@@ -30,6 +34,21 @@ def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
         "  not known of a particle: time of last cooling, time of last impact, number of grains",
         "  not stored of a sample: single particles, states before the end",
     ]
+
+
+def test_a_file_that_would_be_too_large_is_refused_before_it_is_made(mistaken, agglom, tmp_path):
+    path = write_campaign(tmp_path / "large.yaml", generations=10**6, population=10**4)
+    for command, *options in (["check"], ["check", "--json"]):
+        said = mistaken(command, path, *options)
+        assert said.startswith(f"{path}:37: stopping.generations: ")
+    done = invert(tmp_path, "large.yaml")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("large.yaml:37: stopping.generations: ")
+    assert [found.name for found in tmp_path.iterdir() if "h5" in found.name] == [".large.h5.lock"]
+    text = path.read_text().replace("population: 10000", "population: 4")
+    path.write_text(text.replace("parents: 4", "parents: 2"))
+    found = json.loads(agglom("check", "--json", path).stdout)
+    assert found["file_bytes"] > 10**10
 
 
 def test_a_wrong_key_is_named_with_its_line(mistaken, tmp_path):

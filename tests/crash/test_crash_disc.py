@@ -19,7 +19,7 @@ from campaign_runs import (
     write_campaign,
 )
 from crash_rows import final_rows
-from held_runs import allow, held
+from held_runs import allow, allow_all, held
 from processes import HANG, output_of
 
 
@@ -77,7 +77,7 @@ def test_a_disc_without_room_for_the_file_keeps_none(disc):
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.endswith("No space left on device\n")
     assert done.stderr.count("\n") == 1
-    assert [path.name for path in folder.iterdir() if "h5" in path.name] == []
+    assert {path.name for path in folder.glob("*h5*")} <= {".small.h5.lock"}
 
 
 def test_a_read_only_disc_is_one_message(disc):
@@ -117,3 +117,21 @@ def test_a_file_cut_short_is_refused_and_left_as_it_is(undisturbed, folder):
     finish(folder, "small.yaml", "--output", "fresh.h5")
     assert_same(folder / "fresh.h5", decisions(undisturbed / "small.h5"))
     assert state(folder / "fresh.h5")[0] == "finished"
+
+
+@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
+    if ranks is not None:
+        need_mpirun()
+    path = write_campaign(tmp_path / "long.yaml", **SMALL | {"generations": 9}).with_suffix(".h5")
+    allow(tmp_path, 20)
+    options = {"ranks": ranks, "inject": held(tmp_path)}
+    with running(tmp_path, "long.yaml", "--quiet", **options) as process:
+        wait_until(lambda: samples_in(path) > 0, process)
+        os.truncate(path, 3000)
+        allow_all(tmp_path)
+        _, said = output_of(process)
+    assert process.returncode == 1
+    assert "long.h5: was truncated or overwritten" in said
+    assert "Traceback" not in said
+    assert path.stat().st_size == 3000

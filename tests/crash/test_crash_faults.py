@@ -55,7 +55,7 @@ def failures(calls, many):
 def check_end(done, path, before, full):
     """Check what a run that began with the final rows `before` says and leaves; `full` is why."""
     names = {each.name for each in path.parent.iterdir()}
-    assert names <= {"small.yaml", "small.h5", ".small.lock"}
+    assert names <= {"small.yaml", "small.h5", ".small.h5.lock"}
     if path.exists():
         assert_sound(path)
     rest = "everything written before is whole, run again to go on"
@@ -64,7 +64,7 @@ def check_end(done, path, before, full):
     elif done.code == 1:
         assert done.errors == f"{path}: {full}; {rest}\n"
     else:
-        lock = path.with_name(".small.lock")
+        lock = path.with_name(".small.h5.lock")
         assert done.errors in (f"{path}: {full}\n", f"{lock}: {full}\n")
         assert final_rows(path) == before
 

@@ -75,7 +75,7 @@ class _Moments:
 def install():
     """Let this process tell its activities, and wait where it is to be killed."""
     from agglom_mpi.runtime import file_setup
-    from agglom_mpi.storage import files, sample_writer, table, writer
+    from agglom_mpi.storage import files, rows, sample_writer, writer
 
     moments = _Moments()
 
@@ -99,7 +99,7 @@ def install():
 
         setattr(owner, name, wrapped)
 
-    for owner, name in ((table.Rows, "write"), (files.CheckedFile, "write"), (files, "sync")):
+    for owner, name in ((rows.Rows, "write"), (files.CheckedFile, "write"), (files, "sync")):
         stepping(owner, name)
     telling(file_setup, "create_campaign_file", "creation")
     telling(file_setup, "enlarge_campaign_file", "growth")

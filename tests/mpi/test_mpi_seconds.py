@@ -76,15 +76,15 @@ def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
 
 
 ROOM_FOR_ONE = """
-import agglom_mpi.storage.create as create
+import agglom_mpi.storage.room as room
 
-create.FAILURE_CAPACITY = 1
+room.FAILURE_CAPACITY = 1
 """
 
 
 def test_a_run_ends_before_it_judges_by_a_sample_that_the_file_cannot_tell_of(tmp_path):
     write(tmp_path / "small.yaml", generations=2)
-    capacity = "agglom_mpi.storage.create.FAILURE_CAPACITY"
+    capacity = "agglom_mpi.storage.room.FAILURE_CAPACITY"
     with injected(hangs() + ROOM_FOR_ONE, *HANGS_REPLACES, capacity):
         done = invert(tmp_path, "small.yaml")
     assert done.returncode == 1

@@ -232,8 +232,8 @@ def test_a_fresh_sample_that_raises_is_left_out_and_counted(ended, tmp_path):
 
 def test_a_run_says_once_that_the_file_has_no_room_for_more_failures(tmp_path):
     write_campaign(tmp_path / "final.yaml", **TWO, final="{strings: 4, samples: 4}")
-    full = "import agglom_mpi.storage.create as create\ncreate.FAILURE_CAPACITY = 2\n"
-    capacity = "agglom_mpi.storage.create.FAILURE_CAPACITY"
+    full = "import agglom_mpi.storage.room as room\nroom.FAILURE_CAPACITY = 2\n"
+    capacity = "agglom_mpi.storage.room.FAILURE_CAPACITY"
     with injected(SAMPLE_13_RAISES + full, SAMPLE_TASK, capacity):
         said = finish(tmp_path, "final.yaml").stderr
     assert said.count("ArithmeticError: injected") == 1
@@ -259,7 +259,7 @@ def test_a_torn_fresh_sample_is_simulated_again(ended, path):
         row = file["samples"][place]
         row["mean_radius_ratio"] += 1.0
         file["samples"][place] = row
-    assert "no result rests on sample 19" in check_file(str(path))[0]
+    assert "a resume would simulate again sample 19 of string" in check_file(str(path))[0]
     assert "on 1 fresh sample" in finish(path.parent, "final.yaml").stderr
     assert fresh_bytes(path) == fresh_bytes(ended / "final.h5")
     assert_sound(path)

@@ -21,7 +21,8 @@ from agglom_mpi.storage.particle_tables import (
     frames_schema,
 )
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.table import Rows, Table
+from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.table import Table
 from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES

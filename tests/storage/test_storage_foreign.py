@@ -10,7 +10,8 @@ import pytest
 from storage_rows import make
 
 from agglom_mpi.storage.access import NotACampaign, open_file
-from agglom_mpi.storage.files import CampaignLock, ForeignFileError, replace_file
+from agglom_mpi.storage.files import ForeignFileError, replace_file
+from agglom_mpi.storage.lock import CampaignLock
 
 PRIVATE = b"private\n" * 100
 
@@ -44,7 +45,7 @@ def refuse_temporary(path):
     return str(caught.value)
 
 
-NAMES = {refuse_lock: ".grains.lock", refuse_temporary: ".grains.h5.new"}
+NAMES = {refuse_lock: ".grains.h5.lock", refuse_temporary: ".grains.h5.new"}
 
 
 @pytest.fixture(params=NAMES.items(), ids=["lock", "temporary"])

@@ -17,6 +17,7 @@ from storage_rows import (
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.sample_writer import FLUSH_AGE, FLUSH_ROWS
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -24,7 +25,6 @@ from agglom_mpi.storage.schema import (
     TOOK_TOO_LONG,
     sample_dtype,
 )
-from agglom_mpi.storage.table import Rows
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import NAMES
 

@@ -1,0 +1,84 @@
+"""How large a campaign file is made, and what may be asked for."""
+
+import re
+
+import numpy as np
+import pytest
+from campaign_runs import write_campaign
+from storage_rows import GENERATIONS, MAX_SAMPLES, POPULATION, STRINGS, make
+
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.storage import room
+from agglom_mpi.storage.files import CheckedFile
+from agglom_mpi.storage.room import TableSizes, check_room, file_bytes, size_text, table_sizes
+
+SIZES = TableSizes(STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION)
+HDF5_BYTES = 200_000
+"""More than what HDF5 itself, and the campaign's text, take in a small file."""
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{}, {"fresh": 30}, {"grains": 50, "final_particles": True}, {"grains": 50, "frames": 7}],
+)
+def test_the_size_of_a_file_is_known_before_it_is_made(tmp_path, more):
+    path = make(tmp_path / "a.h5", campaign_text="a: 1", **more)
+    expected = file_bytes(SIZES._replace(**more))
+    assert expected <= path.stat().st_size < expected + HDF5_BYTES
+
+
+def test_sizes_are_written_with_three_digits():
+    assert [size_text(n) for n in (4_561_234, 2_300_000_000_000)] == ["4.56 MB", "2.3 TB"]
+
+
+def refusal(campaign, present=0):
+    with pytest.raises(CampaignError) as caught:
+        check_room(campaign, table_sizes(campaign), present)
+    [problem] = caught.value.problems
+    return problem
+
+
+def test_too_many_generations_are_refused_with_the_most_that_fit(tmp_path):
+    path = write_campaign(tmp_path / "a.yaml", generations=10**6, population=10**4)
+    campaign = load_campaign(path)
+    problem = refusal(campaign)
+    line = 1 + campaign.text.splitlines().index("  generations: 1000000")
+    assert (problem.field, problem.line) == ("stopping.generations", line)
+    [most] = re.findall(r"at most ([\d,]+) generations", problem.message)
+    most = int(most.replace(",", ""))
+    fits, too_large = (campaign.with_generations(most + more) for more in (0, 1))
+    assert file_bytes(table_sizes(fits)) <= room.MAX_FILE_BYTES < file_bytes(table_sizes(too_large))
+    check_room(fits, table_sizes(fits))
+    refusal(too_large)
+
+
+def test_a_file_that_is_there_already_is_as_large_as_it_is(tmp_path):
+    campaign = load_campaign(
+        write_campaign(tmp_path / "a.yaml", generations=10**6, population=10**4)
+    )
+    check_room(campaign, table_sizes(campaign), present=file_bytes(table_sizes(campaign)))
+
+
+def test_where_one_generation_is_too_large_something_else_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "MAX_FILE_BYTES", 10**6)
+    campaign = load_campaign(write_campaign(tmp_path / "a.yaml", generations=3))
+    assert refusal(campaign).field == "ensemble"
+    text = campaign.text + "\noutput: {final_particles: true}\n"
+    (tmp_path / "b.yaml").write_text(text)
+    assert refusal(load_campaign(tmp_path / "b.yaml")).field == "output.final_particles"
+
+
+def test_a_place_that_the_file_system_cannot_have_is_a_failed_write(tmp_path):
+    with CheckedFile(tmp_path / "a") as file:
+        file.seek(-1)
+        file.write(b"lost")
+        with pytest.raises(OSError, match="File too large"):
+            file.check()
+    assert (tmp_path / "a").read_bytes() == b""
+
+
+def test_the_schema_tells_the_size_of_rows_as_numpy_has_it():
+    attributes = {"population": 7, "grains": 9, "final_particles": 1, "frames": 2}
+    for table in room.table_schemas(attributes):
+        assert room._row_bytes(table) == np.dtype(table.dtype).itemsize + table.final
