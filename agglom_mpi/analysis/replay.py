@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.completeness import check_finished
 from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
@@ -20,7 +21,7 @@ from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.access import DamagedCampaign
-from agglom_mpi.storage.consistency import check_digests, check_numbers
+from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
 from agglom_mpi.storage.reader import given_strings, parameters_of
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.table import consecutive_samples
@@ -123,15 +124,21 @@ def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[Re
 
     inversion = inversion_of(campaign, _given(campaign, report), restore)
     log.record(inversion.start())
-    stored, ahead = report.data.searched_samples, report.room["generations"]
+    stored = report.data.searched_samples
+    # A run may have simulated strings ahead of their generation.
+    strings = report.data.string_rows()
+    last = np.minimum(strings["generation"], strings["string"]).max(initial=0)
     for samples in stored_outcomes(stored, report.data.judged_timed_out):
-        # A run may have simulated strings ahead of their generation.
-        while inversion.propose_ahead(ahead) is not None:
-            pass
+        _propose_ahead(inversion, last)
         log.record(inversion.complete(*samples))
-    while inversion.propose_ahead(ahead) is not None:
-        pass
+    _propose_ahead(inversion, last)
     return log, inversion
+
+
+def _propose_ahead(inversion: Inversion, last: int) -> None:
+    """Let a search propose what it knows of generations up to `last` already."""
+    while inversion.propose_ahead(last - inversion.generation) is not None:
+        pass
 
 
 def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
@@ -282,6 +289,8 @@ def check_file(path: str) -> tuple[str, int]:
         said = "no resume can read it: restore a copy, or start afresh with --output"
         return f"{error}\n  {said}", FAILURE
     check_numbers(report)
+    check_finished(report, report.counts.get("frames", 0))
+    check_counts(report)
     digests = check_digests(report)
     studied = report.data.attributes.get("purpose") == STUDY
     replayed = None if studied else replay(report)

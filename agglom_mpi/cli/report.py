@@ -98,7 +98,8 @@ def report(
     Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
     are compared by their best strings. The web page is a single file; in DIR, only files with the
     names of the page and its figures are replaced. With --follow the exit code is that of the run,
-    or 130 after Ctrl-C, which does not affect the run; it is 1 if damaged rows are left out.
+    or 130 after Ctrl-C, which does not affect the run; it is 1 if damaged rows are left out, or a
+    finished campaign lacks rows.
     """
     options = {
         "--sensitivity": sensitivity,
@@ -160,11 +161,16 @@ def _warn(file: "CampaignData") -> None:
 
 
 def _mention_damage(file: "CampaignData") -> int:
-    """Say on standard error if rows of a file are left out; return the exit code."""
-    if not file.damaged:
+    """Say on standard error if rows are left out or absent; return the exit code."""
+    from agglom_mpi.analysis.completeness import lacks_rows
+
+    if file.damaged:
+        what = f"{pluralise(file.damaged, 'damaged row')} left out"
+    elif lacks_rows(file):
+        what = "is finished, but rows are absent"
+    else:
         return FINISHED
-    rows = pluralise(file.damaged, "damaged row")
-    say(f"{file.path}: {rows} left out; agglom check {file.path} says which", error=True)
+    say(f"{file.path}: {what}; agglom check {file.path} says which", error=True)
     return FAILURE
 
 

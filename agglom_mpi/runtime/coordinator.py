@@ -24,6 +24,7 @@ from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
+from agglom_mpi.storage.finished import finished_reason
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.table import runs_of
 from agglom_mpi.storage.writer import CampaignWriter
@@ -142,11 +143,17 @@ class Coordinator:
     def end(self) -> RunEnd:
         """How a run ends that has done all of its work: as failed if no string has a result."""
         if not self._experiment.in_vain(self.inversion):
-            reason = self._experiment.end_reason(self.inversion)
-            return RunEnd(FINISHED, "finished", reason, complete=True)
+            return RunEnd(FINISHED, "finished", self._finished_reason, complete=True)
         self._writer.flush()
         self._stored.refresh()
         return RunEnd(FAILURE, "failed", no_result(self._stored), complete=True)
+
+    @property
+    def _finished_reason(self) -> str:
+        """The reason why the search ended, and what was stored after its end, as text."""
+        reason = self._experiment.end_reason(self.inversion)
+        room = self._fresh[1] - self._fresh[0]
+        return finished_reason(reason, *self.reestimation.size, self._writer.frame_count, room)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""

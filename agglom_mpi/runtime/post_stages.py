@@ -183,6 +183,11 @@ class ReestimationStage(PostStage):
         self._missing.discard(known[:, 0], known[:, 1])
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Number of strings, and of samples of each, that are asked for."""
+        return len(self._plan.strings), len(self._numbers)
+
+    @property
     def complete(self) -> bool:
         """Whether the file holds all that are asked for and that it has room for."""
         return not self._missing

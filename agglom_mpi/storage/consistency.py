@@ -1,12 +1,13 @@
 """Agreement of the numbers in a campaign file with each other and with its digests."""
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import COMPLETED, FAILED, REASONS
+from agglom_mpi.outcome import COMPLETED, FAILED, REASONS, FailureReason
 from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, ORIGINS, STUDY
 from agglom_mpi.storage.table import generation_digest, used_samples
@@ -20,9 +21,7 @@ def check_numbers(report: VerificationReport) -> None:
     """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
     if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
         report.faults.append("attributes: unknown purpose")
-    _find_absent_strings(report)
-    _find_absent_samples(report)
-    _find_absent_of_generations(report)
+    check_absent(report)
     for table, wrong, what in _out_of_range(report):
         if wrong.any():
             rows = report.data.rows(table)[wrong]
@@ -32,7 +31,14 @@ def check_numbers(report: VerificationReport) -> None:
             report.faults.append(f"{table}: {what} in {keys_text}")
     for what, number in _mismatches(report):
         report.faults.append(f"generations: {what} in {number} does not follow from the results")
-    report.faults += _wrong_legs(report)
+    report.faults += [*_wrong_legs(report), *_absent_texts(report)]
+
+
+def check_absent(report: VerificationReport) -> None:
+    """Add to a report: rows that are absent though others rest on them."""
+    _find_absent_strings(report)
+    _find_absent_samples(report)
+    _find_absent_of_generations(report)
 
 
 def check_digests(report: VerificationReport) -> int:
@@ -123,6 +129,10 @@ def _find_absent_of_generations(report: VerificationReport) -> None:
         again = set(report.data.all_sample_rows()["string"][fresh].tolist())
         without = again - report.numbers("results")
         report.add_absent("results", without, "though their strings were estimated again")
+        judged = np.isin(strings["string"], list(report.numbers("results")))
+        closed = set(strings["generation"][judged].tolist())
+        closed -= {*strings["generation"][~judged].tolist(), *report.generations}
+        report.add_absent("generations", closed, "though all their strings are judged")
     missing = set(range(int(last) + 1)) - report.generations
     report.add_absent("generations", missing, "though later ones have begun")
 
@@ -137,12 +147,11 @@ def _out_of_range(report: VerificationReport) -> Iterator[tuple[str, Any, str]]:
     used, failed = results["samples_used"], results["failed"]
     yield "results", (used < 1) | (used > most), "number of samples used"
     samples = used_samples(report.data.all_sample_rows(), results)
-    failures = samples["string"][samples["state"] == FAILED]
-    found = np.bincount(failures, minlength=int(report.data.attributes["strings"]))
-    for string, _ in report.data.judged_timed_out:
-        found[string] += 1
+    found = Counter(samples["string"][samples["state"] == FAILED].tolist())
+    found.update(string for string, _ in report.data.judged_timed_out)
+    counted = np.array([found[string] for string in results["string"].tolist()], int)
     whole = ~np.isin(results["string"], list(report.lost_strings))
-    yield "results", whole & (found[results["string"]] != failed), "number of failed samples"
+    yield "results", whole & (counted != failed), "number of failed samples"
     samples = report.data.all_sample_rows()
     yield "samples", ~np.isin(samples["state"], (COMPLETED, FAILED)), "unknown state"
     odd = (samples["reason"] > 0) != (samples["state"] == FAILED)
@@ -187,6 +196,8 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
     odd |= ended & (legs["exit_code"] == -1)
     if odd.any():
         yield f"legs: impossible numbers in {row_list(np.flatnonzero(odd).tolist())}"
+    if report.settled and not len(legs) and len(report.data.all_sample_rows()):
+        yield "legs: there is none, though there are samples"
     # A rank that writes its own samples may be lost before it reports the last ones.
     gathered = (legs["database"] == b"gathered").all()
     if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:
@@ -194,3 +205,38 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
         if stored > simulated:
             samples = pluralise(simulated, "sample")
             yield f"legs: simulated {samples} in all, but {stored} are stored"
+
+
+def _absent_texts(report: VerificationReport) -> Iterator[str]:
+    """Yield which samples raised without a text in `/failures`, where all runs ended in order."""
+    legs, failures = report.data.legs(), report.data.failures()
+    ended = report.settled and np.isfinite(legs["stopped"]).all() and not report.lost["legs"]
+    if not ended or report.lost["failures"] or len(failures) >= report.room["failures"]:
+        return
+    samples = report.data.all_sample_rows()
+    raised = samples[samples["reason"] == FailureReason.EXCEPTION][["string", "sample"]].tolist()
+    without = set(raised).difference(failures[["string", "sample"]].tolist())
+    if without:
+        yield f"failures: the texts of {row_list(without)} are absent"
+
+
+def check_counts(report: VerificationReport) -> None:
+    """Add to a report how many rows are absent by what the only leg of a file has counted.
+
+    It comes last: where it is known which rows are lost, nothing is added. After several legs a row
+    may have been lost and made again, or not asked for any more.
+    """
+    data, legs = report.data, report.data.legs()
+    if len(legs) != 1 or not report.settled or any(report.lost.values()):
+        return
+    [leg] = legs
+    samples = data.all_sample_rows()
+    if np.isfinite(leg["stopped"]) and leg["database"] == b"gathered":
+        lacking = int(leg["samples"]) - len(samples) - len(data.timed_out)
+        if lacking > 0:
+            report.faults.append(f"samples: {lacking} of {leg['samples']} simulated are absent")
+    if "final_particles" in report.counts:
+        completed = int((samples["state"] == COMPLETED).sum())
+        lacking = completed - report.counts["final_particles"]
+        if lacking > 0:
+            report.faults.append(f"final_particles: {lacking} of {completed} are absent")

@@ -16,8 +16,15 @@ import numpy as np
 
 from agglom_mpi.storage.access import open_file, read_attributes, report_damage
 from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, ORIGINS, table_schemas
-from agglom_mpi.storage.table import Rows, Table, checksum_ok, concatenated, fitted, runs_of
+from agglom_mpi.storage.table import (
+    Table,
+    checksum_ok,
+    concatenated,
+    consecutive_numbers,
+    fitted,
+)
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
@@ -32,6 +39,7 @@ REPLACE_SECONDS: Final = 0.1
 """Longer than a frame that takes the place of another takes to be written."""
 _READ_BYTES: Final = 1 << 25
 _READ: Final = ("generations", "results", "samples", "strings", "failures", "legs")
+_LOSABLE: Final = (*_READ, "final_particles", "frames")
 
 
 @dataclass
@@ -55,16 +63,19 @@ class VerificationReport:
         Rows that there is room for, by table.
     settled
         Whether no run was writing while the file was read, and the last one ended in order.
+    estimates
+        Fresh samples that a finished campaign lacks, though a resume makes them again.
     """
 
     data: CampaignData
-    lost: dict[str, set[Key]]
+    lost: dict[str, set[Key]] = field(default_factory=lambda: {name: set() for name in _LOSABLE})
     losses: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
     generations: set[int] = field(default_factory=set)
     room: dict[str, int] = field(default_factory=dict)
     settled: bool = False
+    estimates: set[Key] = field(default_factory=set)
 
     def numbers(self, table: str) -> set[int]:
         """Return the strings or generations that a table has rows of."""
@@ -109,12 +120,13 @@ class VerificationReport:
         """Lost samples that no result rests on, fresh ones included."""
         used = self.data.samples_used
         pairs = (key for key in self.lost["samples"] if isinstance(key, tuple))
-        return {pair for pair in pairs if pair[1] >= used.get(pair[0], pair[1] + 1)}
+        lost = {pair for pair in pairs if pair not in self.estimates}
+        return {pair for pair in lost if pair[1] >= used.get(pair[0], pair[1] + 1)}
 
     @property
     def lost_strings(self) -> set[int]:
         """Strings of which a row is lost that their generation rests on."""
-        samples = self.lost["samples"] - self.unused_samples
+        samples = self.lost["samples"] - self.unused_samples - self.estimates
         lost = self.lost["strings"] | self.lost["results"] | samples
         return {key[0] if isinstance(key, tuple) else key for key in lost}
 
@@ -138,8 +150,7 @@ def verify_rows(path: str | os.PathLike[str]) -> VerificationReport:
 def _verify(file: h5py.File, path: Path) -> VerificationReport:
     attributes, status = read_attributes(file, path), Rows(file["status"], path).read_all()
     tables: dict[str, np.ndarray] = {"status": status}
-    lost: dict[str, set[Key]] = {name: set() for name in (*_READ, "final_particles", "frames")}
-    report = VerificationReport(CampaignData.of_rows(path, attributes, tables), lost)
+    report = VerificationReport(CampaignData.of_rows(path, attributes, tables))
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
     for name in _READ:
         tables[name] = _valid_rows(file, Table(file, name, path), report)
@@ -147,7 +158,7 @@ def _verify(file: h5py.File, path: Path) -> VerificationReport:
     report.data = CampaignData.of_rows(path, attributes, tables)
     check_particles(file, report)
     generations = Table(file, "generations", path)
-    report.generations = {at for first, n in generations.runs() for at in range(first, first + n)}
+    report.generations = set(generations.done.nonzero().tolist())
     state = report.data.status().state
     report.settled = state in ("stopped", "finished") and report.data.status() == status_of(
         Rows(file["status"], path).read_all()
@@ -160,13 +171,14 @@ def _verify(file: h5py.File, path: Path) -> VerificationReport:
 def _valid_rows(file: h5py.File, table: Table, report: VerificationReport) -> np.ndarray:
     """Return the rows of a table that have the right checksum and lie in their own places."""
     name = table.rows.name.removeprefix("/")
-    done = table.done.read_all()
-    places = np.flatnonzero(done)
-    odd = places[done[places] != 1]
+    places = table.done.nonzero()
+    runs = list(consecutive_numbers(places))
+    marks = concatenated([table.done.read(*run) for run in runs], table.done.dtype)
+    odd = places[marks != 1]
     if len(odd):
         keys = [_key(name, int(place), report) for place in odd]
         report.faults.append(f"{name}_done: neither 0 nor 1 for {row_list(keys)}")
-    parts = [table.rows.read(first, count) for first, count in runs_of(done)]
+    parts = [table.rows.read(*run) for run in runs]
     rows = concatenated(parts, table.rows.dtype)
     valid = checksum_ok(rows)
     if not valid.all():  # perhaps a row that is being written again, as those of /legs are
@@ -286,7 +298,7 @@ def _read_again(
 def _record(
     table: Table, name: str, damaged: set[Key], misplaced: set[Key], report: VerificationReport
 ) -> None:
-    report.counts[name] = int(np.count_nonzero(table.done.read_all())) - len(damaged)
+    report.counts[name] = len(table.done.nonzero()) - len(damaged)
     if damaged:
         report.add_lost(name, damaged, "with a wrong checksum")
     if misplaced:

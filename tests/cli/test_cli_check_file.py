@@ -103,6 +103,8 @@ def test_a_compact_copy_of_a_stopped_campaign_is_sound_too(copy):
         row = file["status"][0]
         row["state"] = b"stopped"
         file["status"][0] = row
+        stored = int(np.count_nonzero(file["samples_done"][:]))
+    forge(copy, "legs", 0, exit_code=75, samples=stored)
     write_compact(copy, copy.with_name("compact.h5"))
     text = lines(copy.with_name("compact.h5"), 0)
     assert f"lead again to {last + 1} of {last + 1} strings, {last} of {last} results" in text[3]

@@ -1,0 +1,64 @@
+"""What the status of a finished campaign states of its file: counts that rows can be compared with.
+
+The reason in `/status` is a sentence for people, which ends with these counts.
+"""
+
+import re
+from typing import NamedTuple, Self
+
+from agglom_mpi.formatting import pluralise
+
+
+class FinishedCounts(NamedTuple):
+    """Numbers of rows that a finished file has; None where its status does not state one.
+
+    Attributes
+    ----------
+    generations
+        All that were asked for; None if the search reached its target before.
+    strings, samples
+        Strings that were estimated again, and fresh samples of each.
+    frames
+        Rows of `/frames`.
+    """
+
+    generations: int | None = None
+    strings: int | None = None
+    samples: int | None = None
+    frames: int | None = None
+
+    @classmethod
+    def of_reason(cls, reason: str) -> Self:
+        """Return the counts that a reason states."""
+        generations = re.match(r"all (\d+) generations are|the (1) generation is", reason)
+        fresh = re.search(r"; estimated again: (\d+|none)(?: strings? on (\d+) fresh)?", reason)
+        frames = re.search(r"; (\d+) frames? stored", reason)
+        return cls(
+            int(generations[1] or generations[2]) if generations else None,
+            int(fresh[1].replace("none", "0")) if fresh else None,
+            int(fresh[2] or 0) if fresh else None,
+            int(frames[1]) if frames else None,
+        )
+
+
+def finished_reason(reason: str, strings: int, samples: int, frames: int, room: int = 0) -> str:
+    """Return why a search ended, and what was stored after its end, as `/status` has it.
+
+    Parameters
+    ----------
+    reason
+        The first part.
+    strings, samples
+        Strings that were estimated again, and fresh samples of each; 0 if none were.
+    frames
+        Rows of `/frames`.
+    room
+        Fresh samples of each string that there is room for.
+    """
+    if strings and samples:
+        again = pluralise(strings, "string")
+        reason += f"; estimated again: {again} on {pluralise(samples, 'fresh sample')}"
+        reason += " each" if strings > 1 else ""
+    elif room:
+        reason += "; estimated again: none"
+    return f"{reason}; {pluralise(frames, 'frame')} stored" if frames else reason
