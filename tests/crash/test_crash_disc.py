@@ -134,4 +134,5 @@ def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
     assert process.returncode == 1
     assert "long.h5: was truncated or overwritten" in said
     assert "Traceback" not in said
-    assert path.stat().st_size == 3000
+    if ranks is None:  # others that write themselves go on until rank 0 has ended them
+        assert path.stat().st_size == 3000
