@@ -1,7 +1,5 @@
 """Rows that a finished campaign has: what its status states, and what follows from other rows."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself, search_order
@@ -11,7 +9,7 @@ from agglom_mpi.storage.consistency import check_absent
 from agglom_mpi.storage.finished import FinishedCounts
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.schema import INVERSION
-from agglom_mpi.storage.verify import Key, VerificationReport
+from agglom_mpi.storage.verify import VerificationReport
 
 
 def lacks_rows(data: CampaignData) -> bool:
@@ -56,35 +54,43 @@ def _check_fresh_samples(report: VerificationReport, counts: FinishedCounts) -> 
     data = report.data
     if data.fresh_from == data.max_samples:
         return
-    present = {*data.fresh_samples[["string", "sample"]].tolist(), *data.fresh_timed_out}
-    ends: dict[int, int] = {}
-    for string, sample in [*present, *report.lost["samples"]]:
-        ends[string] = max(ends.get(string, 0), sample + 1)
+    present = _fresh_numbers(data)
     order = _estimated_first(data)
     strings, samples = counts.strings, counts.samples
     if strings is None and data.legs()["exit_code"].tolist() == [FINISHED]:
         strings, samples = _asked(data)
     if strings is None or samples is None:
-        known = [string in ends for string in order]
+        known = [string in present for string in order]
         wanted = order[: known.index(False) if False in known else None]
-        report.estimates |= _fresh(data, wanted, ends) - present
+        ends = {string: int(present[string].max()) + 1 for string in wanted}
     else:
-        end = min(data.fresh_from + samples, data.max_samples)
         wanted = order[:strings]
         if ranks_itself(data.identity):  # those that its last population leaves out are not known
-            others = [string for string in ends if string not in wanted]
-            others.sort(key=lambda string: -sum((string, j) in present for j in range(end)))
+            others = [string for string in present if string not in wanted]
+            others.sort(key=lambda string: -len(present[string]))
             wanted += others[: strings - len(wanted)]
-            if len(wanted) < min(strings, _finite(data)):
-                lacking = pluralise(strings - len(wanted), "string")
-                report.losses.append(f"samples: the fresh ones of {lacking} are absent")
-        report.estimates |= _fresh(data, wanted, dict.fromkeys(wanted, end)) - present
+            if (lacking := min(strings, len(_decided(data))) - len(wanted)) > 0:
+                fresh = f"the fresh ones of {pluralise(lacking, 'string')}"
+                report.losses.append(f"samples: {fresh} are absent")
+        ends = dict.fromkeys(wanted, min(data.fresh_from + samples, data.max_samples))
+    for string, end in ends.items():
+        numbers = np.arange(data.fresh_from, end)
+        absent = np.setdiff1d(numbers, present.get(string, numbers[:0]))
+        report.estimates |= {(string, number) for number in absent.tolist()}
     report.add_absent("samples", report.estimates, "though their strings were estimated again")
 
 
-def _fresh(data: CampaignData, strings: Iterable[int], ends: dict[int, int]) -> set[Key]:
-    """Return the fresh samples of strings, as (string, sample), up to the end of each."""
-    return {(string, j) for string in strings for j in range(data.fresh_from, ends[string])}
+def _fresh_numbers(data: CampaignData) -> dict[int, np.ndarray]:
+    """Return the numbers of the fresh samples of each string that has any."""
+    rows = data.fresh_samples
+    late = np.array([*data.fresh_timed_out], np.int64).reshape(-1, 2)
+    strings = np.concatenate([rows["string"], late[:, 0]])
+    order = np.argsort(strings, kind="stable")
+    numbers = np.concatenate([rows["sample"], late[:, 1]])[order]
+    found, first = np.unique(strings[order], return_index=True)
+    return (
+        dict(zip(found.tolist(), np.split(numbers, first[1:]), strict=True)) if len(found) else {}
+    )
 
 
 def _asked(data: CampaignData) -> tuple[int | None, int | None]:
@@ -106,10 +112,6 @@ def _decided(data: CampaignData) -> np.ndarray:
     last = max(data.generation_rows()["generation"].tolist(), default=-1)
     decided = strings["string"][strings["generation"] <= last]
     return results[np.isfinite(results["objective"]) & np.isin(results["string"], decided)]
-
-
-def _finite(data: CampaignData) -> int:
-    return len(_decided(data))
 
 
 def _estimated_first(data: CampaignData) -> list[int]:

@@ -165,6 +165,11 @@ class ReestimationStage(PostStage):
         String and number of samples that need no simulation, from an earlier leg, shape (n, 2).
     parameters
         Returns the parameter string, (10,), of a number.
+
+    Attributes
+    ----------
+    size
+        Number of strings, and of samples of each, that are asked for.
     """
 
     def __init__(
@@ -176,16 +181,12 @@ class ReestimationStage(PostStage):
         parameters: Callable[[int], NDArray[np.float64]],
     ) -> None:
         count = max(0, min(plan.samples, max_samples - fresh_from))
+        self.size = len(plan.strings), count
         self._total = len(plan.strings) * count
         self._parameters = parameters
         wanted = (SampleRange(string, fresh_from, count) for string in plan.strings)
         self._missing = SampleSet(part for part in wanted if part.size)
         self._missing.discard(known[:, 0], known[:, 1])
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Number of strings, and of samples of each, that are asked for."""
-        return len(self._plan.strings), len(self._numbers)
 
     @property
     def complete(self) -> bool:

@@ -64,14 +64,19 @@ def test_the_whole_file_lacks_nothing(agglom, copy):
     assert agglom("report", copy).exit_code == 0
 
 
-@pytest.mark.parametrize("which", [0, 5, -1])
-@pytest.mark.parametrize("told", ["by the status", "by the text", "by the others"])
-def test_a_cleared_fresh_sample_is_damage(agglom, copy, which, told):
+# An older file with several legs may have been asked for fewer samples later: the last may lack.
+@pytest.mark.parametrize(
+    ("told", "which"),
+    [
+        *(("by the status", which) for which in (0, 5, -1)),
+        *(("by the text", which) for which in (0, -1)),
+        *(("by the others", which) for which in (0, 5)),
+    ],
+)
+def test_a_cleared_fresh_sample_is_damage(agglom, copy, told, which):
     if told != "by the status":
         set_status(copy, reason=b"all 3 generations are done")
     if told == "by the others":
-        if which == -1:
-            pytest.skip("an older file may have been asked for fewer samples later")
         add_leg(copy)
     places = fresh_places(copy)
     clear(copy, "samples", places[which])
@@ -96,9 +101,7 @@ def test_all_fresh_samples_of_a_string_and_of_a_compact_copy_are_missed(agglom, 
 @pytest.mark.parametrize("table", ["strings", "results", "generations", "samples", "legs"])
 def test_no_done_byte_of_a_finished_file_can_be_cleared(agglom, copy, table, place):
     places = final_places(copy, table)
-    if place == 1 and len(places) < 2:
-        pytest.skip("one row")
-    clear(copy, table, places[place])
+    clear(copy, table, places[min(place, len(places) - 1)])
     assert check_file(copy)[1] == 1
     unused = table == "legs" or (table == "samples" and place == -1)
     assert unused or lacks_rows(read_campaign(copy))
