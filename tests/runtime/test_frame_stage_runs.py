@@ -2,6 +2,8 @@
 
 import shutil
 
+import h5py
+import numpy as np
 import pytest
 from campaign_runs import (
     assert_same,
@@ -23,6 +25,7 @@ from particle_runs import (
     write_bulk_campaign,
 )
 
+from agglom_mpi.analysis.completeness import lacks_rows
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import read_campaign
@@ -239,3 +242,15 @@ def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, 
     assert file.framed() == wanted
     assert {len(file.frames(*pair).times) for pair in wanted} == {4}
     assert len(file.failures()) == 1
+
+
+@pytest.mark.parametrize("table", ["frames", "final_particles"])
+def test_particles_that_a_finished_file_lacks_are_missed(path, table):
+    assert check_file(path)[1] == 0
+    with h5py.File(path, "r+") as file:
+        final = np.flatnonzero(file[f"{table}_done"][:])
+        file[f"{table}_done"][final[-COUNT:] if table == "frames" else final[-1:]] = 0
+    text, code = check_file(path)
+    assert code == 1
+    assert f"{table}: " in text
+    assert lacks_rows(read_campaign(path)) == (table == "frames")
