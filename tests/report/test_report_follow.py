@@ -140,7 +140,7 @@ def followed(monkeypatch):
 
 def assert_followed_to_its_end(watch):
     assert watch.exit_code == 0
-    numbers = [re.match(r"generation (\d)/4: best", line)[1] for line in watch.stderr.splitlines()]
+    numbers = re.findall(r"^generation (\d)/4: best", watch.stderr, re.MULTILINE)
     assert numbers == sorted(set(numbers))
     assert numbers[-1] == "4"
     assert len(numbers) >= 2
@@ -150,7 +150,7 @@ def assert_followed_to_its_end(watch):
 def test_a_campaign_that_goes_on_is_followed_to_its_end_in_log_lines(folder, followed):
     watch = followed(folder / "brief.h5", lambda: finish(folder, "brief.yaml"))
     assert_followed_to_its_end(watch)
-    assert len(watch.stderr.splitlines()) == 4
+    assert watch.stderr.count("generation ") == 4
 
 
 @pytest.mark.slow
