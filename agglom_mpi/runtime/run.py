@@ -6,8 +6,11 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.analysis.run_warnings import run_warnings
@@ -323,7 +326,7 @@ def run_leg(
     with display:
         _announce(display, request, ranks, database, coordinator.inversion)
         runner = SampleRunner(request.experiment, 0)
-        warm_up(runner, world, display.message)
+        warm_up(runner, world, display.message, stop)
         nodes = find_nodes(world).number
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
@@ -354,18 +357,24 @@ def warm_up(
     runner: SampleRunner,
     world: "Intracomm | None",
     show: Callable[[str], None] = lambda line: None,
+    stop: StopRequest | None = None,
 ) -> None:
     """Compile kernels on one rank of each node, then let the others load them.
 
-    `show` is called with lines on what this rank compiles.
+    `show` is called with lines on what this rank compiles. A `stop` ends it: the kernels are not
+    needed any more then.
     """
+    compiles = world is None or compiles_for_node(world.rank)
+    if compiles:
+        make_ready = partial(runner.warm_up, show)
+        make_ready() if stop is None else stop.do_unless_stopped(make_ready)
     if world is None:
-        runner.warm_up(show)
         return
-    if compiles_for_node(world.rank):
-        runner.warm_up(show)
-    wait(world.Ibarrier())
-    if not compiles_for_node(world.rank):
+    from mpi4py import MPI
+
+    stopped = np.array([stop is not None and bool(stop.reason)], np.uint8)
+    wait(world.Iallreduce(MPI.IN_PLACE, stopped, MPI.MAX))
+    if not (compiles or stopped[0]):
         runner.warm_up()
 
 

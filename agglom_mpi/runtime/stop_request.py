@@ -2,11 +2,16 @@
 
 import signal
 import time
+from collections.abc import Callable
 from types import FrameType
 from typing import Final
 
 PATIENCE: Final = 1.0
 """Seconds after the first signal during which another INT is the same request, not a new one."""
+
+
+class _BrokenOff(BaseException):
+    """A stop was requested during work that cannot ask for it."""
 
 
 class StopRequest:
@@ -25,6 +30,7 @@ class StopRequest:
     def __init__(self, max_walltime: float | None = None) -> None:
         self._reason = ""
         self._signalled: float | None = None
+        self._breaks_off = False
         self._deadline = None if max_walltime is None else time.monotonic() + max_walltime
 
     def listen(self) -> None:
@@ -39,11 +45,40 @@ class StopRequest:
             self._reason = "the walltime limit is reached"
         return self._reason
 
+    def do_unless_stopped(self, work: Callable[[], object]) -> None:
+        """Do work that cannot ask for the reason; a stop breaks it off, wherever it is.
+
+        Only the main thread may call this, as it may `listen`.
+        """
+        if self.reason:
+            return
+        previous = signal.signal(signal.SIGALRM, self._on_signal)
+        if self._deadline is not None:
+            left = max(1e-3, self._deadline - time.monotonic())
+            signal.setitimer(signal.ITIMER_REAL, left)
+        try:
+            try:
+                self._breaks_off = True
+                work()
+            finally:
+                self._breaks_off = False
+        except _BrokenOff:
+            self._breaks_off = False  # it may have come just before the line above
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, previous)
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
+        if number == signal.SIGALRM:
+            if self._breaks_off and self.reason:
+                raise _BrokenOff
+            return
         if self._signalled is None:
             self._signalled = now
             self._reason = self._reason or f"received {signal.Signals(number).name}"
+            if self._breaks_off:
+                raise _BrokenOff
         elif number == signal.SIGINT and now - self._signalled > PATIENCE:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             raise KeyboardInterrupt

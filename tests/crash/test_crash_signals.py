@@ -14,6 +14,7 @@ from campaign_runs import (
     environment,
     finish,
     inject,
+    need_mpirun,
     running,
     state,
     wait_until,
@@ -70,6 +71,43 @@ def test_an_interrupt_after_a_second_ends_a_stop_that_takes_long(folder):
     assert "Traceback" not in errors
     assert state(folder / "small.h5") == ("stopped", "ended by SIGINT before it had stopped")
     assert_sound(folder / "small.h5")
+
+
+COMPILES = """
+import time
+from pathlib import Path
+import agglom_mpi.runtime.sample_runner as simulator
+
+def compile_for_ever(*arguments):
+    Path(__file__).with_name("begun").touch()
+    time.sleep(1e6)
+
+simulator.compile_kernels = compile_for_ever
+"""
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_stop_does_not_wait_for_compilation(folder, ranks):
+    if ranks:
+        need_mpirun()
+    with running(
+        folder, "small.yaml", ranks=ranks, inject=inject(folder / "slow", COMPILES)
+    ) as process:
+        wait_until((folder / "slow" / "begun").exists, process)
+        os.kill(process.pid, signal.SIGUSR1)
+        _, errors = output_of(process)
+    assert process.returncode == 75, errors
+    assert state(folder / "small.h5") == ("stopped", "received SIGUSR1")
+    assert_sound(folder / "small.h5")
+
+
+def test_the_walltime_ends_compilation(folder):
+    options = ("--max-walltime", "0.5")
+    slow = inject(folder / "slow", COMPILES)
+    with running(folder, "small.yaml", *options, inject=slow) as process:
+        _, errors = output_of(process)
+    assert process.returncode == 75, errors
+    assert state(folder / "small.h5") == ("stopped", "the walltime limit is reached")
 
 
 @pytest.mark.slow
