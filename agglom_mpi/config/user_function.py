@@ -128,7 +128,8 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
                 compile(function.source, function.file, "exec", dont_inherit=True), module.__dict__
             )
     except Exception as error:
-        reason = f"{function.file} raises {named_error(error)}"
+        ended = isinstance(error, EndedError)
+        reason = str(error) if ended else f"{function.file} raises {named_error(error)}"
         raise ValueError(f"is {function.call!r}, but {reason}") from error
     loaded = getattr(module, name, None)
     if not callable(loaded):

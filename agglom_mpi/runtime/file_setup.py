@@ -80,6 +80,7 @@ NOT_DECIDING: Final = (
     "config/consequences.py",
     "config/describe.py",
     "config/plausibility.py",
+    "config/size_warnings.py",
     "config/suggestions.py",
     # What a campaign in Python, its tables and its reports answer.
     "config/derived.py",

@@ -130,9 +130,9 @@ def loop(scene, state, events, counts):
 @kernel
 def events_of_whole_state(scene, particles, events):
     """Run the events of particles with all that the package keeps of them; events and hits."""
-    counts = np.zeros(2, np.int64)
+    counts, never = np.zeros(2, np.int64), np.zeros(1, np.uint8)
     reset_event_queue(events.event_queue)
-    predict_due(scene, events, entry(rebuild(scene, particles, events, 0.0)), 0.0)
+    predict_due(scene, events, entry(rebuild(scene, particles, events, 0.0)), 0.0, never)
     loop(scene, particles, events, counts)
     synchronise(scene, particles, events, scene.end_time)
     return counts

@@ -176,7 +176,7 @@ def test_a_change_of_the_source_is_another_campaign(written: Path) -> None:
         ("def worth(sample)\n", "shape.py:1: expected ':'"),
         ("\0", "shape.py: source code string cannot contain null bytes"),
         ("import not_there_at_all", "but shape.py raises ModuleNotFoundError: No module named"),
-        ("raise SystemExit(3)", "but shape.py raises SystemExit: 3"),
+        ("raise SystemExit(3)", "but shape.py raised SystemExit, which would end a rank"),
         ("def other(sample): return 1.0", "but shape.py defines no function 'worth'"),
         ("worth = 1.0", "but shape.py defines no function 'worth'"),
     ],
@@ -218,7 +218,7 @@ def code(body: str) -> UserFunction:
         ("return -float('inf')", ValueError, "returned -inf; must be finite"),
         ("return 2e100", ValueError, r"returned 2e\+100; must be finite, and in size at most"),
         ("raise KeyError('colour')", KeyError, "colour"),
-        ("raise SystemExit", RuntimeError, "shape:worth asked to exit"),
+        ("raise SystemExit", RuntimeError, "shape:worth raised SystemExit, which would end a rank"),
     ],
 )
 def test_what_is_no_finite_float_is_an_error(body: str, error: type, said: str) -> None:

@@ -51,10 +51,10 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
     drift = to_mass_frame(scene, particles)
     reset_event_queue(events.event_queue)
     budget = scene.engine.budget * particles.size[0]
-    time, collisions = start, 0
+    time, collisions, never = start, 0, np.zeros(1, np.uint8)
     event = entry(rebuild(scene, particles, events, time))
     while collisions < times.size:
-        predict_due(scene, events, event, time)
+        predict_due(scene, events, event, time, never)
         if ledger.counts[STEPS] == 0:
             shape[0, 0], shape[0, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
         for k in range(event.due):
