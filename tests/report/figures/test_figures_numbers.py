@@ -57,7 +57,10 @@ def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
         own = ensembles.stopping_points(data, string)[0]
         assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
         used = result["samples_used"] - result["failed"]
-        assert own.samples == (None if result["hit_maximum"] else used)
+        if result["hit_maximum"]:  # with the fresh samples it may hold after all
+            assert own.samples is None or own.samples >= used
+        else:
+            assert own.samples == used
 
 
 def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(data):
