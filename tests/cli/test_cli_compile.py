@@ -93,16 +93,17 @@ def test_a_run_drops_what_it_cannot_read_of_the_cache_and_is_not_interrupted(tmp
         copy = folder / path.relative_to(cache_folder())
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.symlink_to(path)
-    [index] = folder.rglob("initial_state.scatter-*.nbi")
-    index.unlink()
-    index.write_bytes(b"")
+    for index in list(folder.rglob("initial_state.scatter-*.nbi")):  # of other sources, too
+        index.unlink()
+        index.write_bytes(b"")
     cache = {"NUMBA_CACHE_DIR": str(folder.parent)}
     done = finish(tmp_path, "tiny.yaml", "--output", "first.h5", **cache)
-    [line] = [line for line in done.stderr.splitlines() if str(index.parent) in line]
+    [line] = [line for line in done.stderr.splitlines() if "cannot be read" in line]
     assert line.startswith("warning: ")
-    assert index.name in line
+    assert "initial_state.scatter-" in line
+    assert str(folder) in line
     done = finish(tmp_path, "tiny.yaml", "--output", "second.h5", **cache)
-    assert str(index.parent) not in done.stderr
+    assert "cannot be read" not in done.stderr
     assert_same(tmp_path / "first.h5", decisions(tmp_path / "second.h5"))
 
 

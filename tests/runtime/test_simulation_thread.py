@@ -1,3 +1,4 @@
+import math
 import signal
 import threading
 import time
@@ -119,6 +120,12 @@ def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
     assert (result["string"], result["sample"], result["rank"]) == (3, 0, 2)
 
 
+@pytest.fixture(autouse=True)
+def _batches_come_back_whole(monkeypatch):
+    """However long the machine lets a thread wait."""
+    monkeypatch.setattr(thread_module, "MAX_DELAY", math.inf)
+
+
 def taken(thread):
     """Wait for the next batch."""
     return wait_for(thread.poll, "a batch")
@@ -186,6 +193,7 @@ def test_what_is_finished_does_not_wait_for_long_for_the_rest_of_its_batch(monke
     last, clock = threading.Event(), SimpleNamespace(now=0.0)
     clock.monotonic = lambda: clock.now
     monkeypatch.setattr(thread_module, "time", clock)
+    monkeypatch.setattr(thread_module, "MAX_DELAY", MAX_DELAY)
 
     def slow_in_the_end(fake, sample):
         clock.now += 0.9 * MAX_DELAY

@@ -42,7 +42,7 @@ def test_no_two_spheres_overlap_and_all_are_inside(escape, count, size_ratio):
 
 @pytest.mark.plain
 def test_a_run_that_is_to_end_looks_for_no_place():
-    scene = breaking_event_periodic()
+    scene = breaking_event_periodic(particles=9, size_ratio=0.5, end_time=1e-4)
     random, unused = np.random.default_rng(1), np.random.default_rng(1)
     record, _ = simulate_scene(scene, random, np.ones(1, np.uint8))
     assert record["state"] == FAILED
