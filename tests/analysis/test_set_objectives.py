@@ -28,7 +28,7 @@ def moments(tmp_path_factory):
 
 def test_strings_near_the_maximum_are_members(growth):
     assert growth.probability(FAST | REST)[0] > growth.probability(SLOW | REST)[0]
-    assert growth.probability(SLOW | REST)[0] == 0.0
+    assert growth.probability(SLOW | REST)[0] < 0.1
     largest, error = growth.maximum
     assert 2.0 < largest < 100 ** (1 / 3)
     assert 0.0 < error < 1.0
