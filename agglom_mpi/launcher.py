@@ -15,7 +15,7 @@ _SIZES: Final = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "MPI
 _RANKS: Final = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK")
 
 LAUNCHING: Final = {
-    *("mpirun", "mpiexec", "mpiexec.hydra", "hydra_pmi_proxy"[:15]),
+    *("mpirun", "mpiexec", "mpiexec.hydra", "hydra_pmi_proxy"),
     *("orterun", "orted", "prterun", "prted", "prun", "slurmstepd"),
 }
 """Names of processes that start ranks; Linux cuts names to 15 characters."""

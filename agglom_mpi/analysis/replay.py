@@ -75,7 +75,12 @@ def replay(report: VerificationReport) -> Replayed:
     except MissingLibraryError:
         raise
     except (
-        *(CampaignError, ArithmeticError, LookupError, RuntimeError, TypeError, ValueError),
+        CampaignError,
+        ArithmeticError,
+        LookupError,
+        RuntimeError,
+        TypeError,
+        ValueError,
     ) as error:
         report.faults.append(f"replay: not possible: {error}")
         return Replayed(0, 0, 0)

@@ -24,7 +24,7 @@ from agglom_mpi.variables import NAMES
 
 Floats = NDArray[np.float64]
 
-ROUNDING: Final = 1e-9
+END_ROUNDING: Final = 1e-9
 """Distance beyond an end, relative to that end, that is only rounding of another spelling."""
 
 
@@ -156,8 +156,8 @@ def _in_the_box(campaign: Campaign, best: Floats) -> tuple[Floats, NDArray[np.bo
     strings, box = np.tile(campaign.parameters(), (len(best), 1)), campaign.variables
     known = (box.lower < box.upper) & np.isfinite(best)
     strings[known] = best[known]
-    below = strings < box.lower - ROUNDING * np.abs(box.lower)
-    outside = below | (strings > box.upper + ROUNDING * np.abs(box.upper))
+    below = strings < box.lower - END_ROUNDING * np.abs(box.lower)
+    outside = below | (strings > box.upper + END_ROUNDING * np.abs(box.upper))
     return np.clip(strings, box.lower, box.upper), outside
 
 

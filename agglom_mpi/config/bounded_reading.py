@@ -21,7 +21,7 @@ SHOWN_CHARACTERS: Final = 20
 _LONG_WORD: Final = re.compile(rf"\S{{{SHOWN_CHARACTERS + 1},}}")
 
 
-def shown(text: str) -> str:
+def quoted_start(text: str) -> str:
     """Return the start of a text in quotation marks, its printable characters alone."""
     found = "".join(filter(str.isprintable, text[: 2 * SHOWN_CHARACTERS]))
     cut = len(found) > SHOWN_CHARACTERS or len(text) > 2 * SHOWN_CHARACTERS

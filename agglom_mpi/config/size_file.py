@@ -6,7 +6,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.config.bounded_reading import read_bounded, shown
+from agglom_mpi.config.arguments import MAX_MAGNITUDE
+from agglom_mpi.config.bounded_reading import quoted_start, read_bounded
 from agglom_mpi.config.table_layout import TableError, is_number, is_unit, too_many_rows
 from agglom_mpi.config.text_table import TextTable, read_table
 from agglom_mpi.config.units import quoted, to_si
@@ -68,7 +69,7 @@ def recorded_sizes(identity: Mapping[str, Any]) -> SizeReader:
         words = str(text).split()
         values = tuple(float(word) if is_number(word) else 0.0 for word in words)
         try:
-            _check(values, lambda row: f"diameter {row + 1}: {shown(words[row])}")
+            _check(values, lambda row: f"diameter {row + 1}: {quoted_start(words[row])}")
         except ValueError as error:
             raise ValueError(f"is {quoted(name)}: {error}") from None
         return Diameters(values, unit == "m")
@@ -132,7 +133,8 @@ def _metres(unit: str) -> float:
         with suppress(ValueError):
             return to_si(f"1 {unit}", "m")
     raise TableError(
-        f"the diameters have the unit {shown(unit)}; must be one of length like 'um', or none"
+        f"the diameters have the unit {quoted_start(unit)}; "
+        "must be one of length like 'um', or none"
     )
 
 
@@ -145,7 +147,7 @@ def _column(table: TextTable) -> int:
         )
     found = [i for i, heading in enumerate(table.headings) if is_diameter(heading.title.lower())]
     if len(found) > 1:
-        names = ", ".join(shown(table.headings[i].title) for i in found[:3])
+        names = ", ".join(quoted_start(table.headings[i].title) for i in found[:3])
         raise TableError(f"has {len(found)} columns of diameters, {names}; keep one of them")
     return found[0] if found else 0
 
@@ -165,7 +167,7 @@ def _refuse_histogram(table: TextTable, column: int, numbers: Sequence[float]) -
     ]
     steps = {(b > a) - (b < a) for a, b in pairwise(numbers)}
     if amounts or (others and len(numbers) > 2 and steps in ({1}, {-1})):
-        beside = shown(amounts[0] if amounts else others[0].title)
+        beside = quoted_start(amounts[0] if amounts else others[0].title)
         raise TableError(
             f"reads like a histogram, whose column {beside} seems to be an amount of each size; a "
             "file of sizes has one grain per row, so keep the diameters alone, or give a law such "
@@ -180,7 +182,7 @@ def _check(numbers: Sequence[float], place: Callable[[int], str]) -> None:
     if len(numbers) > MAX_ROWS:
         raise too_many_rows(len(numbers), MAX_ROWS)
     for row, number in enumerate(numbers):
-        if not 0.0 < number < 1e100:
+        if not 0.0 < number < MAX_MAGNITUDE:
             raise TableError(f"{place(row)}; must be a number greater than 0")
     low, high = min(numbers), max(numbers)
     if high > MAX_RATIO * low:

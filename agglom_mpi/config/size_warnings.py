@@ -1,4 +1,4 @@
-"""What is unlikely in a law of sizes: warnings, by what samples draw from it."""
+"""Warnings about laws of sizes whose samples differ from what is asked."""
 
 import math
 from collections.abc import Iterator

@@ -28,10 +28,10 @@ _Length = Annotated[Annotated[float, Field(gt=0)] | None, BeforeValidator(partia
 _Beyond = Annotated[Number, Field(gt=1, le=10)]
 
 Basis = Annotated[Literal["number", "volume"], LATER]
-"""What a distribution counts: grains, or their volume, as sieves and laser diffraction do."""
+"""Whether a distribution counts grains or their volume, as sieves and laser diffraction do."""
 
 _BY: Final[dict[str, str]] = {"number": "", "volume": " by volume"}
-"""What a summary says of a basis."""
+"""Words for each basis in the summary of a law."""
 
 
 class _SizeSection(Section):

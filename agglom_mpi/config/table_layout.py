@@ -5,7 +5,8 @@ import csv
 import re
 from typing import Final
 
-from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, shown
+from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, quoted_start
+from agglom_mpi.config.spelling import NUMBER as PLAIN_NUMBER
 from agglom_mpi.config.units import dimensions_of
 
 MAX_OTHER_LINES: Final = 1000
@@ -13,7 +14,7 @@ MAX_OTHER_LINES: Final = 1000
 MAX_LINE_CHARACTERS: Final = 10_000
 """Maximum length of a line of a table."""
 
-NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?", re.ASCII)
+NUMBER: Final = re.compile(PLAIN_NUMBER, re.ASCII)
 COMMA_NUMBER: Final = re.compile(r"[+-]?(?:\d+,\d*|,\d+)(?:[eEdD][+-]?\d+)?", re.ASCII)
 _BEGINS_WITH_NUMBER: Final = re.compile(r'[\s"]*[+-]?[.,]?\d', re.ASCII)
 _QUOTED: Final = re.compile(r'"[^"]*"')
@@ -154,8 +155,8 @@ def _comma_meaning(lines: list[NumberedLine], body: list[int], texts: list[str])
         return None
     number, line = lines[body[0]]
     raise TableError(
-        f"line {number}: {shown(line.strip())} can be one number or two; write numbers with a "
-        "decimal point, or separate columns by semicolons"
+        f"line {number}: {quoted_start(line.strip())} can be one number or two; "
+        "write numbers with a decimal point, or separate columns by semicolons"
     )
 
 

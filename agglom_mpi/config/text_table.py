@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from agglom_mpi.config.bounded_reading import shown
+from agglom_mpi.config.bounded_reading import quoted_start
+from agglom_mpi.config.spelling import as_python
 from agglom_mpi.config.table_layout import (
     COMMA_NUMBER,
     NUMBER,
@@ -84,20 +85,20 @@ class TextTable(NamedTuple):
             point = cell.replace(",", ".") if self.decimal_comma else cell
             if NUMBER.fullmatch(point) is None:
                 raise TableError(f"{self.place(row, column)}: {_no_number(cell)}")
-            found.append(float(point.lower().replace("d", "e")))
+            found.append(float(as_python(point)))
         return found
 
     def field(self, row: int, column: int) -> str:
         """Return a field as a message quotes it."""
         cells = self.rows[row]
-        return shown(cells[column] if column < len(cells) else "")
+        return quoted_start(cells[column] if column < len(cells) else "")
 
     def place(self, row: int, column: int) -> str:
         """Return the line of a field, and its column where there are several."""
         line = f"line {self.lines[row]}"
         if self.width < 2:
             return line
-        name = shown(self.headings[column].title) if self.headings else str(column + 1)
+        name = quoted_start(self.headings[column].title) if self.headings else str(column + 1)
         return f"{line}, column {name}"
 
 
@@ -105,10 +106,12 @@ def _no_number(cell: str) -> str:
     """Return why a field is not a number, and what to write."""
     if _THOUSANDS.fullmatch(cell):
         own, point = cell.replace(",", ""), cell.replace(",", ".")
-        return f"{shown(cell)} can be {own} or {point}; {POINT_REMEDY}"
+        return f"{quoted_start(cell)} can be {own} or {point}; {POINT_REMEDY}"
     if cell and set(cell) <= set("+-0123456789.,'  \u202f"):
-        return f"{shown(cell)} is not a number; {POINT_REMEDY}"
-    return f"{shown(cell)} is not a number" if cell else "the field is empty; must be a number"
+        return f"{quoted_start(cell)} is not a number; {POINT_REMEDY}"
+    return (
+        f"{quoted_start(cell)} is not a number" if cell else "the field is empty; must be a number"
+    )
 
 
 def read_table(
@@ -177,7 +180,7 @@ def _heading_row(
     if first is None:
         return None
     raise TableError(
-        f"line {number}: {shown(first)} is neither a number nor a heading like '{example}'"
+        f"line {number}: {quoted_start(first)} is neither a number nor a heading like '{example}'"
     )
 
 
@@ -222,8 +225,8 @@ def _headings(titles: Sequence[str], units: Sequence[str], number: int) -> tuple
         if below and below != "-":
             if heading.unit not in (None, below):
                 raise TableError(
-                    f"line {number}: column {shown(heading.title)} has the units "
-                    f"{shown(heading.unit or '')} and {shown(below)}; must be one"
+                    f"line {number}: column {quoted_start(heading.title)} has the units "
+                    f"{quoted_start(heading.unit or '')} and {quoted_start(below)}; must be one"
                 )
             heading = heading._replace(unit=below)
         found.append(heading)

@@ -23,11 +23,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.arguments import MAX_MAGNITUDE
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
 from agglom_mpi.errors import FAILURE, named_error
 
-MAX_MAGNITUDE: Final = 1e100
-"""Largest magnitude that a function may return, so that squares and sums are finite."""
 NUMBERS: Final = (float, int, np.floating, np.integer)
 """Types of what a function may return, but for bool."""
 
@@ -210,7 +209,7 @@ def users_code(name: str) -> Iterator[None]:
 
 
 _ENDINGS: Final = {name: getattr(posix, name) for name in ("_exit", "execv", "execve")}
-"""What ends a process, or replaces it, without an exception."""
+"""Functions that end a process, or replace it, without an exception."""
 
 _INSIDE: Final = threading.local()
 """`owner`: the process whose thread executes code of the user's; None outside."""

@@ -14,7 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
-from agglom_mpi.config.bounded_reading import clipped, read_bounded, shown
+from agglom_mpi.config.bounded_reading import clipped, quoted_start, read_bounded
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
 from agglom_mpi.formatting import pluralise
@@ -243,7 +243,7 @@ class _Builder:
                 raise self.error(
                     key_node,
                     path,
-                    f"duplicate key {shown(key)}; it is already given in line {first}",
+                    f"duplicate key {quoted_start(key)}; it is already given in line {first}",
                 )
             data[key] = self.build(value_node, (*path, key), key_node)
         return data
@@ -252,4 +252,4 @@ class _Builder:
         try:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, LookupError, ValueError):
-            raise self.error(node, path, f"cannot read {shown(node.value)}") from None
+            raise self.error(node, path, f"cannot read {quoted_start(node.value)}") from None

@@ -20,7 +20,7 @@ NEIGHBOURHOOD: Final = 3.0
 POINTS: Final = 1 << 12
 """Even points of the box by which the expected error is told."""
 FEWEST_POINTS: Final = 8
-"""Fewest allowed ones of these; where there are fewer, `POINTS` allowed ones are drawn."""
+"""Minimum number of allowed points among these; below it, `POINTS` allowed ones are drawn."""
 FEWEST: Final = 50
 """Strings from which it is told."""
 

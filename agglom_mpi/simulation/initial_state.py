@@ -24,6 +24,7 @@ from agglom_mpi.simulation.boundary import (
     wrapped,
     wrapped_cell,
 )
+from agglom_mpi.simulation.scene import is_aborted
 
 
 class UniformX(NamedTuple):
@@ -156,7 +157,7 @@ def place_all(random, escape, position, cell, head, following, sizes, half_width
     for i in range(position.shape[1]):
         free = False
         for shuffles in range(SHUFFLES + 1):
-            if abort[0] != np.uint8(0):
+            if is_aborted(abort):
                 return False
             if shuffles > 0:
                 shuffle(random, escape, position, cell, head, following, i, sizes, half_width)

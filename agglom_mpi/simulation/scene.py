@@ -116,3 +116,9 @@ def run_to_end(scene, particles, ledger, engine_state, abort):
     time = advance_to(scene.engine, scene, particles, ledger, engine_state, scene.end_time, abort)
     finish(scene.engine, scene, particles, ledger, engine_state, time)
     return time
+
+
+@inlined
+def is_aborted(abort):
+    """Whether the run was asked to stop."""
+    return abort[0] != np.uint8(0)

@@ -1,4 +1,4 @@
-"""What stays the same in a campaign file while rows are written, and whether it still does.
+"""A fingerprint of the bytes of a campaign file that do not change while rows are written.
 
 A program that truncates the file, or copies another one over it, leaves the name and the open
 descriptor as they are: rows would be written into what is left, and the run would end as if all

@@ -1,4 +1,4 @@
-"""What the status of a finished campaign states of its file: counts that rows can be compared with.
+"""Counts of rows in the status of a finished campaign, with which its file can be compared.
 
 The reason in `/status` is a sentence for people, which ends with these counts.
 """

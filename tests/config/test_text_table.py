@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config import size_file
-from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, clipped, shown
+from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, clipped, quoted_start
 from agglom_mpi.config.size_file import EXAMPLE, is_diameter, read_diameters
 from agglom_mpi.config.table_layout import TableError
 from agglom_mpi.config.text_table import Heading, parse_heading, read_table
@@ -169,8 +169,8 @@ def test_a_file_without_a_number_is_not_quoted(read):
 
 
 def test_what_is_quoted_can_be_printed():
-    assert shown("a\x1b[31m\nb\u202e" + "c" * 30) == "'a[31mb" + "c" * 11 + "...'"
-    assert shown("Diameter") == "'Diameter'"
+    assert quoted_start("a\x1b[31m\nb\u202e" + "c" * 30) == "'a[31mb" + "c" * 11 + "...'"
+    assert quoted_start("Diameter") == "'Diameter'"
     assert clipped(f"unknown encoding: {SECRET}") == "unknown encoding: correct-horse-bat..."
 
 

@@ -50,9 +50,9 @@ from agglom_mpi.simulation.scene import (
     begin,
     copy_at,
     finish,
+    is_aborted,
     new_engine_state,
 )
-from agglom_mpi.simulation.time_driven.stepping import is_aborted
 from agglom_mpi.simulation.trajectory import copy_particles
 
 

@@ -20,7 +20,7 @@ from agglom_mpi.simulation.collision import (
     separation_vector,
 )
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to
+from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to, is_aborted
 from agglom_mpi.simulation.time_driven.neighbours import (
     CHANGED,
     find_partners,
@@ -34,7 +34,6 @@ from agglom_mpi.simulation.time_driven.stepping import (
     count_step,
     end_of_step,
     finish_step,
-    is_aborted,
     is_contact,
     is_step_over,
     mark_bounced,

@@ -206,9 +206,3 @@ def is_contact(one, other, squared):
     """Whether two spheres at this squared centre distance in m² touch or overlap."""
     reach = one["radius"] + other["radius"]
     return squared <= reach * reach
-
-
-@inlined
-def is_aborted(abort):
-    """Whether the run was asked to stop."""
-    return abort[0] != np.uint8(0)
