@@ -3,6 +3,9 @@
 from math import pi
 from typing import Final, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 
 class Variable(NamedTuple):
     """One component of a parameter string: name, SI unit, symbol and meaning."""
@@ -29,6 +32,17 @@ VARIABLES: Final = (
 
 NAMES: Final = tuple(variable.name for variable in VARIABLES)
 COUNT: Final = len(VARIABLES)
+
+
+def values_by_name(string: npt.ArrayLike) -> dict[str, float]:
+    """Return the ten variables of one string, (10,), by name."""
+    return dict(zip(NAMES, np.asarray(string, np.float64).tolist(), strict=True))
+
+
+def columns_by_name(strings: npt.ArrayLike) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the ten variables of n strings, (n, 10), by name, each (n,)."""
+    return dict(zip(NAMES, np.asarray(strings, np.float64).T, strict=True))
+
 
 VOLUME_FRACTION: Final = Variable(
     "volume_fraction", "1", "phi", "share of the box that the grains fill at the start"

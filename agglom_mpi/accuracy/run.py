@@ -32,7 +32,7 @@ from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
-from agglom_mpi.variables import NAMES, VARIABLES, volume_fraction
+from agglom_mpi.variables import VARIABLES, values_by_name, volume_fraction
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -252,7 +252,7 @@ def _command(options: Options) -> str:
 def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
     """Yield what was measured, and how long it took."""
     if plan.campaign is not None:
-        values = dict(zip(NAMES, plan.parameters.tolist(), strict=True))
+        values = values_by_name(plan.parameters)
         fraction = volume_fraction(values["size_ratio"], plan.campaign.scene.third_moment)
         yield f"{plan.campaign.scene.particles} particles, volume fraction {fraction:.3g}"
         yield ", ".join(

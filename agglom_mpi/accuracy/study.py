@@ -21,7 +21,7 @@ from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import STUDY
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import values_by_name
 
 Rows = NDArray[np.void]
 """Samples with the columns of `OUTCOME` and of `/samples`, shape (n,)."""
@@ -64,7 +64,7 @@ class Setup(NamedTuple):
         yield "engine", self.engine.entries() if self.engine else None
         yield "samples", self.samples
         yield "first_sample", self.first_sample
-        for name, value in zip(NAMES, self.parameters.tolist(), strict=True):
+        for name, value in values_by_name(self.parameters).items():
             if name in self.campaign.variables.used:
                 yield f"parameters.{name}", value
 

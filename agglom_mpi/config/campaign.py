@@ -35,7 +35,7 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT, NAMES, volume_fraction
+from agglom_mpi.variables import COUNT, NAMES, columns_by_name, values_by_name, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate
@@ -200,16 +200,12 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """Raise a CampaignError if given strings do not satisfy the constraints."""
         problems = []
         for i, string in enumerate(self.given_strings()):
-            for broken in self.relations.broken(self.scene, self._by_name(string[None])):
+            for broken in self.relations.broken(self.scene, columns_by_name(string[None])):
                 line = parse(self.text, self.name).line(("search", "start", i))
                 message = f"does not satisfy the constraint '{broken}'"
                 problems.append(Problem(self.name, line, f"search.start.{i}", message))
         if problems:
             raise CampaignError(*problems)
-
-    @staticmethod
-    def _by_name(strings: npt.NDArray[np.float64]) -> dict[str, npt.NDArray[np.float64]]:
-        return dict(zip(NAMES, np.asarray(strings, np.float64).T, strict=True))
 
     def space(self) -> SearchSpace:
         """Return the search box, with what the constraints allow of it."""
@@ -234,13 +230,13 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
         """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
-        return self.relations.allowed(self.scene, self._by_name(strings))
+        return self.relations.allowed(self.scene, columns_by_name(strings))
 
     def derived_values(
         self, strings: npt.NDArray[np.float64]
     ) -> dict[str, npt.NDArray[np.float64]]:
         """Return the derived quantities of strings, (n, 10), in SI units, each (n,), by name."""
-        return self.relations.values(self.scene, self._by_name(strings))
+        return self.relations.values(self.scene, columns_by_name(strings))
 
     @property
     def max_framed(self) -> tuple[int, int]:
@@ -307,7 +303,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         string
             The ten variables in SI units, shape (10,).
         """
-        value = dict(zip(NAMES, string.tolist(), strict=True))
+        value = values_by_name(string)
         problems = []
         for field, measure in (
             (self.scene.size_key, scales.grain_mass),
@@ -522,7 +518,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         from agglom_mpi.simulation.frames import frame_times
 
-        value = dict(zip(NAMES, string.tolist(), strict=True))
+        value = values_by_name(string)
         try:
             return frame_times(frames, scales.end_time(self.scene, value))
         except ValueError as error:

@@ -13,7 +13,7 @@ from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
-from agglom_mpi.variables import COUNT, NAMES
+from agglom_mpi.variables import COUNT, columns_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -96,7 +96,7 @@ def consequences(campaign: "Campaign") -> list[str]:
     float64, as for a scene that is refused.
     """
     scene, strings = campaign.scene, _strings(campaign)
-    parameters = dict(zip(NAMES, strings.T, strict=True))
+    parameters = columns_by_name(strings)
     values = {
         label: (quantity.unit, one_by_one(scene, quantity, parameters))
         for label, quantity in _quantities(scene)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.quantities import BY_NAME, quantity_values
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import columns_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -40,7 +40,7 @@ def columns_of(campaign: "Campaign", strings: Floats) -> list[DerivedColumn]:
     """Return the derived columns of strings, (n, 10), of a campaign."""
     implied = ["volume_fraction"] if campaign.variables.by_volume_fraction else []
     implied += [] if campaign.scene.diameter is None else ["half_width"]
-    parameters = dict(zip(NAMES, strings.T, strict=True))
+    parameters = columns_by_name(strings)
     values = quantity_values(campaign.scene, implied, parameters)
     columns = [DerivedColumn(n, BY_NAME[n].unit, values[n], False) for n in implied]
     own = campaign.derived_values(strings)

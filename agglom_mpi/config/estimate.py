@@ -16,7 +16,7 @@ from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.moment_targets import interval_notes
 from agglom_mpi.search.objectives import ReachedMoment
 from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import VARIABLES, values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -199,7 +199,7 @@ def estimate_of(
         return mean_of([float(record[name]) for record in records])
 
     return StringEstimate(
-        parameters={n: float(v) for n, v in zip(NAMES, parameters, strict=True) if n in used},
+        parameters={n: v for n, v in values_by_name(parameters).items() if n in used},
         derived={
             column.name: (float(column.values[0]), column.unit)
             for column in columns_of(campaign, parameters[None])
@@ -234,7 +234,7 @@ def _filled(
     """
     if campaign.scene.size_law is None:
         return None
-    value = dict(zip(NAMES, parameters.tolist(), strict=True))
+    value = values_by_name(parameters)
     volume = (2.0 * half_width(campaign.scene, value)) ** 3
     masses = [float(outcome.final.masses.sum()) for outcome in outcomes]
     return mean_of([mass / (value["density"] * volume) for mass in masses])

@@ -20,7 +20,7 @@ from agglom_mpi.config.yaml_source import FieldPath, Problem, parse
 from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT, LIGHT_SPEED
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import NAMES, VARIABLES, values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -93,7 +93,7 @@ def implausible(
         *_speeds(campaign.scene, upper),
         *_bonding(campaign.scene, lower, upper),
         *_sizes(campaign.scene, lower, upper),
-        *unlikely_draws(campaign, _values(upper)["size_ratio"]),
+        *unlikely_draws(campaign, values_by_name(upper)["size_ratio"]),
         *_collisions(campaign.scene, lower, upper),
         *(_growth(campaign) if campaign.plan is not None else ()),
     ]
@@ -132,7 +132,7 @@ def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> I
     """Yield the activation energy if it makes a usual hardness one that no matter has."""
     if scene.restitution.law != "pressure" or scene.hardness.law != "arrhenius":
         return
-    soft, hard, usual = _values(lower), _values(upper), USUAL["hardness"]
+    soft, hard, usual = values_by_name(lower), values_by_name(upper), USUAL["hardness"]
     coldest = soft["temperature"]
     if coldest < USUAL["temperature"].lower:
         return
@@ -151,7 +151,7 @@ def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> I
 
 def _speeds(scene: "SceneSection", upper: np.ndarray) -> Iterator[Finding]:
     """Yield a wide spread in y and z, and speeds at which mechanics is not Newton's."""
-    speed, velocities, mean = _values(upper)["relative_speed"], scene.velocities, 0.0
+    speed, velocities, mean = values_by_name(upper)["relative_speed"], scene.velocities, 0.0
     if velocities.law == "spread":
         across, usual = speed * velocities.transverse, USUAL["relative_speed"]
         if across > usual.upper >= speed:
@@ -179,8 +179,9 @@ def _bonding(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Ite
     """
     if scene.restitution.law != "pressure":
         return
-    fast = _values(upper)
-    hot = {"activation_energy": 0.0, "temperature": 1.0, "hardness": _values(lower)["hardness"]}
+    fast = values_by_name(upper)
+    softest = values_by_name(lower)["hardness"]
+    hot = {"activation_energy": 0.0, "temperature": 1.0, "hardness": softest}
     needed, fastest = scales.critical_speed(scene, fast | hot), scales.fastest_approach(scene, fast)
     if 0.0 < fastest < SLOW * needed:
         message = (
@@ -193,7 +194,8 @@ def _bonding(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Ite
 
 def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
     """Yield the length of the box if it makes grains of a size that is not usual."""
-    small, large = (2.0 * scales.grain_radius(scene, _values(string)) for string in (lower, upper))
+    ends = values_by_name(lower), values_by_name(upper)
+    small, large = (2.0 * scales.grain_radius(scene, value) for value in ends)
     if small < GRAINS.lower or large > GRAINS.upper:
         size = small if small < GRAINS.lower else large
         message = (
@@ -235,7 +237,7 @@ def _expected(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> li
         for i, share in zip(searched, shares, strict=True):
             string[i] = (1.0 - share) * lower[i] + share * upper[i]
         try:
-            counts.append(scales.expected_collisions(scene, _values(string)))
+            counts.append(scales.expected_collisions(scene, values_by_name(string)))
         except (ValueError, ArithmeticError):  # such scales are refused where they are used
             return []
     return counts
@@ -262,7 +264,3 @@ def _growth(campaign: "Campaign") -> Iterator[Finding]:
             f"grains bond, and b/b0 stays 1; within reach with bonding are 1 to N^(1/3) of {grains}"
         )
         yield path, message
-
-
-def _values(string: np.ndarray) -> dict[str, float]:
-    return dict(zip(NAMES, string.tolist(), strict=True))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT
-from agglom_mpi.variables import NAMES, VARIABLES, volume_fraction
+from agglom_mpi.variables import NAMES, VARIABLES, values_by_name, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import SceneSection
@@ -124,9 +124,9 @@ def one_by_one(
     scene: "SceneSection", quantity: Quantity, parameters: Mapping[str, Floats]
 ) -> Floats:
     """Return a quantity of n strings, each by itself, (n,); arguments as for `quantity_values`."""
-    columns = [np.asarray(parameters[name], np.float64).tolist() for name in NAMES]
-    rows = [dict(zip(NAMES, row, strict=True)) for row in zip(*columns, strict=True)]
-    return np.array([_value(quantity, scene, row) for row in rows], np.float64)
+    strings = np.column_stack([np.asarray(parameters[name], np.float64) for name in NAMES])
+    values = [_value(quantity, scene, values_by_name(string)) for string in strings]
+    return np.array(values, np.float64)
 
 
 def _value(quantity: Quantity, scene: "SceneSection", row: Value) -> float:

@@ -3,7 +3,6 @@
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -41,7 +40,7 @@ from agglom_mpi.config.validation import (
 )
 from agglom_mpi.config.yaml_source import FieldPath
 from agglom_mpi.physics.sizes import SizeLaw, third_moment
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.kernels import Submodel
@@ -301,7 +300,7 @@ class SceneSection(Section):
         from agglom_mpi.simulation.boundary import Periodic, Reentry
         from agglom_mpi.simulation.scene import Scene
 
-        value = dict(zip(NAMES, np.asarray(parameters, dtype=float).tolist(), strict=True))
+        value = values_by_name(parameters)
         engine = engine or self.engine
         unused = self.heating.law == "none" and math.isnan(value["temperature"])
         cooling = self.cooling.build(value)

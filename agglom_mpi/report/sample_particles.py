@@ -14,7 +14,7 @@ from agglom_mpi.physics.scales import end_time, grain_radius, half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import values_by_name
 
 Floats = NDArray[np.float64]
 
@@ -264,7 +264,7 @@ def frames_of(
 
 def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:
     campaign, parameters = recorded_campaign(data), data.parameters[string]
-    end = end_time(campaign.scene, dict(zip(NAMES, parameters.tolist(), strict=True)))
+    end = end_time(campaign.scene, values_by_name(parameters))
     number = campaign.first_sample(string) + sample
     outcome = campaign.simulate(parameters, number, frames=end * np.array(FRAME_TIMES))
     assert outcome.frames is not None

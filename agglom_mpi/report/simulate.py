@@ -27,7 +27,7 @@ from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -254,7 +254,7 @@ def _write_frames(
     assert outcome.frames is not None
     string = "" if request.string is None else f"string {request.string}, "
     title = f"{campaign.title}: {string}sample {request.sample}"
-    value = dict(zip(NAMES, parameters.tolist(), strict=True))
+    value = values_by_name(parameters)
     return write_frames(request.out, outcome.frames, half_width(campaign.scene, value), title)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.scene import Scene
@@ -66,7 +66,7 @@ def finished_sample(
     final
         Its particles.
     """
-    values = zip(NAMES, parameters.tolist(), strict=True)
+    values = values_by_name(parameters).items()
     moments = [record["mean_radius_ratio"], *(record[f"radius_moment_{r}"] for r in (2, 3, 4))]
     return Sample(
         parameters=MappingProxyType({name: v for name, v in values if not np.isnan(v)}),

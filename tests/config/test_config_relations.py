@@ -12,7 +12,7 @@ from agglom_mpi.config.relation_reader import COLUMNS, MAX_ENTRIES
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales
 from agglom_mpi.storage.schema import RESULTS, SAMPLES, STRINGS, generations_schema
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import NAMES, values_by_name
 
 DERIVED = "derived: {pressure: density * relative_speed^2, power: pressure / end_time}"
 CONSTRAINT = "constraints: [pressure < 0.1 * hardness]"
@@ -32,7 +32,7 @@ def message(*lines, edits=()):
 def test_derived_quantities_are_worth_what_they_say():
     loaded = with_relations(DERIVED)
     string = loaded.parameters({"relative_speed": 7})
-    value = dict(zip(NAMES, string.tolist(), strict=True))
+    value = values_by_name(string)
     found = loaded.derived_values(string[None])
     assert found["pressure"] == 6000 * 49
     end = scales.end_time(loaded.scene, value)
@@ -45,7 +45,7 @@ def test_every_quantity_of_a_scene_may_be_named():
     entries = ", ".join(f"twice_{name}: 2 * {name}" for name in names)
     loaded = with_relations(f"derived: {{{entries}}}")
     found = loaded.derived_values(np.tile(loaded.parameters(), (3, 1)))
-    value = dict(zip(NAMES, loaded.parameters().tolist(), strict=True))
+    value = values_by_name(loaded.parameters())
     assert found["twice_grain_diameter"] == pytest.approx(
         4.0 * scales.grain_radius(loaded.scene, value)
     )
