@@ -19,9 +19,9 @@ from typing import Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
+from agglom_mpi.compilation.kernels import cache_folder
 from agglom_mpi.display.fitted_table import LabelledTexts
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.kernels import cache_folder
 from agglom_mpi.launcher import launched_size
 from agglom_mpi.runtime.file_setup import processor
 from agglom_mpi.version import __version__

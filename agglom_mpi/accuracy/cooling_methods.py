@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 from agglom_mpi.physics.cooling import (
     QuarticCooling,

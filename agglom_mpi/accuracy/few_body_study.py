@@ -24,7 +24,8 @@ from agglom_mpi.accuracy.few_body_reference import (
     initial_states,
 )
 from agglom_mpi.accuracy.run_times import WALL_OVER_CPU, ratio_of_clocks, time_columns
-from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ConstantHardness

@@ -18,7 +18,7 @@ from agglom_mpi.accuracy.run_times import (
     time_columns,
     time_name,
 )
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.hardness import ArrheniusHardness

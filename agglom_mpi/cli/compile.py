@@ -14,9 +14,9 @@ def compile(campaigns: tuple[str, ...]) -> int:
     So that a run or the start of a container does not wait for them. They serve on processors of
     the same kind and for the same installation; the cache may be read-only afterwards.
     """
+    from agglom_mpi.compilation.kernels import cache_folder
     from agglom_mpi.config.loading import check_campaign
     from agglom_mpi.formatting import format_duration
-    from agglom_mpi.kernels import cache_folder
     from agglom_mpi.simulation.compilation import compile_kernels
 
     loaded = [check_campaign(path) for path in campaigns]

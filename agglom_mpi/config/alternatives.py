@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
-from agglom_mpi.config.units import to_si
-from agglom_mpi.config.validation import LATER
+from agglom_mpi.declaration.sections import LATER
+from agglom_mpi.declaration.units import to_si
 
 SIZES: Final = ("half_width", "grain_diameter", "grain_radius")
 """Keys of a scene of which one says how large it is."""

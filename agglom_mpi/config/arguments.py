@@ -8,13 +8,11 @@ import math
 from numbers import Integral, Real
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.config.spelling import read_plain, remedy
+from agglom_mpi.declaration.spelling import read_plain, remedy
+from agglom_mpi.declaration.units import MAX_MAGNITUDE, MIN_MAGNITUDE
 
 MAX_CHARACTERS: Final = 60
 """Longest value that is quoted in a message in full."""
-MIN_MAGNITUDE: Final = 1e-100
-MAX_MAGNITUDE: Final = 1e100
-"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
 FRACTION_RULE: Final = "must be greater than 0 and less than 1, like 0.05 or '5%'"
 
 

@@ -8,7 +8,7 @@ from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.validation import Section
+from agglom_mpi.declaration.sections import Section
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Final
 
-from agglom_mpi.config.units import KINDS, dimensions_of
+from agglom_mpi.declaration.units import KINDS, dimensions_of
 
 Dimension = tuple[tuple[str, Fraction], ...]
 """Base dimensions with their powers other than 0, in alphabetical order."""

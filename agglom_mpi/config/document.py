@@ -36,17 +36,16 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.search import AnySearch, Genetic, Search
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.sizes import READ_KEYS
-from agglom_mpi.config.validation import (
-    RECORDED,
+from agglom_mpi.config.validation import RECORDED, is_recorded, to_campaign_error
+from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
+from agglom_mpi.declaration.sections import (
     FieldError,
+    FieldPath,
     Line,
     Section,
     WholeNumber,
-    is_recorded,
     raise_field_errors,
-    to_campaign_error,
 )
-from agglom_mpi.config.yaml_source import CampaignError, FieldPath, Problem, Source, parse
 
 
 class SceneDocument(Section):

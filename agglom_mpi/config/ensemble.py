@@ -5,8 +5,8 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
 from agglom_mpi.config.search import Search
-from agglom_mpi.config.units import Number, Time
-from agglom_mpi.config.validation import LATER, FieldError, Flag, Line, Section, WholeNumber
+from agglom_mpi.declaration.sections import LATER, FieldError, Flag, Line, Section, WholeNumber
+from agglom_mpi.declaration.units import Number, Time
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search import stopping
 

@@ -13,8 +13,8 @@ from typing import Final
 
 from agglom_mpi.config.dimensions import PURE, dimension_of
 from agglom_mpi.config.expressions import Binary, Comparison, Name, Negative, Node, Number
-from agglom_mpi.config.spelling import remedy, with_plain_minus
-from agglom_mpi.config.units import has_offset, in_base_units, quoted
+from agglom_mpi.declaration.spelling import remedy, with_plain_minus
+from agglom_mpi.declaration.units import has_offset, in_base_units, quoted
 
 MAX_CHARACTERS: Final = 500
 """Longest text of an expression."""

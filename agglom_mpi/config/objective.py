@@ -4,10 +4,15 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from agglom_mpi.config.units import Number, to_si
 from agglom_mpi.config.user_function import check_call
-from agglom_mpi.config.validation import NAMED, FieldError, Section, raise_field_errors
-from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.declaration.sections import (
+    NAMED,
+    FieldError,
+    FieldPath,
+    Section,
+    raise_field_errors,
+)
+from agglom_mpi.declaration.units import Number, to_si
 from agglom_mpi.search import objectives
 
 MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")

@@ -15,8 +15,9 @@ from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.objective import GrowthTarget, MaximumGrowth, Moments
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
-from agglom_mpi.config.units import quoted
-from agglom_mpi.config.yaml_source import FieldPath, Problem, parse
+from agglom_mpi.config.yaml_source import Problem, parse
+from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT, LIGHT_SPEED

@@ -29,21 +29,21 @@ from agglom_mpi.config.submodels import (
     RootSolver,
     Values,
 )
-from agglom_mpi.config.units import Number, Speed, Time, quoted, to_si
-from agglom_mpi.config.validation import (
+from agglom_mpi.declaration.sections import (
     LATER,
     NAMED,
     FieldError,
+    FieldPath,
     Section,
     WholeNumber,
     raise_field_errors,
 )
-from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.declaration.units import Number, Speed, Time, quoted, to_si
 from agglom_mpi.physics.sizes import SizeLaw, third_moment
 from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.kernels import Submodel
+    from agglom_mpi.compilation.stages import Submodel
     from agglom_mpi.physics.restitution import ImpactLaws
     from agglom_mpi.simulation.scene import Scene
 

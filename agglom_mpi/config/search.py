@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from agglom_mpi.config.bounds import read_variable
-from agglom_mpi.config.units import Number, quoted
-from agglom_mpi.config.validation import (
+from agglom_mpi.declaration.sections import (
     LATER,
     FieldError,
+    FieldPath,
     Line,
     Section,
     WholeNumber,
     raise_field_errors,
 )
-from agglom_mpi.config.yaml_source import FieldPath
+from agglom_mpi.declaration.units import Number, quoted
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.baselines import NO_STRINGS, RandomSearch, SobolSearch
 from agglom_mpi.search.genetic import GeneticSearch

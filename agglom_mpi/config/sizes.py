@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from agglom_mpi.config.units import Number, to_si
-from agglom_mpi.config.validation import LATER, NAMED, FieldError, Line, Section
+from agglom_mpi.declaration.sections import LATER, NAMED, FieldError, Line, Section
+from agglom_mpi.declaration.units import Number, to_si
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.sizes import (
     ListedSizes,

@@ -16,11 +16,11 @@ from agglom_mpi.config.groups import (
     SOFTENING,
     Group,
 )
-from agglom_mpi.config.units import HeatTransfer, Number, Temperature, Time
-from agglom_mpi.config.validation import NAMED, NAMED_OR_NONE, FieldError, Section, WholeNumber
+from agglom_mpi.declaration.sections import NAMED, NAMED_OR_NONE, FieldError, Section, WholeNumber
+from agglom_mpi.declaration.units import HeatTransfer, Number, Temperature, Time
 
 if TYPE_CHECKING:
-    from agglom_mpi.kernels import Submodel
+    from agglom_mpi.compilation.stages import Submodel
 
 Values = Mapping[str, float]
 """The ten variables in SI units, by name."""

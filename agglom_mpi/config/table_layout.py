@@ -6,8 +6,8 @@ import re
 from typing import Final
 
 from agglom_mpi.config.bounded_reading import SHOWN_CHARACTERS, quoted_start
-from agglom_mpi.config.spelling import NUMBER as PLAIN_NUMBER
-from agglom_mpi.config.units import dimensions_of
+from agglom_mpi.declaration.spelling import NUMBER as PLAIN_NUMBER
+from agglom_mpi.declaration.units import dimensions_of
 
 MAX_OTHER_LINES: Final = 1000
 """Maximum number of lines that are not rows of numbers."""

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from agglom_mpi.config.bounded_reading import quoted_start
-from agglom_mpi.config.spelling import as_python
 from agglom_mpi.config.table_layout import (
     COMMA_NUMBER,
     NUMBER,
@@ -23,6 +22,7 @@ from agglom_mpi.config.table_layout import (
     split_lines,
     too_many_rows,
 )
+from agglom_mpi.declaration.spelling import as_python
 
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 """A number with a comma that can be a decimal mark or a separator of thousands."""

@@ -2,21 +2,20 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final, get_args
+from typing import Any, Final, get_args
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
     ValidationError,
     ValidationInfo,
 )
+from pydantic.fields import FieldInfo
 
 from agglom_mpi.config.suggestions import suggestion
-from agglom_mpi.config.units import quoted
-from agglom_mpi.config.yaml_source import CampaignError, FieldPath, Problem, Source
+from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
+from agglom_mpi.declaration.components import Choice, number_of
+from agglom_mpi.declaration.sections import FieldError, FieldPath
+from agglom_mpi.declaration.units import quoted
 
 Models = list[type[BaseModel]]
 
@@ -106,7 +105,9 @@ def _messages(
 def _expectation(model: type[BaseModel], key: str) -> str | None:
     if key == "law":
         return f"allowed: {', '.join(_tags(model))}"
-    return model.model_fields[key].description
+    field = model.model_fields[key]
+    number = number_of(field)
+    return field.description or (number.meaning if number is not None else None)
 
 
 def _unquoted(quoted: str) -> str:
@@ -136,74 +137,28 @@ def _models(loc: FieldPath, model: type[BaseModel]) -> Models:
             inner
             for found in models
             if part in found.model_fields
-            for inner in _inside(found.model_fields[str(part)].annotation)
+            for inner in _inside(found.model_fields[str(part)])
         ]
     return models
 
 
-def _inside(annotation: Any) -> Models:
+def _inside(field: FieldInfo) -> Models:
+    """Return the models that the value of a field may have."""
+    for each in field.metadata:
+        if isinstance(each, Choice):
+            return list(each.components)
+    return _models_within(field.annotation)
+
+
+def _models_within(annotation: Any) -> Models:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [model for inner in get_args(annotation) for model in _inside(inner)]
+    return [model for inner in get_args(annotation) for model in _models_within(inner)]
 
 
 def _tags(model: type[BaseModel]) -> tuple[str, ...]:
     fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
     return tuple(tag for field in fields if field for tag in get_args(field.annotation))
-
-
-MAX_EXACT: Final = 2**53
-"""Largest size of a whole number up to which float64 tells it from its neighbours."""
-
-
-def _whole(value: Any) -> Any:
-    exact = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT
-    return int(value) if exact else value
-
-
-WholeNumber = Annotated[int, Field(strict=True), BeforeValidator(_whole)]
-"""An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
-
-Flag = Annotated[bool, Field(strict=True)]
-"""`true` or `false`: no 1, no `yes`."""
-
-
-def _printable(text: str) -> str:
-    if not text.isprintable():
-        raise ValueError(
-            "holds a character that cannot be printed; allowed: one line of plain text"
-        )
-    return text
-
-
-Line = Annotated[str, AfterValidator(_printable)]
-"""One line of printable text: no line break, null byte or lone surrogate."""
-
-
-LATER: Final = "added later"
-"""Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
-
-
-class Section(BaseModel):
-    """Base of all sections and submodels."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    def entries(self) -> dict[str, Any]:
-        """Return all fields as plain values, without those marked `LATER` at their default."""
-        return {
-            name: _plain(getattr(self, name))
-            for name, field in type(self).model_fields.items()
-            if LATER not in field.metadata or getattr(self, name) != field.default
-        }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Section):
-        return value.entries()
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 RECORDED: Final = "recorded"
@@ -213,35 +168,3 @@ RECORDED: Final = "recorded"
 def is_recorded(info: ValidationInfo) -> bool:
     """Return whether the text that is validated was recorded by a run."""
     return info.context == RECORDED
-
-
-class FieldError(ValueError):
-    """Errors of fields, each with its path below the validated section."""
-
-    def __init__(self, *problems: tuple[FieldPath, str]) -> None:
-        super().__init__("; ".join(message for _, message in problems))
-        self.problems = problems
-
-
-def raise_field_errors(problems: list[tuple[FieldPath, str]]) -> None:
-    """Raise a FieldError unless `problems` is empty."""
-    if problems:
-        raise FieldError(*problems)
-
-
-def _named(value: Any) -> Any:
-    if isinstance(value, str):
-        return {"law": value}
-    if not isinstance(value, dict | Section):
-        raise ValueError(f"is {quoted(value)}; must be the name of a law or a mapping with `law:`")
-    return value
-
-
-def _named_or_none(value: Any) -> Any:
-    return _named("none" if value is None else value)
-
-
-NAMED = BeforeValidator(_named)
-"""Validator that reads `key: foo` as `key: {law: foo}`."""
-NAMED_OR_NONE = BeforeValidator(_named_or_none)
-"""As `NAMED`, and reads an empty entry as `none`."""

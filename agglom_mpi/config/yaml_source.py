@@ -15,12 +15,10 @@ from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
 from agglom_mpi.config.bounded_reading import clipped, quoted_start, read_bounded
+from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
 from agglom_mpi.formatting import pluralise
-
-FieldPath = tuple[str | int, ...]
-"""Keys and list indices from the top of the file to an entry."""
 
 # Limits, so that an alias that contains itself or doubles at every level ends in a message, and
 # brackets within brackets, which take the parser minutes.

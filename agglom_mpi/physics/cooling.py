@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)

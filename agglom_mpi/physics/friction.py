@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
 from agglom_mpi.physics.pair import ContactPair
 
 

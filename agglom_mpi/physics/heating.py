@@ -6,7 +6,7 @@ straight line through its upper end, with the least slope that the heat has in t
 
 from typing import NamedTuple
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
 from agglom_mpi.physics.friction import (
     friction_loss,
     impulse_slopes,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.contact import contact_area
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
 from agglom_mpi.physics.heating import impact_heats, reaction_heat

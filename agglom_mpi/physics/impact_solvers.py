@@ -7,7 +7,7 @@ largest in the deficit d, which a sufficiently relaxed iteration from e = 0 find
 import math
 from typing import Final, NamedTuple
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness, log_hardening
 from agglom_mpi.physics.heating import keeps_root_unique
 from agglom_mpi.physics.pair import ContactPair

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agglom_mpi.kernels import Submodel, dispatch
+from agglom_mpi.compilation.stages import Submodel, dispatch
 
 
 class ContactPair(NamedTuple):

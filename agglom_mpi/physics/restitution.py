@@ -9,7 +9,7 @@ bonding, and no Arrhenius factor overflows.
 import math
 from typing import Any, NamedTuple
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
 from agglom_mpi.physics.contact import (
     ContactArea,
     area_fraction,

@@ -58,11 +58,13 @@ def _resolve(git: Path) -> str:
 
 PACKAGE: Final = Path(__file__).parents[1]
 DECIDING: Final = (
-    "kernels.py",
+    "compilation/kernels.py",
+    "compilation/stages.py",
     "outcome.py",
     "random_streams.py",
     "statistics.py",
     "variables.py",
+    "declaration/*.py",
     "physics/*.py",
     "simulation/**/*.py",
     "search/*.py",

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, inlined, inlined_allocating
+from agglom_mpi.compilation.stages import Submodel, dispatch, inlined, inlined_allocating
 
 Vector: TypeAlias = tuple[float, float, float]
 

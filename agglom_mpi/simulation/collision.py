@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import ANY, dispatch, inlined, inlined_allocating
+from agglom_mpi.compilation.stages import ANY, dispatch, inlined, inlined_allocating
 from agglom_mpi.physics.contact import contact_area
 from agglom_mpi.physics.fragmentation import breakage
 from agglom_mpi.physics.heating import (

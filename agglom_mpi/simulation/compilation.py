@@ -20,8 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead, runs_compiled
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.kernels import cache_folder, code_key, compile_ahead, runs_compiled
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair

@@ -9,12 +9,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import (
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import (
     Submodel,
     dispatch,
     inlined,
     inlined_allocating,
-    kernel,
     not_inlined,
 )
 from agglom_mpi.simulation.boundary import (

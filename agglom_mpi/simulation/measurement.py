@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.compilation.stages import inlined, inlined_allocating
 from agglom_mpi.physics.pair import is_frame_dependent
 from agglom_mpi.simulation.boundary import (
     Periodic,

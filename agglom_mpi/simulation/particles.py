@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.kernels import inlined, inlined_allocating, not_inlined, optional_field
+from agglom_mpi.compilation.stages import inlined, inlined_allocating, not_inlined, optional_field
 from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.restitution import ContactTimeRestitution
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.kernels import kernel
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.sizes import draw_radii
 from agglom_mpi.public_face import PublicFace

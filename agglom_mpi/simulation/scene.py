@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import Submodel, dispatch, dispatch_allocating, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, dispatch_allocating, inlined
 from agglom_mpi.physics.restitution import ImpactLaws
 from agglom_mpi.simulation.particles import Ledger, Particles
 

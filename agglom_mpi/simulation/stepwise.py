@@ -10,7 +10,8 @@ import numpy as np
 
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
-from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.measurement import (
     count_overlaps,
     fluctuation_energy,

@@ -5,7 +5,7 @@ Every change is entered in the ledger, so that the first law can be checked at t
 
 import math
 
-from agglom_mpi.kernels import ANY, dispatch
+from agglom_mpi.compilation.stages import ANY, dispatch
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, euler_step, exact_temperature
 from agglom_mpi.simulation.particles import FLOORED, UNRESOLVED, record_cooling
 

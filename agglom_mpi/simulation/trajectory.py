@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, kernel, not_inlined
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.measurement import to_box_frame
 from agglom_mpi.simulation.particles import (

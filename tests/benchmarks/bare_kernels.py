@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import wrapped_position
 from agglom_mpi.simulation.collision import (
     apply_impulse,

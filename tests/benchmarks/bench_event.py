@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import rebound_peer as peer
 
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.kernels import kernel
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
 from agglom_mpi.simulation import sample  # noqa: F401  (registers the engines)

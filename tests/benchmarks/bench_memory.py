@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from bench_event import engine_of_scene, make_gas, print_row, start
 
-from agglom_mpi.kernels import inlined, kernel
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.event_driven.flights import RANGE
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.particles import COLLISIONS, STEPS, new_ledger, position_of, velocity_of

@@ -14,8 +14,8 @@ from campaign_runs import TINY, assert_same, decisions, environment, finish, wri
 from processes import HANG
 
 from agglom_mpi.cli.common import printing_log
+from agglom_mpi.compilation.kernels import cache_folder
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.kernels import cache_folder
 from agglom_mpi.simulation import compilation
 
 

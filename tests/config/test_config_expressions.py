@@ -19,7 +19,7 @@ from agglom_mpi.config.expressions import (
     satisfied,
     text_of,
 )
-from agglom_mpi.config.units import to_si
+from agglom_mpi.declaration.units import to_si
 
 NAMES = ("a", "bb", "c_3")
 """Names that are no units that a number stands before here."""

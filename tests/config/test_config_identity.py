@@ -7,7 +7,7 @@ import pytest
 from campaign_text import campaign, constant
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.validation import LATER, Section
+from agglom_mpi.declaration.sections import LATER, Section
 
 
 @pytest.mark.parametrize(

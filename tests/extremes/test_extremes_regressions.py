@@ -10,7 +10,7 @@ from extreme_scenes import Drawn
 from extreme_states import Arranged
 from plain_python import PLAIN, cases
 
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
 from agglom_mpi.physics.scales import grain_mass
 from agglom_mpi.random_streams import sample_stream

@@ -35,7 +35,7 @@ OTHER = [
     ("runtime/experiment.py", "best.setdefault(", "best.update("),
     ("analysis/warm_start.py", "parameters_of(begun)", "parameters_of(begun)[::-1]"),
     ("analysis/ranking.py", "sorted(", "list("),
-    ("kernels.py", '"forceinline": True', '"forceinline": False'),
+    ("compilation/kernels.py", '"forceinline": True', '"forceinline": False'),
 ]
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scenes import CONSTANT, HALF, make_scene
 
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.simulation.boundary import Periodic, Reentry

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 import agglom_mpi.simulation.event_driven.engine  # noqa: F401  (registers its engine)
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.cooling import (
     EulerCooling,

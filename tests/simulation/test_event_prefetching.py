@@ -7,7 +7,7 @@ import pytest
 from fresh_kernels import said_by, with_escape
 from numba import njit
 
-from agglom_mpi.kernels import kernel, prefetch, runs_compiled
+from agglom_mpi.compilation.kernels import kernel, prefetch, runs_compiled
 from agglom_mpi.simulation.event_driven.cell_crossing import next_cell
 from agglom_mpi.simulation.event_driven.prefetching import cells_behind, match_above
 

@@ -6,7 +6,7 @@ from plain_python import PLAIN
 from scenes import CONSTANT as LAWS
 from scenes import HALF, image, make_scene, state
 
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.measurement import count_overlaps
 from agglom_mpi.simulation.scene import EventDriven

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import CONSTANT, HALF, image, make_scene, state
 
-from agglom_mpi.kernels import Submodel
+from agglom_mpi.compilation.stages import Submodel
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.time_driven.neighbours import (
     LISTED,

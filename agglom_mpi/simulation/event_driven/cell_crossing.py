@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import is_periodic
 from agglom_mpi.simulation.event_driven.cells import PER_AXIS, copy_if_oversize, link, unlink
 from agglom_mpi.simulation.event_driven.flights import (

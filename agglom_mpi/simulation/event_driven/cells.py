@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import ANY, Submodel, dispatch, inlined, not_inlined
+from agglom_mpi.compilation.stages import ANY, Submodel, dispatch, inlined, not_inlined
 from agglom_mpi.physics.restitution import ConstantRestitution, ContactTimeRestitution
 from agglom_mpi.simulation.boundary import cell_of, is_periodic
 

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import fused, inlined
+from agglom_mpi.compilation.kernels import fused
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, copy_flight
 

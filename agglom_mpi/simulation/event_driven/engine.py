@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, not_inlined
+from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.boundary import clamped_position
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing

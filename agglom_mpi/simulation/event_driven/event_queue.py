@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined
+from agglom_mpi.compilation.stages import inlined
 
 
 class EventQueue(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.kernels import inlined
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import clamped_position
 from agglom_mpi.simulation.particles import (
     moved_by,

@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import fused, inlined
+from agglom_mpi.compilation.kernels import fused
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import is_periodic
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.comparison import (

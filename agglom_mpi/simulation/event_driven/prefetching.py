@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, not_inlined, prefetch
+from agglom_mpi.compilation.kernels import prefetch
+from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.event_driven.cells import PER_AXIS
 from agglom_mpi.simulation.event_driven.prediction import cells_beside, first_cell, last_cell
 

@@ -4,7 +4,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, kernel, not_inlined
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.event_driven.cells import (
     MAX_ALL_PAIRS,
     OVERSIZE,

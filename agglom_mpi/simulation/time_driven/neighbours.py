@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.compilation.stages import inlined, inlined_allocating
 from agglom_mpi.simulation.boundary import (
     Periodic,
     cells_of,

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined, inlined_allocating
+from agglom_mpi.compilation.stages import inlined, inlined_allocating
 from agglom_mpi.simulation.collision import (
     BONDED,
     BOUNCED,

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.kernels import inlined
+from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import wrapped_position
 from agglom_mpi.simulation.collision import dot
 from agglom_mpi.simulation.particles import (

@@ -1,4 +1,4 @@
-"""Compile and cache kernels, and choose the formulas of a scene by the types of its submodels.
+"""Compile kernels with their stages, and cache them.
 
 Numba does not notice an edit in a file that a cached kernel only calls into, so the cache folder is
 keyed by a hash of every source that can end up in a kernel.
@@ -15,28 +15,24 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeVar
 
 import llvmlite.binding as ll
 import numba
 from numba.core import event
 from numba.extending import intrinsic, overload
 
-from agglom_mpi.kernel_cache import cache_of
-from agglom_mpi.kernel_linking import COMPILER
+from agglom_mpi.compilation import stages
+from agglom_mpi.compilation.kernel_cache import cache_of
+from agglom_mpi.compilation.kernel_linking import COMPILER
 
-_PACKAGE: Final = Path(__file__).parent
+_PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
-    "kernel_indices.py",
-    "kernel_linking.py",
-    "kernels.py",
+    "compilation/*.py",
     "outcome.py",
     "physics/*.py",
     "simulation/**/*.py",
 )
-
-Submodel: TypeAlias = Any
-"""A NamedTuple of the numbers of one law in SI units; its type says which law a scene has."""
 
 _CONFIG: Any = numba.config
 _KERNEL: Final[dict[str, Any]] = {
@@ -58,12 +54,20 @@ _ALLOCATING: Final[dict[str, Any]] = {
 }
 # Without counting references to arrays, which costs more than half of the time of a short loop.
 _INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
-_DISPATCHED: Final[Any] = {
+_DISPATCHED: Final[dict[str, Any]] = {
     "pipeline_class": COMPILER,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
     "_nrt": False,
 }
+STAGE_OPTIONS: Final[dict[str, dict[str, Any]]] = {
+    "inlined": _INLINED,
+    "not inlined": {**_INLINED, "forceinline": False},
+    "allocating": _ALLOCATING,
+    "dispatched": _DISPATCHED,
+    "dispatched, allocating": {**_DISPATCHED, "_nrt": True},
+}
+"""Options of Numba for each manner of compiling a stage."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -137,6 +141,17 @@ def kernel(function: F) -> F:
     return compiled
 
 
+def compiled_stage(function: Callable[..., Any], manner: str) -> Any:
+    """Return Numba's dispatcher of a stage; `manner` is a key of `STAGE_OPTIONS`."""
+    return numba.njit(**STAGE_OPTIONS[manner])(function)
+
+
+def replace(function: Callable[..., Any], choose: Callable[..., Any], manner: str) -> None:
+    """Let kernels that call a function compile what `choose` returns for the arguments' types."""
+    options: Any = STAGE_OPTIONS[manner]
+    overload(function, strict=False, jit_options=options)(choose)
+
+
 def runs_compiled() -> bool:
     """Return whether kernels are compiled, not run as plain Python to be debugged."""
     return not _CONFIG.DISABLE_JIT
@@ -204,31 +219,6 @@ def code_key(sources: Iterable[Path]) -> str:
     return f"{numba.__version__} {sys.version_info[:2]} {target} {changed}"
 
 
-def inlined(function: F) -> F:
-    """Compile a function that only kernels call and that makes no arrays; copied into its callers.
-
-    It counts no references: the arrays it works on belong to the kernel. It cannot be called from
-    Python.
-    """
-    compiled: F = numba.njit(**_INLINED)(function)
-    return compiled
-
-
-def not_inlined(function: F) -> F:
-    """Compile a function like `inlined`, but called instead of copied: for what is done rarely.
-
-    Copies are what compilation takes its time for.
-    """
-    compiled: F = numba.njit(**{**_INLINED, "forceinline": False})(function)
-    return compiled
-
-
-def inlined_allocating(function: F) -> F:
-    """Compile a function like `inlined` that makes arrays, to return them or as work space."""
-    compiled: F = numba.njit(**_ALLOCATING)(function)
-    return compiled
-
-
 def _fused_instruction(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     """Return how Numba types and lowers a fused multiplication and addition."""
 
@@ -279,103 +269,4 @@ prefetch: Final[Any] = _read_when_used if _CONFIG.DISABLE_JIT else intrinsic(_pr
 """Begin to read item `index` of an array of one axis into the caches, and do not wait for it."""
 
 
-class ANY:
-    """Registers a function for every type of submodel without one of its own, except None."""
-
-
-class Dispatcher:
-    """A formula whose implementation is chosen by the type of a submodel when a kernel is compiled.
-
-    Compiled code is specialised to the types, so a scene pays only for the laws that it has.
-    """
-
-    def __init__(self, signature: Callable[..., Any]) -> None:
-        self.name = signature.__name__
-        self.table: dict[type, Callable[..., Any]] = {}
-
-    def register(self, *models: type | None) -> Callable[[F], F]:
-        """Return a decorator that registers a function for these types of submodel.
-
-        Parameters
-        ----------
-        models
-            NamedTuple classes; `None` for a submodel that the scene leaves out; `ANY`.
-        """
-
-        def register(function: F) -> F:
-            for model in models:
-                self.table[type(None) if model is None else model] = function
-            return function
-
-        return register
-
-    def of_numba_type(self, model: Any) -> Callable[..., Any] | None:
-        """Return the function for a submodel given as a Numba type, None if there is none."""
-        if isinstance(model, numba.types.NoneType):
-            return self.table.get(type(None))
-        found = getattr(model, "instance_class", object)
-        return self.table.get(found) or self.table.get(ANY)
-
-    def of(self, model: Any) -> Callable[..., Any]:
-        """Return the function for a submodel; raises KeyError if there is none."""
-        if model is not None and type(model) not in self.table:
-            return self.table[ANY]
-        return self.table[type(model)]
-
-
-def dispatch(signature: Callable[..., Any]) -> Any:
-    """Decorate a signature without a body: a formula dispatched on the type of its first argument.
-
-    `signature.register(Law)` decorates what the law computes; see `Dispatcher`.
-    """
-    return _dispatched(signature, _DISPATCHED)
-
-
-def dispatch_allocating(signature: Callable[..., Any]) -> Any:
-    """Decorate a signature like `dispatch`; its functions may make arrays."""
-    return _dispatched(signature, {**_DISPATCHED, "_nrt": True})
-
-
-def _dispatched(signature: Callable[..., Any], options: Any) -> Any:
-    dispatcher = Dispatcher(signature)
-
-    @functools.wraps(signature)
-    def dispatched(model: Any, *arguments: Any) -> Any:
-        return dispatcher.of(model)(model, *arguments)
-
-    @overload(dispatched, strict=False, jit_options=options)
-    def choose(model: Any, *arguments: Any) -> Any:
-        return dispatcher.of_numba_type(model)
-
-    dispatched.register = dispatcher.register  # type: ignore[attr-defined]
-    return dispatched
-
-
-def optional_field(name: str) -> tuple[Any, Any]:
-    """Return functions that get and set a field of a record, whose type may lack it.
-
-    The first takes a record and what it returns where there is no such field; the second a record
-    and the new value, which goes nowhere then. Compiled code is specialised to the type.
-    """
-
-    def value_or(record: Any, otherwise: Any) -> Any:
-        return record[name] if name in record.dtype.names else otherwise
-
-    def set_value(record: Any, value: Any) -> None:
-        if name in record.dtype.names:
-            record[name] = value
-
-    @overload(value_or, strict=False, jit_options=_DISPATCHED)
-    def choose_value(record: Any, otherwise: Any) -> Any:
-        if name in record.fields:
-            return lambda record, otherwise: record[name]
-        return lambda record, otherwise: otherwise
-
-    @overload(set_value, strict=False, jit_options=_DISPATCHED)
-    def choose_setter(record: Any, value: Any) -> Any:
-        def set_field(record: Any, value: Any) -> None:
-            record[name] = value
-
-        return set_field if name in record.fields else lambda record, value: None
-
-    return value_or, set_value
+stages.attach(sys.modules[__name__])

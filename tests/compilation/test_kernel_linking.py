@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from processes import output_of, program
 
-from agglom_mpi.kernel_linking import COMPILER, LinkingCompiler
+from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler
 
 pytestmark = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or COMPILER is not LinkingCompiler,
@@ -20,7 +20,7 @@ EMITTED = """
 import json, sys
 import numba.core.codegen
 from numba.core.compiler import Compiler
-import agglom_mpi.kernel_linking as linking
+import agglom_mpi.compilation.kernel_linking as linking
 
 emitted = []
 finalize = numba.core.codegen.JITCodeLibrary._finalize_specific
@@ -34,7 +34,8 @@ if sys.argv[1] == "numba":
 STAGES = """
 from typing import NamedTuple
 import numpy as np
-from agglom_mpi.kernels import dispatch, inlined, inlined_allocating, kernel, not_inlined
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import dispatch, inlined, inlined_allocating, not_inlined
 
 class Linear(NamedTuple):
     slope: float
@@ -131,7 +132,7 @@ def test_samples_are_the_same_bits_however_their_kernels_are_compiled(tmp_path):
 def test_an_unknown_version_of_numba_is_left_alone():
     from numba.core.compiler import Compiler
 
-    from agglom_mpi.kernel_linking import TRIED, choose_compiler
+    from agglom_mpi.compilation.kernel_linking import TRIED, choose_compiler
 
     first, last = TRIED
     assert choose_compiler(first) is choose_compiler(last) is LinkingCompiler

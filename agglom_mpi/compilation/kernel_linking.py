@@ -21,7 +21,7 @@ from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes, NopythonRewrites
 from numba.core.untyped_passes import InlineClosureLikes
 
-from agglom_mpi.kernel_indices import UnsignedIndices
+from agglom_mpi.compilation.kernel_indices import UnsignedIndices
 
 TRIED: Final = ((0, 64), (0, 68))
 """First and last version of Numba that were seen to give the same bits both ways."""

@@ -7,9 +7,9 @@ import pickle
 import numba
 import pytest
 
-from agglom_mpi import kernel_cache, kernels
-from agglom_mpi.kernel_cache import CheckedFiles
-from agglom_mpi.kernels import kernel, runs_compiled
+from agglom_mpi.compilation import kernel_cache, kernels
+from agglom_mpi.compilation.kernel_cache import CheckedFiles
+from agglom_mpi.compilation.kernels import kernel, runs_compiled
 
 COMPILED = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
 

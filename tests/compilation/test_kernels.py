@@ -7,7 +7,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from agglom_mpi.kernels import cache_folder, fused, runs_compiled, sources_digest
+from agglom_mpi.compilation.kernels import cache_folder, fused, runs_compiled, sources_digest
 
 KEY = sources_digest()[:16]
 find_folder = cache_folder.__wrapped__

@@ -7,8 +7,8 @@ import pytest
 from fresh_kernels import said_by, with_escape
 from numba import types
 
-from agglom_mpi.kernel_indices import unsigned
-from agglom_mpi.kernel_linking import COMPILER, LinkingCompiler
+from agglom_mpi.compilation.kernel_indices import unsigned
+from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler
 
 JOBS = Path(__file__).parents[1] / "jobs"
 compiled = pytest.mark.skipif(
@@ -18,7 +18,7 @@ compiled = pytest.mark.skipif(
 
 ITEMS = """
 import numpy as np
-from agglom_mpi.kernels import kernel
+from agglom_mpi.compilation.kernels import kernel
 
 @kernel
 def item(x, y, k):

@@ -1,0 +1,1 @@
+"""Kernels: how their stages are declared, chosen by a scene's laws, compiled, linked and cached."""

@@ -1,0 +1,1 @@
+"""How the parts of a campaign are declared: sections, numbers with units, components and laws."""

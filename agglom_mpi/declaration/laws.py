@@ -1,0 +1,103 @@
+"""Laws: components whose formulas are compiled into the kernels of a scene."""
+
+import collections
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
+
+from agglom_mpi.compilation.stages import Submodel, declare_numbers
+from agglom_mpi.declaration.components import Component, number_of
+
+_named_tuple: Any = collections.namedtuple  # of names known when it is run, which mypy refuses
+Values: TypeAlias = Mapping[str, float]
+"""The ten variables in SI units, by name."""
+
+
+class Group(NamedTuple):
+    """A dimensionless group, but for constants.
+
+    Attributes
+    ----------
+    symbol
+        As it is printed: `ρv²/H`.
+    meaning
+    powers
+        Power of each variable by name, and of the `grain_radius`.
+    """
+
+    symbol: str
+    meaning: str
+    powers: Mapping[str, float]
+
+
+class Law(Component):
+    """Base class of the laws of a scene.
+
+    Formulas are methods. Compiled kernels call them with a NamedTuple in place of `self` that holds
+    the law's numbers and variables, so that they use nothing else of it.
+
+    Attributes
+    ----------
+    variables
+        Variables of the string that the formulas use, as further attributes of `self`.
+    derived
+        Properties of the law, calculated once for each scene, that the formulas use.
+    needs
+        Variables that the law needs beside those, such as the temperature that it starts from.
+    groups
+        Dimensionless groups that the law depends on.
+    is_absent
+        Whether it stands for leaving out what its kind does; kernels then see None.
+    """
+
+    variables: ClassVar[tuple[str, ...]] = ()
+    derived: ClassVar[tuple[str, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+    groups: ClassVar[tuple[Group, ...]] = ()
+    is_absent: ClassVar[bool] = False
+    numbers_type: ClassVar[Any]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Make the NamedTuple that kernels see."""
+        super().__pydantic_init_subclass__(**options)
+        own = [name for name, field in cls.model_fields.items() if number_of(field) is not None]
+        names = (*own, *cls.derived, *cls.variables)
+        numbers: Any = _named_tuple(cls.__name__, names)
+        numbers.__module__ = cls.__module__
+        numbers.__qualname__ = f"{cls.__qualname__}.numbers_type"  # so that it can be pickled
+        cls.numbers_type = numbers
+        declare_numbers(numbers, cls)
+
+    def build(self, value: Values) -> Submodel:
+        """Return the law's numbers as kernels see them, None if it is absent.
+
+        Parameters
+        ----------
+        value
+            The ten variables in SI units, by name.
+        """
+        if self.is_absent:
+            return None
+        fields = self.numbers_type._fields
+        return self.numbers_type(
+            *(value[name] if name in self.variables else getattr(self, name) for name in fields)
+        )
+
+    @classmethod
+    def absent(cls) -> type[Self]:
+        """Return the law of this kind that stands for leaving it out.
+
+        Raises
+        ------
+        TypeError
+            If there is none.
+        """
+        for law in cls.components().values():
+            if law.is_absent:
+                return law
+        raise TypeError(f"a scene cannot leave out its {cls.__name__}")
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Variables without which the law cannot be evaluated."""
+        return (*self.variables, *self.needs)
