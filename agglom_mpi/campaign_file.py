@@ -20,7 +20,7 @@ from agglom_mpi.storage.reader import CampaignData, Status, read_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.simulation.frames import Frames
 
 ESTIMATED: Final = {
@@ -214,7 +214,7 @@ class CampaignFile(metaclass=PublicFace):
         ValueError
             If the tolerance is impossible.
         """
-        from agglom_mpi.analysis.feasible_set import feasible_set
+        from agglom_mpi.inference.feasible_set import feasible_set
 
         return feasible_set(self._snapshot(), tolerance)
 

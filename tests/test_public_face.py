@@ -12,12 +12,12 @@ import pytest
 from storage_rows import make
 
 import agglom_mpi
-from agglom_mpi.analysis.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config import campaign as campaign_module
 from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
 from agglom_mpi.config.estimate import StringEstimate
+from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.reader import CampaignData

@@ -96,8 +96,8 @@ def _fresh_numbers(data: CampaignData) -> dict[int, np.ndarray]:
 def _asked(data: CampaignData) -> tuple[int | None, int | None]:
     """Return how many strings a campaign's text asks to be estimated again, on how many samples."""
     # Imported here: most files are read without what reads a campaign's text.
-    from agglom_mpi.analysis.resimulation import recorded_campaign
     from agglom_mpi.config.yaml_source import CampaignError
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     try:
         final = recorded_campaign(data).final

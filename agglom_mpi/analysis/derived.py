@@ -33,8 +33,8 @@ def _columns(data: "CampaignData") -> list[DerivedColumn]:
     if not asked or data.attributes.get("purpose", INVERSION) != INVERSION:
         return []
     # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.analysis.resimulation import recorded_campaign
     from agglom_mpi.config.yaml_source import CampaignError
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     try:
         campaign = recorded_campaign(data)

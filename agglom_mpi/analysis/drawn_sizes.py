@@ -64,7 +64,7 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
     if not has_sizes(file):
         return None
     # Imported here: a file of equal grains is read without what reads campaigns.
-    from agglom_mpi.analysis.resimulation import recorded_campaign
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     campaign, rows = recorded_campaign(file), file.all_sample_rows()
     rows = rows[rows["string"] == string]

@@ -167,7 +167,7 @@ def _objective(data: "CampaignData") -> "Objective":
 
     grains: float = int(data.identity["scene.particles"])
     if "scene.sizes.law" in data.identity:
-        from agglom_mpi.analysis.resimulation import recorded_campaign
+        from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
         grains = recorded_campaign(data).scene.equivalent_grains
     return objectives.objective_of(data.section("objective"), grains)

@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.summary import Summary, as_dict, collect_summary
 from agglom_mpi.config.expressions import names_in
 from agglom_mpi.config.relations import Relations
@@ -16,6 +15,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import VARIABLES, volume_fraction
 
 CONSTRAINTS: Final = "constraints"

@@ -126,8 +126,8 @@ def listed_strings(data: "CampaignData") -> int:
     if said is None or data.attributes.get("purpose", INVERSION) != INVERSION:
         return LISTED
     # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.analysis.resimulation import recorded_campaign
     from agglom_mpi.config.yaml_source import CampaignError
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     try:
         final = recorded_campaign(data).final

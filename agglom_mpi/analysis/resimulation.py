@@ -1,12 +1,10 @@
-"""A recorded campaign, its strings and samples, to be simulated again and compared."""
+"""Recorded strings and samples, to be simulated again and compared."""
 
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config import loading
-from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.outcome import COLUMNS
 
@@ -18,21 +16,6 @@ AGREEMENT: Final = {
     False: "differs from the recorded sample",
 }
 """What is said of a resimulated sample, by `is_same`."""
-
-
-def recorded_campaign(data: "CampaignData") -> Campaign:
-    """Return the campaign that a file is of; a user's objective function cannot be called.
-
-    Raises
-    ------
-    CampaignError
-        If the text in the file is damaged.
-    """
-    return data.derived(_campaign)
-
-
-def _campaign(data: "CampaignData") -> Campaign:
-    return loading.recorded_campaign(data.campaign_text, str(data.path), data.identity)
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:

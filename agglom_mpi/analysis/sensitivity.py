@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.estimates import rounding_of
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.emulation.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
-from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.surrogate import best_and_spread
 from agglom_mpi.storage.reader import CampaignData, parameters_of
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 POINTS: Final = 2048
 """Base points of the estimate, a power of two; it takes d + 2 times as many evaluations."""

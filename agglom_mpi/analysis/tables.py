@@ -164,7 +164,7 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
     if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
         return searched
     # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.analysis.resimulation import recorded_campaign
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     cubes = recorded_campaign(data).scene.third_moment
     return [_by_volume_fraction(*entry, cubes) for entry in searched]

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Best, Progress
 from agglom_mpi.display.remaining_time import (
@@ -20,6 +19,7 @@ from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 EXIT_CODES: Final = {"finished": FINISHED, "stopped": STOPPED, "failed": FAILURE}
 """Exit codes by the state at the end of the run, the same as the run's own."""

@@ -12,16 +12,15 @@ from rich.console import Console, RenderableType
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
-from agglom_mpi.analysis.feasible_set import FeasibleSet
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
-from agglom_mpi.analysis.set_report import set_text
 from agglom_mpi.analysis.summary import moment_notes
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.emulation.gaussian_process import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
@@ -35,9 +34,10 @@ from agglom_mpi.report.sample_particles import (
     all_stored,
 )
 from agglom_mpi.report.set_files import SetRequest, write_files
-from agglom_mpi.search.gaussian_process import single_threaded
+from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 NAME: Final = "report.html"

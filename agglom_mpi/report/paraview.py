@@ -11,7 +11,6 @@ from agglom_mpi.analysis.resimulation import (
     AGREEMENT,
     is_same,
     mistaken,
-    recorded_campaign,
     recorded_parameters,
     recorded_sample,
 )
@@ -20,6 +19,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import h5py

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.resimulation import is_same, recorded_campaign
+from agglom_mpi.analysis.resimulation import is_same
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
@@ -14,6 +14,7 @@ from agglom_mpi.physics.scales import end_time, grain_radius, half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import values_by_name
 
 Floats = NDArray[np.float64]

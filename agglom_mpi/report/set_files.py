@@ -4,20 +4,20 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.analysis.criteria import criterion_of
-from agglom_mpi.analysis.feasible_set import FeasibleSet, tolerance_of
-from agglom_mpi.analysis.resimulation import recorded_campaign
-from agglom_mpi.analysis.set_posterior import measurement_of
-from agglom_mpi.analysis.set_report import as_dict, grid_table, set_text
+from agglom_mpi.emulation.gaussian_process import single_threaded
 from agglom_mpi.errors import require_library
+from agglom_mpi.inference.criteria import criterion_of
+from agglom_mpi.inference.feasible_set import FeasibleSet, tolerance_of
+from agglom_mpi.inference.set_posterior import measurement_of
 from agglom_mpi.report.export import with_units
-from agglom_mpi.search.gaussian_process import single_threaded
+from agglom_mpi.report.set_summary import as_dict, grid_table, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.set_posterior import Posterior
+    from agglom_mpi.inference.set_posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
 DEFAULT_TOLERANCE: Final = 0.05

@@ -13,7 +13,6 @@ from agglom_mpi.analysis.resimulation import (
     AGREEMENT,
     is_same,
     mistaken,
-    recorded_campaign,
     recorded_parameters,
     recorded_sample,
 )
@@ -27,6 +26,7 @@ from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:

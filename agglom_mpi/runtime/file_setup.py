@@ -67,6 +67,7 @@ DECIDING: Final = (
     "declaration/*.py",
     "physics/*.py",
     "simulation/**/*.py",
+    "emulation/*.py",
     "search/*.py",
     # From the campaign's text to scenes, searches and ensembles.
     "config/*.py",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.search.space import SearchSpace
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.gaussian_process import GaussianProcess
+    from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
 CANDIDATES: Final = 1200
 """Number of points at which drawn functions are compared; a draw takes the cube of it in time."""

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.emulator import Emulator, NoisyMeans
-from agglom_mpi.search.gaussian_process import GaussianProcess, single_threaded
+from agglom_mpi.emulation.emulator import Emulator, NoisyMeans
+from agglom_mpi.emulation.gaussian_process import GaussianProcess, single_threaded
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.statistics import probability_between
 

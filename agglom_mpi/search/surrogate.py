@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.emulation.gaussian_process import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
     PROMISING,
@@ -22,7 +23,6 @@ from agglom_mpi.search.acquisition import (
     perturbed,
 )
 from agglom_mpi.search.baselines import NO_STRINGS, SobolStrings
-from agglom_mpi.search.gaussian_process import single_threaded
 from agglom_mpi.search.proposals import (
     MODEL,
     RANDOM,
@@ -36,7 +36,7 @@ from agglom_mpi.search.proposals import (
 from agglom_mpi.search.space import SearchSpace
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.gaussian_process import Covariance, GaussianProcess
+    from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
     from agglom_mpi.search.set_aim import SetAim
 
 FITTED: Final = 400
@@ -225,7 +225,7 @@ class SurrogateSearch(EvaluatedStrings):
         the generation before, so that its rounding errors depend on the generations alone and not
         on when it is asked for.
         """
-        from agglom_mpi.search.gaussian_process import GaussianProcess
+        from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
         fitted = milestone(fitted, self._first)
         covariance = self._covariance(fitted)
@@ -243,7 +243,7 @@ class SurrogateSearch(EvaluatedStrings):
 
     def _covariance(self, fitted: int) -> "Covariance | None":
         """Return the covariance fitted to the first strings; None if they are too few."""
-        from agglom_mpi.search.gaussian_process import fit_covariance
+        from agglom_mpi.emulation.gaussian_process import fit_covariance
 
         if np.isfinite(self.objectives[:fitted]).sum() < 2:
             return None

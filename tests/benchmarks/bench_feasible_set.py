@@ -34,12 +34,12 @@ from scipy.spatial import cKDTree
 from scipy.stats import chisquare, kstest, qmc
 
 from agglom_mpi.analysis import feasible_set
-from agglom_mpi.analysis.criteria import criterion_of
-from agglom_mpi.analysis.feasible_set import FeasibleSet
-from agglom_mpi.analysis.set_emulator import SetEmulator
 from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.inference.criteria import criterion_of
+from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.set_emulator import SetEmulator
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene

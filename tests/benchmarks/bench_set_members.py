@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from bench_feasible_set import FRESH, JOBS, campaign_file, simulated
 
-from agglom_mpi.analysis.feasible_set import FeasibleSet
+from agglom_mpi.inference.feasible_set import FeasibleSet
 
 TOLERANCE, GENERATIONS, SAMPLES = 0.02, 34, 48
 TITLES = ("volume", "expected error", "maximum", "P", "share", "coverage", "mean z")

@@ -10,7 +10,6 @@ from click.testing import CliRunner
 
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.campaign_file import open_campaign
@@ -18,6 +17,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import NAMES
 
 

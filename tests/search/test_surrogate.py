@@ -13,10 +13,10 @@ from processes import HANG, output_of, program, wait_for
 from search_fakes import judged, unit_box
 from threadpoolctl import threadpool_info
 
+from agglom_mpi.emulation.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
 from agglom_mpi.search.baselines import RandomSearch, sobol_strings
-from agglom_mpi.search.gaussian_process import GaussianProcess, fit_covariance, single_threaded
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.surrogate import SurrogateSearch, best_and_spread, milestone

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.feasible_set import INNER, OUTER, FeasibleSet
-from agglom_mpi.analysis.set_report import shown_directions
+from agglom_mpi.inference.feasible_set import INNER, OUTER, FeasibleSet
 from agglom_mpi.report.drawing import (
     COLOURS,
     Drawing,
@@ -17,11 +16,12 @@ from agglom_mpi.report.drawing import (
     scaled_unit,
     style_axes,
 )
+from agglom_mpi.report.set_summary import shown_directions
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from agglom_mpi.analysis.set_directions import SetVariable
+    from agglom_mpi.inference.set_directions import SetVariable
 
 Floats = NDArray[np.float64]
 

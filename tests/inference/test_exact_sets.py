@@ -8,9 +8,9 @@ from campaign_runs import finish
 from set_runs import three_variable_file, three_variable_text
 
 from agglom_mpi import open_campaign
-from agglom_mpi.analysis.feasible_set import _settled
-from agglom_mpi.analysis.set_report import set_text
 from agglom_mpi.display.plain_console import PlainConsole
+from agglom_mpi.inference.feasible_set import _settled
+from agglom_mpi.report.set_summary import set_text
 
 EXACT = """
 import math

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from agglom_mpi.search.covariance_fit import (
+from agglom_mpi.emulation.covariance_fit import (
     expected_lengths,
     fit_covariance_of_many,
     negative_log_likelihood,

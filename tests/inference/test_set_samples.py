@@ -1,7 +1,7 @@
 import pytest
 from set_runs import three_variable_file
 
-from agglom_mpi.analysis.set_samples import favour_low_objectives
+from agglom_mpi.inference.set_samples import favour_low_objectives
 from agglom_mpi.storage.reader import read_campaign
 
 SURROGATE = "method: surrogate, initial: 32, batch: 16"

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.analysis.set_directions import _touched
+from agglom_mpi.inference.set_directions import _touched
 
 UNITS = (np.arange(10_000) + 0.5) / 10_000
 

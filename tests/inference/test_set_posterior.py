@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.analysis.set_posterior import PosteriorError, effective_size, measurement_of
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.inference.set_posterior import PosteriorError, effective_size, measurement_of
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_quantiles_are_of_searched_variables(doubling):
 
 def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monkeypatch):
     pytest.importorskip("emcee")
-    monkeypatch.setattr("agglom_mpi.analysis.set_posterior.TOO_SMALL", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.set_posterior.TOO_SMALL", 1e9)
     chain = doubling.posterior(2.0, 0.05)
     assert chain.method == "chain"
     for name in doubling.coordinates.names:

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.set_directions import weighted_quantiles
 from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import UserError
+from agglom_mpi.inference.set_directions import weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.feasible_set import FeasibleSet, Prior
     from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.inference.feasible_set import FeasibleSet, Prior
 
 Floats = NDArray[np.float64]
 
@@ -257,7 +257,7 @@ def _chain(
         import emcee
     except ImportError:
         return None
-    from agglom_mpi.analysis.feasible_set import Prior
+    from agglom_mpi.inference.feasible_set import Prior
 
     space, d = of.campaign.variables.space(), len(of.coordinates.names)
     walkers, steps = max(32, 4 * d), 600

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.allowed_share import allowed_share
 
 if TYPE_CHECKING:
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.inference.feasible_set import FeasibleSet
 
 Floats = NDArray[np.float64]
 

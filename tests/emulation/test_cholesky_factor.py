@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.search.gaussian_process import extended, factored
+from agglom_mpi.emulation.gaussian_process import extended, factored
 
 
 def positive(n, seed):

@@ -5,7 +5,7 @@ import pytest
 from set_runs import three_variable_file
 
 from agglom_mpi import open_campaign
-from agglom_mpi.analysis.failing import FailingShare
+from agglom_mpi.inference.failing import FailingShare
 
 SLOW, FAST = {"relative_speed": 0.5}, {"relative_speed": 28.0}
 REST = {"hardness": 2e7, "friction": 0.3}

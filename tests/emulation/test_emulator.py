@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, t
 
-from agglom_mpi.search.emulator import Emulator, merged
+from agglom_mpi.emulation.emulator import Emulator, merged
 
 COUNT = 500
 

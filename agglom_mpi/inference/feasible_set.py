@@ -5,13 +5,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.criteria import Band, NearMaximum, criterion_of, read_tolerance
-from agglom_mpi.analysis.failing import FailingShare
-from agglom_mpi.analysis.resimulation import recorded_campaign
-from agglom_mpi.analysis.set_calibration import Calibration, calibrate
-from agglom_mpi.analysis.set_emulator import SetEmulator
-from agglom_mpi.analysis.set_points import SetPoints, spread_points, within
-from agglom_mpi.analysis.set_samples import favour_low_objectives, stored_samples
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.config.own_variables import (
@@ -21,19 +14,26 @@ from agglom_mpi.config.own_variables import (
     read_searched,
 )
 from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.emulation.gaussian_process import single_threaded
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import ROUNDING
+from agglom_mpi.inference.criteria import Band, NearMaximum, criterion_of, read_tolerance
+from agglom_mpi.inference.failing import FailingShare
+from agglom_mpi.inference.set_calibration import Calibration, calibrate
+from agglom_mpi.inference.set_emulator import SetEmulator
+from agglom_mpi.inference.set_points import SetPoints, spread_points, within
+from agglom_mpi.inference.set_samples import favour_low_objectives, stored_samples
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
-from agglom_mpi.search.gaussian_process import single_threaded
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.set_directions import SetVariable
-    from agglom_mpi.analysis.set_nearest import NearestString
-    from agglom_mpi.analysis.set_posterior import Posterior
     from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.inference.set_directions import SetVariable
+    from agglom_mpi.inference.set_nearest import NearestString
+    from agglom_mpi.inference.set_posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -192,7 +192,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     @property
     def nearest(self) -> "NearestString":
         """The string whose emulated mean comes nearest to what is asked for, and that mean."""
-        from agglom_mpi.analysis.set_nearest import nearest
+        from agglom_mpi.inference.set_nearest import nearest
 
         if "nearest" not in self._kept:
             self._kept["nearest"] = nearest(self)
@@ -268,7 +268,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         scaled so that the most important one is 1 or -1; `group` is a dimensionless group that it
         is near, with their `cosine`. A direction of a single variable has the exponent 1.
         """
-        from agglom_mpi.analysis.set_directions import directions
+        from agglom_mpi.inference.set_directions import directions
 
         require_library("pandas", "report", "tables")
         if "directions" not in self._kept:
@@ -278,7 +278,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     @property
     def variables(self) -> "list[SetVariable]":
         """Each searched variable: its range in the set, and whether it is free or decided."""
-        from agglom_mpi.analysis.set_directions import variables
+        from agglom_mpi.inference.set_directions import variables
 
         if "variables" not in self._kept:
             self._kept["variables"] = variables(self)
@@ -290,7 +290,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         An error in percent, such as `"2%"`, is relative to the measured mean. The prior is uniform
         over what is allowed of the box, in the coordinates of the search.
         """
-        from agglom_mpi.analysis.set_posterior import posterior
+        from agglom_mpi.inference.set_posterior import posterior
 
         return posterior(self, measured, error)
 
@@ -395,7 +395,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
     def _find_maximum(self, strings: Floats) -> None:
         """Draw functions, and find the maximum of each near where the expected mean is largest."""
-        from agglom_mpi.analysis.set_points import near_best
+        from agglom_mpi.inference.set_points import near_best
 
         self._paths = self.emulator.paths(FUNCTIONS, self._stream(2))
         candidates = near_best(self, strings)

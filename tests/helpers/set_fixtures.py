@@ -1,21 +1,25 @@
-import pytest
-from set_runs import three_variable_file
+"""Sets of small campaigns, made once in a test run."""
 
-from agglom_mpi import open_campaign
-from agglom_mpi.analysis.feasible_set import FeasibleSet
-from agglom_mpi.search.gaussian_process import single_threaded
-from agglom_mpi.storage.reader import read_campaign
+import pytest
 
 
 @pytest.fixture(scope="session")
 def three(tmp_path_factory):
     """Return the file of a finished campaign of 240 samples in three variables."""
+    from set_runs import three_variable_file
+
+    from agglom_mpi import open_campaign
+
     return open_campaign(three_variable_file(tmp_path_factory.mktemp("three")))
 
 
 @pytest.fixture(scope="session")
 def filled(tmp_path_factory):
     """Return the file of a campaign that searches the volume fraction, too slow to double them."""
+    from set_runs import three_variable_file
+
+    from agglom_mpi.storage.reader import read_campaign
+
     replaced = {"size_ratio: 0.633": "volume_fraction: [0.1, 0.3]", "[0.1, 30]": "[0.1, 1.2]"}
     folder = tmp_path_factory.mktemp("filled")
     return read_campaign(three_variable_file(folder, replaced))
@@ -24,16 +28,24 @@ def filled(tmp_path_factory):
 @pytest.fixture(scope="session")
 def half(filled):
     """Return the set of strings of it that grow to 1.5 or more."""
-    return single_threaded(FeasibleSet)(filled, "25%")
+    return _set_of(filled, "25%")
 
 
 @pytest.fixture(scope="session")
 def unreachable(filled):
     """Return the set of strings of it that double the grains, which is empty."""
-    return single_threaded(FeasibleSet)(filled, 0.05)
+    return _set_of(filled, 0.05)
 
 
 @pytest.fixture(scope="session")
 def doubling(three):
     """Return the set of strings of it that double the grains within 5 %."""
     return three.feasible_set(0.05)
+
+
+def _set_of(data, tolerance):
+    """Return the set of a file, calibrated or not."""
+    from agglom_mpi.emulation.gaussian_process import single_threaded
+    from agglom_mpi.inference.feasible_set import FeasibleSet
+
+    return single_threaded(FeasibleSet)(data, tolerance)

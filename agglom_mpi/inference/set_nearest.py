@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.set_points import near_best
 from agglom_mpi.formatting import value_with_error
+from agglom_mpi.inference.set_points import near_best
 
 if TYPE_CHECKING:
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.inference.feasible_set import FeasibleSet
 
 MOST_FAILING: Final = 0.5
 """Probability of failure above which a string is not the nearest one."""

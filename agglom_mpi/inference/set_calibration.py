@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.criteria import Band, NearMaximum
 from agglom_mpi.formatting import format_digits
+from agglom_mpi.inference.criteria import Band, NearMaximum
 
 if TYPE_CHECKING:
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.inference.feasible_set import FeasibleSet
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-from agglom_mpi.search.gaussian_process import (
+from agglom_mpi.emulation.gaussian_process import (
     JITTER,
     LENGTHS,
     NOISE,

@@ -6,15 +6,15 @@ import pytest
 from rich.console import Console
 from set_runs import calibrated
 
-from agglom_mpi.analysis.set_directions import nearest_group, rounded, weighted_quantiles
-from agglom_mpi.analysis.set_report import (
+from agglom_mpi.config.groups import IMPACT_PRESSURE
+from agglom_mpi.inference.set_directions import nearest_group, rounded, weighted_quantiles
+from agglom_mpi.report.set_summary import (
     as_dict,
     grid_table,
     measure_text,
     set_text,
     warnings,
 )
-from agglom_mpi.config.groups import IMPACT_PRESSURE
 
 
 def printed(content, width=160):

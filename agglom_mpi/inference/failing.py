@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.emulator import Emulator, merged
+from agglom_mpi.emulation.emulator import Emulator, merged
 
 Floats = NDArray[np.float64]
 

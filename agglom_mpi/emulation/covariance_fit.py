@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, lapack
 
-from agglom_mpi.search.gaussian_process import (
+from agglom_mpi.emulation.gaussian_process import (
     JITTER,
     Covariance,
     covariance_of,

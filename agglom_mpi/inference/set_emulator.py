@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.emulator import Emulator, merged
+from agglom_mpi.emulation.emulator import Emulator, merged
 
 if TYPE_CHECKING:
-    from agglom_mpi.analysis.criteria import Criterion
-    from agglom_mpi.search.emulator import NoisyMeans
+    from agglom_mpi.emulation.emulator import NoisyMeans
+    from agglom_mpi.inference.criteria import Criterion
 
 Floats = NDArray[np.float64]
 

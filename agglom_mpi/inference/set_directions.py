@@ -10,7 +10,7 @@ from agglom_mpi.config.groups import Group
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.feasible_set import FeasibleSet
+    from agglom_mpi.inference.feasible_set import FeasibleSet
 
 Floats = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.resimulation import recorded_campaign
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.reader import parameters_of
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData

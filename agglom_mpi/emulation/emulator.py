@@ -15,8 +15,8 @@ from scipy.linalg import cho_solve
 from scipy.special import digamma, gammaincinv, ndtri, polygamma
 from scipy.stats import qmc
 
-from agglom_mpi.search.covariance_fit import fit_covariance_of_many, refined
-from agglom_mpi.search.gaussian_process import Covariance, GaussianProcess
+from agglom_mpi.emulation.covariance_fit import fit_covariance_of_many, refined
+from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
 
 Floats = NDArray[np.float64]
 

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.criteria import NearMaximum
-from agglom_mpi.analysis.feasible_set import INNER, OUTER, FeasibleSet
-from agglom_mpi.analysis.set_directions import rounded
-from agglom_mpi.analysis.set_nearest import quantity_name
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import format_digits, value_with_error
+from agglom_mpi.inference.criteria import NearMaximum
+from agglom_mpi.inference.feasible_set import INNER, OUTER, FeasibleSet
+from agglom_mpi.inference.set_directions import rounded
+from agglom_mpi.inference.set_nearest import quantity_name
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.analysis.set_posterior import Posterior
+    from agglom_mpi.inference.set_posterior import Posterior
 
 SHOWN: Final = 0.01
 """Minimum share of a direction that is shown."""

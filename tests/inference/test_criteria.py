@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from agglom_mpi.analysis.criteria import Band, MomentBands, NearMaximum, criterion_of
+from agglom_mpi.inference.criteria import Band, MomentBands, NearMaximum, criterion_of
 from agglom_mpi.outcome import OUTCOME, summaries
 from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
 

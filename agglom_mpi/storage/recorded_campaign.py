@@ -1,0 +1,24 @@
+"""The campaign that a file records."""
+
+from typing import TYPE_CHECKING
+
+from agglom_mpi.config import loading
+from agglom_mpi.config.campaign import Campaign
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+
+def recorded_campaign(data: "CampaignData") -> Campaign:
+    """Return the campaign of a file; a user's objective function cannot be called.
+
+    Raises
+    ------
+    CampaignError
+        If the text in the file is damaged.
+    """
+    return data.derived(_campaign)
+
+
+def _campaign(data: "CampaignData") -> Campaign:
+    return loading.recorded_campaign(data.campaign_text, str(data.path), data.identity)
