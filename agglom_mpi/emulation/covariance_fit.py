@@ -1,169 +1,321 @@
-"""The covariance of a Gaussian process through many noisy points, by fits of some of them."""
+"""Fit of the covariance of a Gaussian process by its posterior density.
 
-from typing import Final
+The density is that of the data given variance, lengths and noise, times a broad prior of the
+lengths. `fit_covariance` takes all points, for searches and sensitivities. `LargeFit` takes
+subsets, for an emulator of many points. [RW] is Rasmussen and Williams 2006.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, lapack
+from scipy.optimize import minimize
 
 from agglom_mpi.emulation.gaussian_process import (
     JITTER,
     Covariance,
-    covariance_of,
-    first_guess,
+    Floats,
     matern,
     matern_slope,
-    most_likely,
-    squared_differences,
     standardised,
 )
 
-Floats = NDArray[np.float64]
+LENGTH_BOUNDS: Final = (0.05, 100.0)
+"""Bounds of a length in units of the box; a variable with a much longer one has no influence."""
 
-FITS: Final = 3
-"""Fits of a covariance, of random subsets; the most likely by all points is kept."""
-SUBSET: Final = 320
-"""Points of each of them."""
-REFINED: Final = 700
-"""Points at most that the most likely one is refined with."""
-JUDGED: Final = 1200
-"""Points at most by which the most likely one is found."""
-EXPECTED_LENGTH, EXPECTED_BESIDE_GROUPS, EXPECTED_OF_GROUPS = 1.0, 2.0, 0.0
-"""Expected logarithms of a length over the square root of d, before the data.
+VARIANCE_BOUNDS: Final = (1e-2, 1e2)
+"""Bounds of the variance of the function, in units of the variance of the values."""
+
+NOISE_BOUNDS: Final = (1e-5, 1e2)
+"""Bounds of the variance of one sample, in the same units."""
+
+LOG_LENGTH_VARIANCE: Final = 3.0
+"""Prior variance of the logarithm of a length."""
+
+LOG_LENGTH: Final = 1.0
+"""Prior mean of the logarithm of a length over √d, in an emulator without groups of variables."""
+
+LOG_LENGTH_BESIDE_GROUPS, LOG_LENGTH_OF_GROUPS = 2.0, 0.0
+"""The same for a single variable and for a group, in an emulator with groups of variables.
 
 Groups of variables decide more, by the laws of a scene, than single variables do. Samples near a
 maximum cannot tell a group from a power of one of its variables.
 """
-LENGTH_SPREAD: Final = 3.0
-"""Variance of these logarithms."""
+
+SUBSET_FITS: Final = 3
+"""Number of random subsets of many points that a covariance is fitted to."""
+SUBSET_SIZE: Final = 320
+"""Maximum number of points in a subset."""
+MAX_COMPARED_POINTS: Final = 1200
+"""Maximum number of points by which the fits of the subsets are compared."""
+MAX_REFINED_POINTS: Final = 700
+"""Maximum number of points by which the best of these fits is refined."""
 
 
-def fit_covariance_of_many(
-    points: Floats,
-    values: Floats,
-    weights: Floats,
-    random: np.random.Generator,
-    groups: int = 0,
-) -> Covariance:
-    """Return the covariance of maximum posterior density, found by several fits of subsets.
+class LengthPrior(NamedTuple):
+    """Normal prior of the logarithms of d lengths, with the variance `LOG_LENGTH_VARIANCE`.
 
-    Parameters
+    Attributes
     ----------
-    points
-        Shape (n, d).
-    values
-        Means observed there, shape (n,).
-    weights
-        Number of samples of each, or what else the variance of its noise is inverse to, (n,).
-    random
-        Draws the subsets.
-    groups
-        How many of the coordinates, the last ones, are groups of variables.
+    mean
+        Terms whose sum is the mean, each a number or of shape (d,). They are subtracted one by one,
+        because the order decides the last bits of the fits that recorded searches rest on.
     """
-    _, _, standard = standardised(values)
-    start, expected = first_guess(points.shape[1]), expected_lengths(points.shape[1], groups)
-    if len(points) <= SUBSET:
-        data = squared_differences(points), standard, weights, expected
-        return covariance_of(most_likely(negative_log_likelihood, start, data, 100))
-    found = []
-    for _ in range(FITS):
-        some = random.permutation(len(points))[:SUBSET]
-        data = squared_differences(points[some]), standard[some], weights[some], expected
-        found.append(most_likely(negative_log_likelihood, start, data, 60))
-    some = random.permutation(len(points))[:JUDGED]
-    data = squared_differences(points[some]), standard[some], weights[some], expected
-    best = min(found, key=lambda at: negative_log_likelihood(at, *data, slope=False)[0])
-    return refined(covariance_of(best), points, values, weights, random, groups)
+
+    mean: tuple[Floats | float, ...]
+
+    def negative_log(self, logarithms: Floats) -> tuple[float, Floats]:
+        """Return the negative logarithm of the density at (d,), and its gradient, (d,)."""
+        away = logarithms
+        for term in self.mean:
+            away = away - term
+        return float((away**2).sum()) / (2.0 * LOG_LENGTH_VARIANCE), away / LOG_LENGTH_VARIANCE
 
 
-def refined(
-    covariance: Covariance,
-    points: Floats,
-    values: Floats,
-    weights: Floats,
-    random: np.random.Generator,
-    groups: int,
-) -> Covariance:
-    """Return a more likely covariance near one; arguments as for `fit_covariance_of_many`."""
-    _, _, standard = standardised(values)
-    some = random.permutation(len(points))[:REFINED]
-    expected = expected_lengths(points.shape[1], groups)
-    start = np.log([covariance.variance, *covariance.lengths, covariance.noise])
-    data = squared_differences(points[some]), standard[some], weights[some], expected
-    return covariance_of(most_likely(negative_log_likelihood, start, data, 15))
+def search_prior(dimensions: int) -> LengthPrior:
+    """Return the prior of a search, as Hvarfner, Hellsten and Nardi (2024).
+
+    It grows with the square root of d, so that a few points in many dimensions are not fitted by
+    noise alone.
+    """
+    return LengthPrior((math.sqrt(2.0), 0.5 * math.log(dimensions)))
 
 
-def negative_log_likelihood(
-    logarithms: Floats,
-    squares: Floats,
-    values: Floats,
-    weights: Floats,
-    expected: Floats,
-    slope: bool = True,
+def emulator_prior(dimensions: int, groups: int) -> LengthPrior:
+    """Return the prior of an emulator, whose last coordinates are groups of variables.
+
+    It expects shorter lengths than that of a search, so that an influence that the data hardly show
+    is not taken for none, and intervals cover.
+    """
+    own = LOG_LENGTH_BESIDE_GROUPS if groups else LOG_LENGTH
+    expected = np.full(dimensions, own + 0.5 * np.log(dimensions))
+    expected[dimensions - groups :] += LOG_LENGTH_OF_GROUPS - own
+    return LengthPrior((expected,))
+
+
+def covariance_of(logarithms: Floats) -> Covariance:
+    """Return the covariance of the logarithms of variance, lengths and noise, shape (d + 2,)."""
+    best = np.exp(logarithms)
+    return Covariance(float(best[0]), best[1:-1], float(best[-1]))
+
+
+class Arithmetic(NamedTuple):
+    """Way to compute a likelihood; the formulas are the same, the last bits are not.
+
+    Attributes
+    ----------
+    exponentials
+        Returns the covariance of its logarithms, shape (d + 2,).
+    slopes
+        Returns the derivative D of the negative log likelihood by the covariance matrix [RW 5.9],
+        shape (n, n), from its Cholesky factor, (n, n), and the weights of the data, (n,). It may
+        differ from D by an antisymmetric matrix.
+    product
+        Returns the sum of the products of the elements of D and a symmetric matrix, (n, n).
+    """
+
+    exponentials: Callable[[Floats], Covariance]
+    slopes: Callable[[Floats, Floats], Floats]
+    product: Callable[[Floats, Floats], float]
+
+
+def _recorded_exponentials(logarithms: Floats) -> Covariance:
+    lengths = np.exp(logarithms[1:-1])
+    return Covariance(math.exp(logarithms[0]), lengths, math.exp(logarithms[-1]))
+
+
+def _whole_slopes(root: Floats, weights: Floats) -> Floats:
+    inverse = cho_solve((root, True), np.eye(len(root)), check_finite=False)
+    return np.asarray(0.5 * (inverse - np.outer(weights, weights)))
+
+
+def _whole_product(slopes: Floats, matrix: Floats) -> float:
+    return float((slopes * matrix).sum())
+
+
+def _half_slopes(root: Floats, weights: Floats) -> Floats:
+    # The lower half of the inverse, doubled, stands for both.
+    slopes, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+    slopes[np.diag_indices_from(slopes)] *= 0.5
+    slopes -= 0.5 * np.outer(weights, weights)
+    return np.asarray(slopes)
+
+
+def _half_product(slopes: Floats, matrix: Floats) -> float:
+    return float(np.vdot(slopes, matrix))
+
+
+RECORDED: Final = Arithmetic(_recorded_exponentials, _whole_slopes, _whole_product)
+"""Arithmetic of searches, which are resumed and replayed to the last bit."""
+
+FAST: Final = Arithmetic(covariance_of, _half_slopes, _half_product)
+"""Arithmetic of emulators: half of the inverse matrix, in a third of the time."""
+
+
+class FitData(NamedTuple):
+    """Data of a fit.
+
+    Attributes
+    ----------
+    squares
+        Squared differences of the points in each coordinate, shape (d, n, n).
+    values
+        Standardised means, shape (n,).
+    weights
+        Numbers of samples, or other numbers that the variance of the noise is inversely
+        proportional to, shape (n,).
+    prior
+    arithmetic
+    """
+
+    squares: Floats
+    values: Floats
+    weights: Floats
+    prior: LengthPrior
+    arithmetic: Arithmetic
+
+
+def fit_data(
+    points: Floats, standard: Floats, weights: Floats, prior: LengthPrior, arithmetic: Arithmetic
+) -> FitData:
+    """Return the data of a fit to standardised means, (n,), at points, (n, d)."""
+    squares = np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
+    return FitData(squares, np.asarray_chkfinite(standard), weights, prior, arithmetic)
+
+
+def negative_log_posterior(
+    logarithms: Floats, data: FitData, gradient: bool = True
 ) -> tuple[float, Floats]:
-    """Negative logarithm of likelihood times prior, and its gradient [RW 5.8, 5.9].
+    """Return the negative logarithm of likelihood times prior, and its gradient [RW 5.8, 5.9].
 
     Parameters
     ----------
     logarithms
-        Of variance, lengths and noise, shape (d + 2,).
-    squares
-        Squared differences of the points, shape (d, n, n).
-    values, weights
-        Standardised means, and what their noise is divided by, shape (n,).
-    expected
-        Logarithms of the lengths before the data, shape (d,).
-    slope
-        Whether to compute the gradient, too, which takes most of the time.
+        Logarithms of variance, lengths and noise, shape (d + 2,).
+    data
+    gradient
+        Whether to compute the gradient, (d + 2,), which takes most of the time; otherwise it is
+        empty.
     """
-    variance, lengths, noise = (
-        np.exp(logarithms[0]),
-        np.exp(logarithms[1:-1]),
-        np.exp(logarithms[-1]),
-    )
-    flat = squares.reshape(len(lengths), -1)
-    r = np.sqrt(lengths**-2.0 @ flat).reshape(squares.shape[1:])
+    variance, lengths, noise = data.arithmetic.exponentials(logarithms)
+    squares = data.squares.reshape(len(lengths), -1)
+    r = np.sqrt(lengths**-2.0 @ squares).reshape(data.squares.shape[1:])
     smooth = variance * matern(r)
     matrix = smooth.copy()
-    matrix[np.diag_indices_from(matrix)] += noise / weights + JITTER
+    matrix[np.diag_indices_from(matrix)] += noise / data.weights + JITTER
     root = cholesky(matrix, lower=True, check_finite=False)
-    alpha = cho_solve((root, True), values, check_finite=False)
-    prior, prior_slope = _length_prior(logarithms[1:-1] - expected)
-    value = 0.5 * values @ alpha + np.log(np.diag(root)).sum() + prior
-    if not slope:
+    weights = cho_solve((root, True), data.values, check_finite=False)
+    prior, prior_slope = data.prior.negative_log(logarithms[1:-1])
+    value = 0.5 * data.values @ weights + np.log(np.diag(root)).sum() + prior
+    if not gradient:
         return float(value), np.empty(0)
-    # The lower half of the inverse alone: it is summed with symmetric matrices.
-    change, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
-    change[np.diag_indices_from(change)] *= 0.5
-    change -= 0.5 * np.outer(alpha, alpha)
-    slopes = change * (variance * matern_slope(r))
-    gradient = np.concatenate(
-        (
-            [np.vdot(change, smooth)],
-            flat @ slopes.ravel() / lengths**2 + prior_slope,
-            [change.diagonal() @ (noise / weights)],
-        )
+    slopes = data.arithmetic.slopes(root, weights)
+    by_distance = slopes * (variance * matern_slope(r))
+    parts = (
+        [data.arithmetic.product(slopes, smooth)],
+        squares @ by_distance.ravel() / lengths**2 + prior_slope,
+        [slopes.diagonal() @ (noise / data.weights)],
     )
-    return float(value), gradient
+    return float(value), np.concatenate(parts)
 
 
-def expected_lengths(dimensions: int, groups: int) -> Floats:
-    """Return the logarithms of lengths that are expected before the data, shape (d,).
+def most_probable(start: Floats, data: FitData, iterations: int) -> Floats:
+    """Return the logarithms, (d + 2,), within their bounds at which the density is greatest.
 
-    The last coordinates are the groups.
+    Parameters
+    ----------
+    start
+        Logarithms to start from, shape (d + 2,); clipped to the bounds.
+    data
+    iterations
+        Maximum number of iterations.
     """
-    own = EXPECTED_BESIDE_GROUPS if groups else EXPECTED_LENGTH
-    expected = np.full(dimensions, own + 0.5 * np.log(dimensions))
-    expected[dimensions - groups :] += EXPECTED_OF_GROUPS - own
-    return expected
+    bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * (len(start) - 2), NOISE_BOUNDS])
+    found = minimize(
+        negative_log_posterior,
+        np.clip(start, *bounds.T),
+        (data,),
+        jac=True,
+        bounds=bounds,
+        method="L-BFGS-B",
+        options={"maxiter": iterations},
+    )
+    return np.asarray(found.x)
 
 
-def _length_prior(away: Floats) -> tuple[float, Floats]:
-    """Negative logarithm of the density of lengths, and its gradient by their logarithms.
+def first_guess(dimensions: int) -> Floats:
+    """Return the logarithms of variance, lengths and noise that a fit starts from, (d + 2,)."""
+    return np.asarray(np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), 0.3]))
 
-    `away` is how far these are from what is expected, shape (d,).
 
-    As that of the search (Hvarfner et al. 2024), but of shorter lengths: with it an influence that
-    the data hardly show is not taken for none, so that intervals cover.
+def fit_covariance(points: Floats, values: Floats, samples: NDArray[np.int64]) -> Covariance:
+    """Return the most probable covariance by all points, with the prior and bits of a search.
+
+    Parameters
+    ----------
+    points
+        Points in the unit cube, shape (n, d).
+    values
+        Observed mean at each point, shape (n,).
+    samples
+        Number of samples of each mean, shape (n,).
     """
-    return float((away**2).sum()) / (2.0 * LENGTH_SPREAD), away / LENGTH_SPREAD
+    _, _, standard = standardised(values)
+    d = points.shape[1]
+    data = fit_data(points, standard, samples.astype(np.float64), search_prior(d), RECORDED)
+    return covariance_of(most_probable(first_guess(d), data, 100))
+
+
+class LargeFit(NamedTuple):
+    """Points of an emulator that a covariance is fitted to.
+
+    Attributes
+    ----------
+    points
+        Shape (n, d).
+    values
+        Observed mean at each point, shape (n,).
+    weights
+        Number of samples of each mean, or another number that the variance of its noise is
+        inversely proportional to, shape (n,).
+    random
+        Stream by which subsets are drawn.
+    groups
+        Number of coordinates, the last ones, that are groups of variables.
+    """
+
+    points: Floats
+    values: Floats
+    weights: Floats
+    random: np.random.Generator
+    groups: int = 0
+
+    def fitted(self) -> Covariance:
+        """Return the most probable covariance, found by fits of several subsets."""
+        start = first_guess(self.points.shape[1])
+        if len(self.points) <= SUBSET_SIZE:
+            return covariance_of(most_probable(start, self._data(), 100))
+        found = [
+            most_probable(start, self._data(self._subset(SUBSET_SIZE)), 60)
+            for _ in range(SUBSET_FITS)
+        ]
+        compared = self._data(self._subset(MAX_COMPARED_POINTS))
+        best = min(found, key=lambda at: negative_log_posterior(at, compared, gradient=False)[0])
+        return self.refined(covariance_of(best))
+
+    def refined(self, covariance: Covariance) -> Covariance:
+        """Return a more probable covariance near another one."""
+        start = np.log([covariance.variance, *covariance.lengths, covariance.noise])
+        data = self._data(self._subset(MAX_REFINED_POINTS))
+        return covariance_of(most_probable(start, data, 15))
+
+    def _subset(self, most: int) -> NDArray[np.int64]:
+        return self.random.permutation(len(self.points))[:most]
+
+    def _data(self, some: NDArray[np.int64] | slice = slice(None)) -> FitData:
+        _, _, standard = standardised(self.values)
+        prior = emulator_prior(self.points.shape[1], self.groups)
+        return fit_data(self.points[some], standard[some], self.weights[some], prior, FAST)

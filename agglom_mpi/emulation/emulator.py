@@ -1,9 +1,9 @@
 """Emulator: a Gaussian process of a mean whose noise depends on the point.
 
 The noise of one sample is a second process, of the logarithm of its variance. Its data are the
-squared leave-one-out residuals of the first (Kersting et al. 2007) and, where a point has several
-samples, their variance. Both are noisy by themselves, by as much as the logarithm of a variance of
-as many degrees of freedom is.
+squared leave-one-out residuals of the first process (Kersting et al. 2007) and, where a point has
+several samples, the variance of these. Both data are noisy themselves, like the logarithm of a
+variance with that many degrees of freedom. [RW] is Rasmussen and Williams 2006.
 """
 
 from collections.abc import Callable
@@ -11,28 +11,28 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
 from scipy.special import digamma, gammaincinv, ndtri, polygamma
 from scipy.stats import qmc
 
-from agglom_mpi.emulation.covariance_fit import fit_covariance_of_many, refined
-from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
+from agglom_mpi.emulation.covariance_fit import LargeFit
+from agglom_mpi.emulation.gaussian_process import Covariance, Floats, GaussianProcess
 
-Floats = NDArray[np.float64]
-
-ROUNDS: Final = 2
-"""Turns of fitting the noise and the mean."""
-LEAST_NOISE: Final = 1e-3
-"""Smallest variance of a sample, relative to the mean one: where nothing grows there is none."""
-LEAST_WEIGHED: Final = 0.5
-"""Variance by which a sample is weighed, at least, relative to the median one.
+NOISE_ROUNDS: Final = 2
+"""Number of times that the noise and then the mean are fitted again."""
+MIN_RELATIVE_NOISE: Final = 1e-3
+"""Lower bound of the noise variance relative to its mean; the noise is zero where no grain grows.
+"""
+MIN_RELATIVE_WEIGHING: Final = 0.5
+"""Lower bound of the variance that a sample is weighed by, relative to the median variance.
 
 Strings in which nothing grows would otherwise make the process as smooth elsewhere as they are.
 """
-FEATURES: Final = 2048
-"""Random frequencies of the functions drawn from the prior."""
-BLOCK: Final = 2048
-"""Points evaluated together."""
+FREQUENCY_COUNT: Final = 2048
+"""Number of random frequencies of the functions drawn from the prior."""
+MAX_POINTS_AT_ONCE: Final = 2048
+"""Maximum number of points that are evaluated together."""
+LOG_SQUARE_VARIANCE: Final = float(polygamma(1, 0.5))
+"""Variance of the logarithm of the square of a standard normal number, π²/2."""
 
 
 class NoisyMeans(NamedTuple):
@@ -43,9 +43,9 @@ class NoisyMeans(NamedTuple):
     points
         Shape (n, d).
     means
-        Shape (n,).
+        Mean of the samples at each point, shape (n,).
     samples
-        Number of samples of each, shape (n,).
+        Number of samples at each point, shape (n,).
     squares
         Sum of the squared deviations of the samples from their mean, shape (n,); nan if unknown.
     """
@@ -57,7 +57,7 @@ class NoisyMeans(NamedTuple):
 
 
 def merged(points: Floats, values: Floats) -> NoisyMeans:
-    """Return the means of single samples, values (n,) at points (n, d); equal points are one."""
+    """Return the means of samples, values (n,) at points (n, d), those at equal points together."""
     different, place = np.unique(points, axis=0, return_inverse=True)
     place = place.ravel()
     samples = np.bincount(place).astype(np.int64)
@@ -72,18 +72,18 @@ class Emulator:
     Parameters
     ----------
     data
-        The samples, at two points or more.
+        Means of samples at two points or more.
     random
-        For the subsets that covariances are fitted to.
+        Stream of the subsets that covariances are fitted to.
     groups
-        How many of the coordinates, the last ones, are groups of variables.
+        Number of coordinates, the last ones, that are groups of variables.
     rounds
-        Turns of fitting the noise by the residuals, and the mean by the noise; 0: one noise for
-        all points.
+        Number of times that the noise is fitted to the residuals, and the mean again by that
+        noise; 0: one noise for all points.
 
     Attributes
     ----------
-    data
+    data : NoisyMeans
     """
 
     def __init__(
@@ -91,21 +91,22 @@ class Emulator:
         data: NoisyMeans,
         random: np.random.Generator,
         groups: int = 0,
-        rounds: int = ROUNDS,
+        rounds: int = NOISE_ROUNDS,
     ) -> None:
         self.data = data
         weights = data.samples.astype(np.float64)
-        covariance = fit_covariance_of_many(data.points, data.means, weights, random, groups)
-        process = Process(covariance, data.points, data.means, weights)
+        fit = LargeFit(data.points, data.means, weights, random, groups)
+        covariance = fit.fitted()
+        process = GaussianProcess(covariance, data.points, data.means, weights)
         known: Covariance | None = None
         for _ in range(rounds):
             self._noise = NoiseProcess(process, data, random, groups, known)
             known = self._noise.covariance
             variance = self._noise.variance_without
             typical = float(np.median(variance))
-            weights = data.samples * typical / np.maximum(variance, LEAST_WEIGHED * typical)
-            covariance = refined(covariance, data.points, data.means, weights, random, groups)
-            process = Process(covariance, data.points, data.means, weights)
+            weights = data.samples * typical / np.maximum(variance, MIN_RELATIVE_WEIGHING * typical)
+            covariance = fit._replace(weights=weights).refined(covariance)
+            process = GaussianProcess(covariance, data.points, data.means, weights)
         self._process = process
 
     def mean(self, points: Floats) -> Floats:
@@ -120,74 +121,63 @@ class Emulator:
         """Return the standard deviation of one sample at points, (m, d), shape (m,)."""
         return np.sqrt(self._noise.variance(points, self.mean(points)))
 
-    def paths(self, number: int, random: np.random.Generator) -> "Paths":
+    def draw(self, number: int, random: np.random.Generator) -> "DrawnFunctions":
         """Draw functions from the posterior of the mean."""
-        return self._process.paths(number, random)
+        return DrawnFunctions(self._process, number, random)
 
     def held_out(self) -> tuple[Floats, Floats]:
-        """Predict each mean of the data without it: expected value and standard deviation, (n,).
+        """Return the prediction of each mean from all the others, and its deviation, each (n,).
 
-        The deviation is that of the mean of its samples, noise included.
+        The deviation includes the noise of the samples.
         """
-        return self._process.predicted_without()
+        return self._process.leave_one_out(), self._process.leave_one_out_deviation()
 
 
-class Process(GaussianProcess):
-    """A Gaussian process that draws functions at many points, and predicts its own data."""
+class DrawnFunctions:
+    """Functions drawn from the posterior of a process, to be evaluated anywhere.
 
-    def predicted_without(self) -> tuple[Floats, Floats]:
-        """Return leave-one-out predictions and their standard deviations, (n,) [RW 5.12]."""
-        return self.leave_one_out(), self._scale / np.sqrt(self._factor.inverse)
+    A function of the prior, a sum of random waves, is moved by what it misses of the data (Wilson
+    et al. 2020).
 
-    @property
-    def noise_at_points(self) -> Floats:
-        """Standard deviation of the noise of each value, shape (n,)."""
-        return self._scale * np.sqrt(self._noise)
+    Parameters
+    ----------
+    process
+    number
+        Number of functions.
+    random
+        Stream of the draws.
+    """
 
-    def paths(self, number: int, random: np.random.Generator) -> "Paths":
-        """Draw functions from the posterior, as Wilson et al. (2020).
-
-        A function of the prior, a sum of random waves, is moved by what it misses of the data.
-        """
-        lengths, variance = self._covariance.lengths, self._covariance.variance
-        waves = _frequencies(len(lengths), random) / lengths[:, None]
-        weights = random.normal(size=(2 * FEATURES, number)) * np.sqrt(variance / FEATURES)
-        noise = random.normal(size=(len(self._points), number)) * np.sqrt(self._noise)[:, None]
-        missed = self._standard[:, None] - _waves(self._points, waves) @ weights - noise
-        return Paths(self, waves, weights, cho_solve((self._factor.root, True), missed))
-
-
-class Paths:
-    """Functions drawn from the posterior of a process, to be evaluated anywhere."""
-
-    def __init__(self, process: Process, waves: Floats, weights: Floats, update: Floats) -> None:
+    def __init__(self, process: GaussianProcess, number: int, random: np.random.Generator) -> None:
+        variance, lengths, _ = process.covariance
         self._process = process
-        self._waves, self._weights, self._update = waves, weights, update
+        self._frequencies = _unit_frequencies(len(lengths), random) / lengths[:, None]
+        amplitude = np.sqrt(variance / FREQUENCY_COUNT)
+        self._weights = random.normal(size=(2 * FREQUENCY_COUNT, number)) * amplitude
+        self._update = process.drawn_update(self._prior(process.points), random)
 
     def __call__(self, points: Floats) -> Floats:
         """Return the n functions at points, (m, d), shape (n, m)."""
         drawn = np.empty((self._weights.shape[1], len(points)))
-        for i in range(0, len(points), BLOCK):
-            at = points[i : i + BLOCK]
-            prior = _waves(at, self._waves) @ self._weights
-            values = prior + self._process._between(at, self._process._points) @ self._update
-            drawn[:, i : i + BLOCK] = values.T
-        return self._process._centre + self._process._scale * drawn
+        for i in range(0, len(points), MAX_POINTS_AT_ONCE):
+            at = points[i : i + MAX_POINTS_AT_ONCE]
+            values = self._process.updated(self._prior(at), at, self._update)
+            drawn[:, i : i + MAX_POINTS_AT_ONCE] = values.T
+        return drawn
+
+    def _prior(self, points: Floats) -> Floats:
+        phases = points @ self._frequencies
+        return np.asarray(np.hstack((np.cos(phases), np.sin(phases))) @ self._weights)
 
 
-def _frequencies(dimensions: int, random: np.random.Generator) -> Floats:
-    """Return frequencies of a Matérn-5/2 process of unit lengths, evenly spread, (d, `FEATURES`).
+def _unit_frequencies(dimensions: int, random: np.random.Generator) -> Floats:
+    """Return evenly spread frequencies of a Matérn-5/2 process, (d, `FREQUENCY_COUNT`).
 
-    They have Student's t distribution with five degrees of freedom [RW 4.15].
+    They have Student's t distribution with five degrees of freedom [RW 4.15], for unit lengths.
     """
-    even = qmc.Sobol(dimensions + 1, seed=random).random(FEATURES)
+    even = qmc.Sobol(dimensions + 1, seed=random).random(FREQUENCY_COUNT)
     stretch = np.sqrt(2.0 * gammaincinv(2.5, even[:, 0]) / 5.0)
     return np.asarray((ndtri(even[:, 1:]) / stretch[:, None]).T)
-
-
-def _waves(points: Floats, waves: Floats) -> Floats:
-    phases = points @ waves
-    return np.hstack((np.cos(phases), np.sin(phases)))
 
 
 class NoiseProcess:
@@ -199,24 +189,25 @@ class NoiseProcess:
     Parameters
     ----------
     process
-        Of the means, with the noise as it is known so far.
+        Process of the means, with the noise as it is known so far.
     data
-        The samples.
+        Means of samples.
     random
+        Stream of the subsets that its covariance is fitted to.
     groups
-        How many of the coordinates of the data, the last ones, are groups of variables. The
-        emulated mean is one more.
+        Number of coordinates of the data, the last ones, that are groups of variables. The emulated
+        mean is one more.
     near
-        A covariance of it that was found with other noise; None: search for one everywhere.
+        Covariance found with other noise, near which the fit starts; None: there is none yet.
 
     Attributes
     ----------
-    covariance
+    covariance : Covariance
     """
 
     def __init__(
         self,
-        process: Process,
+        process: GaussianProcess,
         data: NoisyMeans,
         random: np.random.Generator,
         groups: int,
@@ -226,23 +217,19 @@ class NoiseProcess:
         means = process.leave_one_out()
         self._lowest, self._highest = float(means.min()), float(means.max())
         points = self._with_mean(data.points, means)
-        weights = NOISE_OF_ONE / spread
-        if near is None:
-            self.covariance = fit_covariance_of_many(
-                points, logarithms, weights, random, groups + 1
-            )
-        else:
-            self.covariance = refined(near, points, logarithms, weights, random, groups + 1)
+        weights = LOG_SQUARE_VARIANCE / spread
+        fit = LargeFit(points, logarithms, weights, random, groups + 1)
+        self.covariance = fit.fitted() if near is None else fit.refined(near)
         self._process = GaussianProcess(self.covariance, points, logarithms, weights)
         self._floor = float(logarithms.min())
 
     @property
     def variance_without(self) -> Floats:
-        """Variance of a sample at each point of the data, as the other points tell it, (n,)."""
+        """Variance of one sample at each point of the data, by all the other points, (n,)."""
         return self._variance(self._process.leave_one_out())
 
     def variance(self, points: Floats, means: Floats) -> Floats:
-        """Return it at points, (m, d), where the emulated means are these, (m,): shape (m,)."""
+        """Return the variance of one sample at points, (m, d), with emulated means (m,): (m,)."""
         at = self._with_mean(points, means)
         return self._variance(_blockwise(self._process.mean, at))
 
@@ -254,27 +241,23 @@ class NoiseProcess:
         return np.column_stack((points, np.clip(scaled, 0.0, 1.0)))
 
 
-NOISE_OF_ONE: Final = float(polygamma(1, 0.5))
-"""Variance of the logarithm of the square of a standard normal number, π²/2."""
+def _observed_logarithms(process: GaussianProcess, data: NoisyMeans) -> tuple[Floats, Floats]:
+    """Return estimates of the logarithm of the variance, and the variances of these, each (n,).
 
-
-def _observed_logarithms(process: Process, data: NoisyMeans) -> tuple[Floats, Floats]:
-    """Return what the data say of the logarithm of the variance, and their own variance, (n,).
-
-    A leave-one-out residual is due to the noise and to the process; its square is divided among
-    them as their variances are.
+    A leave-one-out residual is due to the noise and to the process; its square is divided between
+    them in proportion to their variances.
     """
-    predicted, deviation = process.predicted_without()
+    predicted, deviation = process.leave_one_out(), process.leave_one_out_deviation()
     own = process.noise_at_points**2 * data.samples
     share = ((data.means - predicted) / deviation) ** 2
-    least = LEAST_NOISE * float(np.average(own, weights=data.samples))
+    least = MIN_RELATIVE_NOISE * float(np.average(own, weights=data.samples))
     logarithms = np.log(np.maximum(own * share, least)) - float(digamma(0.5) + np.log(2.0))
-    spread = np.full(len(own), NOISE_OF_ONE)
+    spread = np.full(len(own), LOG_SQUARE_VARIANCE)
     several = (data.samples > 1) & np.isfinite(data.squares)
     freedom = data.samples[several] - 1.0
     variance = np.maximum(data.squares[several] / freedom, least)
     within = np.log(variance) - digamma(0.5 * freedom) + np.log(0.5 * freedom)
-    precision = 1.0 / polygamma(1, 0.5 * freedom), 1.0 / NOISE_OF_ONE
+    precision = 1.0 / polygamma(1, 0.5 * freedom), 1.0 / LOG_SQUARE_VARIANCE
     logarithms[several] = (precision[0] * within + precision[1] * logarithms[several]) / sum(
         precision
     )
@@ -283,6 +266,7 @@ def _observed_logarithms(process: Process, data: NoisyMeans) -> tuple[Floats, Fl
 
 
 def _blockwise(function: Callable[[Floats], Floats], points: Floats) -> Floats:
-    """Return a function of points, (m, d), computed for some of them at a time, shape (m,)."""
-    blocks = [function(points[i : i + BLOCK]) for i in range(0, len(points), BLOCK)]
+    """Return the values of a function at points, (m, d), computed in blocks, shape (m,)."""
+    starts = range(0, len(points), MAX_POINTS_AT_ONCE)
+    blocks = [function(points[i : i + MAX_POINTS_AT_ONCE]) for i in starts]
     return np.concatenate(blocks) if blocks else np.empty(0)

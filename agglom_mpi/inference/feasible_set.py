@@ -14,13 +14,13 @@ from agglom_mpi.config.own_variables import (
     read_searched,
 )
 from agglom_mpi.config.yaml_source import ArgumentError
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.inference.criteria import Band, NearMaximum, criterion_of, read_tolerance
 from agglom_mpi.inference.failing import FailingShare
 from agglom_mpi.inference.set_calibration import Calibration, calibrate
-from agglom_mpi.inference.set_emulator import SetEmulator
 from agglom_mpi.inference.set_points import SetPoints, spread_points, within
 from agglom_mpi.inference.set_samples import favour_low_objectives, stored_samples
 from agglom_mpi.public_face import PublicFace
@@ -115,7 +115,9 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         numbers = _settled(self.criterion.numbers(stored.rows, self.campaign.scene.particles))
         points = self.coordinates.of_strings(stored.strings)
         groups = len(self.coordinates.groups)
-        self.emulator = SetEmulator(self.criterion, points, numbers, self._stream(0), groups)
+        self.emulator = JointEmulator(
+            self.criterion.compared, points, numbers, self._stream(0), groups
+        )
         self._failing = FailingShare(
             self.coordinates.of_strings(stored.tried), stored.failed, self._stream(1), groups
         )
@@ -387,7 +389,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
             mean, deviation = self.emulator.mean(points), self.emulator.deviation(points)
             found = self.criterion.probability(mean[:, 0], deviation[:, 0])
         else:
-            found = self.emulator.probability(points)
+            found = self.emulator.probability(points, self.criterion.holds)
         found = found * (1.0 - self._failing.at(points))
         if self.campaign.relations.constraints:
             found = np.where(self.campaign.allowed_strings(strings), found, 0.0)
@@ -397,7 +399,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         """Draw functions, and find the maximum of each near where the expected mean is largest."""
         from agglom_mpi.inference.set_points import near_best
 
-        self._paths = self.emulator.paths(FUNCTIONS, self._stream(2))
+        self._paths = self.emulator.draw(FUNCTIONS, self._stream(2))
         candidates = near_best(self, strings)
         self._maxima = self._paths(self._coordinates(candidates))[..., 0].max(axis=1)
 
@@ -435,7 +437,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
             drawn = self._paths(coordinates)[..., 0]
             members = drawn >= (self.criterion.share * self._maxima)[:, None]
         else:
-            functions = self.emulator.paths(FUNCTIONS, self._stream(3))(coordinates)
+            functions = self.emulator.draw(FUNCTIONS, self._stream(3))(coordinates)
             members = self.criterion.holds(functions)
         own = float((members @ weights).std()) if unsure.any() else 0.0
         spread = float(points.probability**2 @ points.weights**2) - self.volume**2 / len(

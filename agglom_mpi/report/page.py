@@ -17,7 +17,7 @@ from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
 from agglom_mpi.analysis.summary import moment_notes
 from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.feasible_set import FeasibleSet

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.inference.criteria import criterion_of
 from agglom_mpi.inference.feasible_set import FeasibleSet, tolerance_of

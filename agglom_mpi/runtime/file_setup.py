@@ -79,6 +79,8 @@ DECIDING: Final = (
 )
 """Files of the package that decide what a sample computes, and what is decided by it."""
 NOT_DECIDING: Final = (
+    # Several numbers of a sample, for the feasible set.
+    "emulation/joint_emulator.py",
     # What `agglom check` prints.
     "config/consequences.py",
     "config/describe.py",

@@ -6,8 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator, NoisyMeans
-from agglom_mpi.emulation.gaussian_process import GaussianProcess, single_threaded
+from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.statistics import probability_between
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
     PROMISING,
@@ -243,7 +243,7 @@ class SurrogateSearch(EvaluatedStrings):
 
     def _covariance(self, fitted: int) -> "Covariance | None":
         """Return the covariance fitted to the first strings; None if they are too few."""
-        from agglom_mpi.emulation.gaussian_process import fit_covariance
+        from agglom_mpi.emulation.covariance_fit import fit_covariance
 
         if np.isfinite(self.objectives[:fitted]).sum() < 2:
             return None

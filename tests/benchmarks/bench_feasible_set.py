@@ -33,13 +33,13 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import chisquare, kstest, qmc
 
-from agglom_mpi.analysis import feasible_set
 from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.emulation.joint_emulator import JointEmulator
+from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.criteria import criterion_of
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.set_emulator import SetEmulator
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
@@ -180,8 +180,8 @@ def truth_of(name, jobs):
     fitted = (growth > lower - 2.0 * WINDOW) & (growth < upper + 2.0 * WINDOW)
     kept = np.repeat(np.arange(len(strings)), [len(rows) for rows in samples])
     some = fitted[kept]
-    whole = SetEmulator(
-        criterion, points[kept][some], np.vstack(numbers)[some], np.random.default_rng(4)
+    whole = JointEmulator(
+        criterion.compared, points[kept][some], np.vstack(numbers)[some], np.random.default_rng(4)
     )
     long = np.array([len(rows) for rows in samples]) >= question.most
     error = whole.deviation(points[long])[:, 0].mean()

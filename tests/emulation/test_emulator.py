@@ -51,7 +51,7 @@ def test_held_out_intervals_cover_as_often_as_they_say(emulator):
 
 
 def test_drawn_functions_have_the_mean_of_the_posterior(emulator, others):
-    drawn = emulator.paths(1000, np.random.default_rng(2))(others[:50])
+    drawn = emulator.draw(1000, np.random.default_rng(2))(others[:50])
     away = drawn.mean(axis=0) - emulator.mean(others[:50])
     assert np.abs(away / drawn.std(axis=0)).max() < 4.5 / np.sqrt(1000)
 
@@ -61,7 +61,7 @@ def test_drawn_functions_have_the_variance_of_the_posterior_on_average(emulator,
     count, variance = 24, emulator.deviation(others[:50]) ** 2
     ratios = []
     for seed in range(count):
-        drawn = emulator.paths(100, np.random.default_rng(seed))(others[:50])
+        drawn = emulator.draw(100, np.random.default_rng(seed))(others[:50])
         ratios.append(np.mean(drawn.var(axis=0, ddof=1) / variance))
     error = np.std(ratios, ddof=1) / np.sqrt(count)
     assert abs(np.mean(ratios) - 1.0) < t.isf(3e-5, count - 1) * error
@@ -69,9 +69,9 @@ def test_drawn_functions_have_the_variance_of_the_posterior_on_average(emulator,
 
 
 def test_functions_can_be_asked_again_elsewhere(emulator, others):
-    paths = emulator.paths(3, np.random.default_rng(2))
-    whole = paths(others)
-    assert paths(others[7:9]) == pytest.approx(whole[:, 7:9])
+    functions = emulator.draw(3, np.random.default_rng(2))
+    whole = functions(others)
+    assert functions(others[7:9]) == pytest.approx(whole[:, 7:9])
 
 
 def test_equal_points_are_one_with_the_mean_of_their_samples():

@@ -5,16 +5,21 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
+from agglom_mpi.emulation.covariance_fit import (
+    FAST,
+    LENGTH_BOUNDS,
+    NOISE_BOUNDS,
+    RECORDED,
+    fit_covariance,
+    fit_data,
+    negative_log_posterior,
+    search_prior,
+)
 from agglom_mpi.emulation.gaussian_process import (
     JITTER,
-    LENGTHS,
-    NOISE,
     Covariance,
     GaussianProcess,
-    _length_prior,
-    _negative_log_likelihood,
     distances,
-    fit_covariance,
     matern,
     standardised,
 )
@@ -50,8 +55,10 @@ def logarithms(covariance):
     return np.log([covariance.variance, *covariance.lengths, covariance.noise])
 
 
-def squared_differences(points):
-    return (points.T[:, :, None] - points.T[:, None, :]) ** 2
+def data_of(points, values, samples, arithmetic=RECORDED):
+    """Return the data of a fit with the prior of a search."""
+    prior = search_prior(points.shape[1])
+    return fit_data(points, standardised(values)[2], samples.astype(float), prior, arithmetic)
 
 
 def differences(function, at, step):
@@ -60,16 +67,33 @@ def differences(function, at, step):
     return np.array([(function(at + h) - function(at - h)) / (2.0 * step) for h in steps])
 
 
+@pytest.mark.parametrize("arithmetic", [RECORDED, FAST], ids=["recorded", "fast"])
 @cases
 @modest
-def test_the_gradient_of_the_likelihood_is_its_derivative(dimensions, count, seed, decades):
+def test_the_gradient_of_the_likelihood_is_its_derivative(
+    arithmetic, dimensions, count, seed, decades
+):
     covariance, points, values, samples = drawn(dimensions, count, seed, decades)
-    rest = squared_differences(points), standardised(values)[2], samples.astype(float)
-    at = logarithms(covariance)
-    value, gradient = _negative_log_likelihood(at, *rest)
-    found = differences(lambda x: _negative_log_likelihood(x, *rest)[0], at, 1e-4)
+    data, at = data_of(points, values, samples, arithmetic), logarithms(covariance)
+    value, gradient = negative_log_posterior(at, data)
+    found = differences(lambda x: negative_log_posterior(x, data, gradient=False)[0], at, 1e-4)
     # Logarithms change by 1e-4: a third derivative of the value's size gives 1e-8 of it.
     assert np.allclose(found, gradient, rtol=0.0, atol=1e-6 * (1.0 + abs(value)))
+
+
+@cases
+@modest
+def test_both_arithmetics_give_the_same_likelihood_but_for_rounding(
+    dimensions, count, seed, decades
+):
+    covariance, points, values, samples = drawn(dimensions, count, seed, decades)
+    one, other = (
+        negative_log_posterior(logarithms(covariance), data_of(points, values, samples, arithmetic))
+        for arithmetic in (RECORDED, FAST)
+    )
+    assert one[0] == pytest.approx(other[0], rel=ROUNDING, abs=ROUNDING)
+    size = 1.0 + abs(one[0]) + abs(one[1]).max()
+    assert np.allclose(one[1], other[1], rtol=0.0, atol=1e-7 * size)
 
 
 @cases
@@ -116,10 +140,9 @@ def test_posterior_and_likelihood_are_those_of_scikit_learn(dimensions, count, s
     assert np.allclose(variance, deviation**2, rtol=0.0, atol=1e-8 * covariance.variance)
     assert process.sample_deviation == pytest.approx(scale * np.sqrt(covariance.noise))
     at = logarithms(covariance)
-    unlikely, _ = _negative_log_likelihood(
-        at, squared_differences(points), standard, samples.astype(float)
-    )
-    likelihood = _length_prior(at[1:-1])[0] - unlikely - 0.5 * count * np.log(2.0 * np.pi)
+    unlikely, _ = negative_log_posterior(at, data_of(points, values, samples))
+    before = search_prior(dimensions).negative_log(at[1:-1])[0]
+    likelihood = before - unlikely - 0.5 * count * np.log(2.0 * np.pi)
     assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, rel=1e-7, abs=1e-7)
 
 
@@ -241,7 +264,8 @@ def estimation_errors(logs, points):
     # Fisher information of a normal distribution [RW 5.9 squared and averaged].
     information = np.array([[0.5 * np.trace(a @ b) for a in relative] for b in relative])
     spread = np.linalg.inv(information)
-    return np.sqrt(np.diag(spread)), abs(spread[:, 1:-1]) @ abs(_length_prior(logs[1:-1])[1])
+    moved = abs(spread[:, 1:-1]) @ abs(search_prior(2).negative_log(logs[1:-1])[1])
+    return np.sqrt(np.diag(spread)), moved
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -294,7 +318,7 @@ def test_two_points_are_enough_for_a_fit(away):
     points = np.array([[0.2, 0.4], [0.2 + 0.5 * away, 0.4]])
     values, samples = np.array([1.0, 2.0]), np.array([1, 3])
     found = fit_covariance(points, values, samples)
-    assert np.all((found.lengths >= LENGTHS[0]) & (found.lengths <= LENGTHS[1]))
-    assert NOISE[0] * (1 - 1e-12) <= found.noise <= NOISE[1]
+    assert np.all((found.lengths >= LENGTH_BOUNDS[0]) & (found.lengths <= LENGTH_BOUNDS[1]))
+    assert NOISE_BOUNDS[0] * (1 - 1e-12) <= found.noise <= NOISE_BOUNDS[1]
     process = GaussianProcess(found, points, values, samples)
     assert np.all((process.mean(points) > 0.9) & (process.mean(points) < 2.1))

@@ -45,7 +45,7 @@ def doubling(three):
 
 def _set_of(data, tolerance):
     """Return the set of a file, calibrated or not."""
-    from agglom_mpi.emulation.gaussian_process import single_threaded
+    from agglom_mpi.emulation.blas_threads import single_threaded
     from agglom_mpi.inference.feasible_set import FeasibleSet
 
     return single_threaded(FeasibleSet)(data, tolerance)

@@ -5,7 +5,7 @@ from set_runs import calibrated, three_variable_file, three_variable_text
 
 from agglom_mpi import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet, NoFeasibleSetError
 from agglom_mpi.inference.set_directions import FREE, _slopes
 from agglom_mpi.storage.reader import read_campaign

@@ -6,7 +6,7 @@ from set_runs import three_variable_text
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.emulation.gaussian_process import single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.search import space
 from agglom_mpi.storage.reader import read_campaign

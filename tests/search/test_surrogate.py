@@ -13,7 +13,9 @@ from processes import HANG, output_of, program, wait_for
 from search_fakes import judged, unit_box
 from threadpoolctl import threadpool_info
 
-from agglom_mpi.emulation.gaussian_process import GaussianProcess, fit_covariance, single_threaded
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.emulation.covariance_fit import fit_covariance
+from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
 from agglom_mpi.search.baselines import RandomSearch, sobol_strings

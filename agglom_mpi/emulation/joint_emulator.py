@@ -1,0 +1,143 @@
+"""Joint emulator of several numbers of a sample, with their correlated noise."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from agglom_mpi.emulation.emulator import Emulator, merged
+from agglom_mpi.emulation.gaussian_process import Floats
+
+NORMAL_POINTS: Final = 256
+"""Number of normally distributed points that a function of several numbers is averaged over."""
+MAX_POINTS_PER_BLOCK: Final = 1024
+"""Maximum number of points whose probabilities are computed together."""
+
+
+class JointEmulator:
+    """Emulator of k numbers of a sample, and of q quantities that are functions of their means.
+
+    The noise of several numbers of a sample is correlated. The numbers are mixed to k others with
+    uncorrelated noise, by the covariance of the residuals of a first emulation; each of these is
+    emulated by a process of its own.
+
+    Parameters
+    ----------
+    quantities
+        Returns the quantities, (…, q), of the means of the numbers, (…, k).
+    points
+        Coordinates of each sample, shape (n, p).
+    numbers
+        Numbers of each sample, shape (n, k).
+    random
+        Stream of the subsets that covariances are fitted to.
+    groups
+        Number of coordinates, the last ones, that are groups of variables.
+    """
+
+    def __init__(
+        self,
+        quantities: Callable[[Floats], Floats],
+        points: Floats,
+        numbers: Floats,
+        random: np.random.Generator,
+        groups: int = 0,
+    ) -> None:
+        self._quantities = quantities
+        k = numbers.shape[1]
+        self._mixing = np.eye(k)
+        if k > 1:
+            scales = numbers.std(axis=0)
+            scales[scales == 0.0] = 1.0
+            first = [
+                Emulator(merged(points, n), random, groups, rounds=0) for n in (numbers / scales).T
+            ]
+            residuals = np.array([e.data.means - e.held_out()[0] for e in first])
+            noise = residuals @ residuals.T / residuals.shape[1] + 1e-9 * np.eye(k)
+            self._mixing = scales[:, None] * np.linalg.cholesky(noise)
+        mixed = np.linalg.solve(self._mixing, numbers.T)
+        self._emulators = [Emulator(merged(points, n), random, groups) for n in mixed]
+        # One number is the quantity itself.
+        self._is_single = k == 1
+        self._normal = _normal_points(k) if k > 1 else np.empty((0, 1))
+
+    @property
+    def held_out(self) -> list[tuple[Floats, Floats, Floats]]:
+        """Data of each process, their held-out predictions, and the deviations of these, (n,)."""
+        return [(e.data.means, *e.held_out()) for e in self._emulators]
+
+    def mean(self, points: Floats) -> Floats:
+        """Return the expected quantities at points, (m, p), shape (m, q)."""
+        if self._is_single:
+            return self._emulators[0].mean(points)[:, None]
+        return self._spread_quantities(points).mean(axis=0)
+
+    def deviation(self, points: Floats) -> Floats:
+        """Return the standard deviations of the quantities at points, (m, p), shape (m, q)."""
+        if self._is_single:
+            return self._emulators[0].deviation(points)[:, None]
+        return self._spread_quantities(points).std(axis=0)
+
+    def mean_only(self, points: Floats) -> Floats:
+        """Return the quantities of the expected numbers at points, (m, p), shape (m, q)."""
+        means = np.column_stack([e.mean(points) for e in self._emulators])
+        return self._quantities(means @ self._mixing.T)
+
+    def first_mean(self, points: Floats) -> Floats:
+        """Return the expected value of the first process at points, (m, p), shape (m,)."""
+        return self._emulators[0].mean(points)
+
+    def noise(self, points: Floats) -> Floats:
+        """Return the standard deviation of each number of one sample at points, shape (m, k)."""
+        own = np.column_stack([e.noise(points) for e in self._emulators])
+        return np.sqrt(own**2 @ (self._mixing**2).T)
+
+    def probability(
+        self, points: Floats, condition: Callable[[Floats], NDArray[np.bool_]]
+    ) -> Floats:
+        """Return the probability that the quantities at points satisfy a condition, shape (m,).
+
+        Parameters
+        ----------
+        points
+            Shape (m, p).
+        condition
+            Returns which quantities, (…, q), satisfy it, shape (…).
+        """
+        found = [
+            condition(self._spread_quantities(some)).mean(axis=0)
+            for some in np.array_split(points, -(-len(points) // MAX_POINTS_PER_BLOCK) or 1)
+        ]
+        return np.concatenate(found)
+
+    def draw(self, number: int, random: np.random.Generator) -> "JointFunctions":
+        """Draw joint functions of the quantities from the posterior."""
+        return JointFunctions(self, number, random)
+
+    def _spread_quantities(self, points: Floats) -> Floats:
+        """Return normally distributed quantities at points, (`NORMAL_POINTS`, m, q)."""
+        means = np.column_stack([e.mean(points) for e in self._emulators])
+        spread = np.column_stack([e.deviation(points) for e in self._emulators])
+        numbers = means + self._normal[:, None, :] * spread
+        return self._quantities(numbers @ self._mixing.T)
+
+
+class JointFunctions:
+    """Joint functions of the quantities of an emulator, drawn from its posterior."""
+
+    def __init__(self, emulator: JointEmulator, number: int, random: np.random.Generator) -> None:
+        self._emulator = emulator
+        self._functions = [e.draw(number, random) for e in emulator._emulators]
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the n functions at points, (m, p), shape (n, m, q)."""
+        numbers = np.stack([drawn(points) for drawn in self._functions], axis=-1)
+        return self._emulator._quantities(numbers @ self._emulator._mixing.T)
+
+
+def _normal_points(k: int) -> Floats:
+    """Return evenly spread points of k standard normal numbers, shape (`NORMAL_POINTS`, k)."""
+    return np.asarray(ndtri(qmc.Sobol(k, seed=1).random(NORMAL_POINTS)))
