@@ -11,7 +11,6 @@ from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import recorded_campaign
-from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
 from agglom_mpi.formatting import pluralise
@@ -151,12 +150,12 @@ def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64
 
     Where a row is lost, the middle of the box takes its place, so that the others keep theirs.
     """
-    start = campaign.search.start
-    if not isinstance(start, EarlierCampaign):
+    earlier = campaign.search.earlier
+    if earlier is None:
         return campaign.given_strings()
-    given = np.tile(campaign.parameters(), (start.strings, 1))
+    given = np.tile(campaign.parameters(), (earlier.strings, 1))
     stored = given_strings(report.data.string_rows())
-    stored = stored[stored["slot"] < start.strings]
+    stored = stored[stored["slot"] < earlier.strings]
     given[stored["slot"]] = parameters_of(stored)
     return given
 

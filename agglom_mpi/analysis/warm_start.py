@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import NotACampaign
@@ -62,24 +61,24 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
         If the earlier file is no campaign, cannot be read, has too few strings, or is needed for
         a lost row and has other best strings by now.
     """
-    start = campaign.search.start
-    if not isinstance(start, EarlierCampaign):
+    earlier = campaign.search.earlier
+    if earlier is None:
         return WarmStart(campaign.given_strings())
     begun = None
     if output is not None and output.exists():
         begun = given_strings(read_campaign(output).string_rows())
-        if len(begun) == start.strings:
+        if len(begun) == earlier.strings:
             return WarmStart(parameters_of(begun))
     line = parse(campaign.text, campaign.name).line(("search", "start"))
-    path = Path(campaign.name).parent / start.file
+    path = Path(campaign.name).parent / earlier.file
     try:
-        strings, left_out = _chosen(campaign, start.strings, *_ranked_strings(path))
+        strings, left_out = _chosen(campaign, earlier.strings, *_ranked_strings(path))
         if begun is not None:
             _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
         said = (isinstance(error, OSError) and error.strerror) or str(error)
         message = said if isinstance(error, NotACampaign) else f"{path}: {said}"
-        if not path.exists() and Path(start.file).exists():
+        if not path.exists() and Path(earlier.file).exists():
             message += "; the name is relative to the folder of the campaign file"
         raise CampaignError(Problem(campaign.name, line, "search.start", message)) from None
     message = f"leaves out strings of {path}: {left_out}"

@@ -76,9 +76,7 @@ def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
     CampaignError
         If it cannot be used.
     """
-    from agglom_mpi.config.search import EarlierCampaign
-
-    if campaign.plan is None or not isinstance(campaign.search.start, EarlierCampaign):
+    if campaign.plan is None or campaign.search.earlier is None:
         return ()
     from agglom_mpi.analysis.warm_start import warm_start
 

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, ValidationInfo, create_model, model_valida
 
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.validation import is_recorded
+from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
 from agglom_mpi.declaration.sections import FieldPath, Section
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
 from agglom_mpi.search.space import SearchSpace
@@ -24,17 +24,6 @@ from agglom_mpi.variables import (
     size_ratio,
     volume_fraction,
 )
-
-JAMMING_FRACTION: Final = 0.38
-"""Volume fraction at which random sequential placement jams."""
-
-MAX_SIZE_RATIO: Final = 0.8986
-"""(6 JAMMING_FRACTION / pi)^(1/3), rounded down to four digits for messages."""
-
-ZERO_ALLOWED: Final = frozenset(
-    {"relative_speed", "friction", "activation_energy", "reaction_heat"}
-)
-
 
 LOGARITHMIC: Final = ("log", "log10", "logarithmic")
 """What a mapping may say of a scale, where a range should be a list."""
@@ -56,44 +45,6 @@ class Range(NamedTuple):
     upper: float
     logarithmic: bool = False
     cubic: bool = False
-
-
-def read_value(variable: Variable, value: Any) -> float:
-    """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
-    number = to_si(value, variable.unit)
-    unit = "" if variable.unit == "1" else f" {variable.unit}"
-    if variable.name == "temperature" and number <= 0.0:
-        raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
-    if number < 0.0 and variable.name in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be 0{unit} or more")
-    if number <= 0.0 and variable.name not in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be greater than 0{unit}")
-    if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
-        limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
-        raise ValueError(f"is {quoted(value)}; {limit}")
-    if variable.name == "size_ratio" and number > MAX_SIZE_RATIO:
-        raise ValueError(
-            f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
-            f"placement jams near {JAMMING_FRACTION}, so at most {MAX_SIZE_RATIO}"
-        )
-    return number
-
-
-def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str, float]:
-    """Return a variable's name and value in SI units; a volume fraction is read as a size ratio.
-
-    The latter by the `third_moment` of the law of sizes.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown or the value impossible.
-    """
-    if name == VOLUME_FRACTION.name:
-        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
-    if name not in NAMES:
-        raise ValueError(f"unknown variable; {suggestion(name, (*NAMES, VOLUME_FRACTION.name))}")
-    return name, read_value(VARIABLES[NAMES.index(name)], value)
 
 
 def read_range(value: Any, variable: Variable, recorded: bool = False) -> Range:

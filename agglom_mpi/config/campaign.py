@@ -12,14 +12,13 @@ from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.arguments import read_count
-from agglom_mpi.config.bounds import Bounds, bounds_of, read_variable
+from agglom_mpi.config.bounds import Bounds, bounds_of
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
-from agglom_mpi.config.search import Search
 from agglom_mpi.config.seeded_text import with_seed
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
@@ -30,10 +29,12 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
+from agglom_mpi.declaration.given_values import read_variable
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
+from agglom_mpi.search.method import SearchMethod
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT, NAMES, columns_by_name, values_by_name, volume_fraction
 
@@ -42,14 +43,10 @@ if TYPE_CHECKING:
     from agglom_mpi.simulation.sample import Outcome
 
 
-RESAMPLE_BITS: Final = 32
-"""Bits of a sample's number within a generation; the generation is in the bits above."""
-
-
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
-    *("more_samples", "first_sample", "given_strings", "space", "allowed_strings", "fraction"),
+    *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
     *("check_searchable", "engine", "file_name", "from_text", "try_function", "with_generations"),
     "with_seed",
@@ -131,7 +128,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         return campaign
 
     @property
-    def search(self) -> Search:
+    def search(self) -> SearchMethod:
         """Section `search`; raises a CampaignError for a scene alone."""
         return self._required_plan.search
 
@@ -168,22 +165,9 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """Whether sample k starts from the same random numbers in all strings."""
         return self.plan is not None and self.plan.ensemble.common_configurations
 
-    @property
-    def more_samples(self) -> int | None:
-        """Samples added to a kept parent in every generation; None: none, as published."""
-        return self.search.more_samples if self.search.method == "genetic" else None
-
     def first_sample(self, string: int) -> int:
-        """Return the number that `simulate` takes for sample 0 of a string of the search.
-
-        It is 0 unless the string is a parent sampled again: its samples then have numbers of their
-        own generation, so that they are independent of earlier ones.
-        """
-        search = self.search
-        if search.method != "genetic" or self.more_samples is None:
-            return 0
-        generation, slot = divmod(string, search.population)
-        return generation << RESAMPLE_BITS if slot < search.parents else 0
+        """Return the number that `simulate` takes for sample 0 of a string of the search."""
+        return self.search.first_sample(string)
 
     @property
     def max_strings(self) -> int:
@@ -192,9 +176,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def given_strings(self) -> npt.NDArray[np.float64]:
         """Return the strings that `search.start` lists, in SI units, shape (n, 10)."""
-        start = self.search.start
-        given = start if isinstance(start, list) else []
-        return np.array([self.parameters(values) for values in given]).reshape(-1, COUNT)
+        listed = self.search.listed
+        return np.array([self.parameters(values) for values in listed]).reshape(-1, COUNT)
 
     def _check_given_strings(self) -> None:
         """Raise a CampaignError if given strings do not satisfy the constraints."""
@@ -284,10 +267,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         if search.library is None:
             return
         try:
-            require_library(search.library, "search", f"{search.method} searches")
+            require_library(search.library, "search", f"{search.name} searches")
         except MissingLibraryError as error:
             line = parse(self.text, self.name).line(("search", "method"))
-            message = f"is {search.method!r}; {error}"
+            message = f"is {search.name!r}; {error}"
             problem = Problem(self.name, line, "search.method", message)
             raise MissingSearchLibraryError(problem) from None
 

@@ -189,7 +189,7 @@ def _search(campaign: "Campaign") -> list[str]:
     strings = campaign.max_strings
     sooner = stopping.target is not None or stopping.expected_error is not None
     fewest = search.first_generation if sooner else strings
-    lines = [*search.summary(), f"ensemble: {ensemble.summary}"]
+    lines = [*search.describe(), f"ensemble: {ensemble.summary}"]
     if ensemble.common_configurations:
         lines.append("configurations: sample k of all strings starts from the same random numbers")
     if ensemble.racing is not None:

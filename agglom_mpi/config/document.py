@@ -15,7 +15,6 @@ from agglom_mpi.config.bounds import (
     volume_fraction,
 )
 from agglom_mpi.config.ensemble import (
-    NONE,
     AnyEnsemble,
     Ensemble,
     FinalAnswer,
@@ -33,12 +32,13 @@ from agglom_mpi.config.objective import (
 )
 from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.search import AnySearch, Genetic, Search
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.sizes import READ_KEYS
 from agglom_mpi.config.validation import RECORDED, is_recorded, to_campaign_error
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
+from agglom_mpi.declaration.components import Choice
 from agglom_mpi.declaration.sections import (
+    NONE,
     FieldError,
     FieldPath,
     Line,
@@ -46,6 +46,8 @@ from agglom_mpi.declaration.sections import (
     WholeNumber,
     raise_field_errors,
 )
+from agglom_mpi.search.genetic import Genetic
+from agglom_mpi.search.method import SearchMethod
 
 
 class SceneDocument(Section):
@@ -136,7 +138,7 @@ class CampaignDocument(SceneDocument):
     """All sections of a campaign, checked one by one and against each other."""
 
     objective: AnyObjective = Field(description=f"allowed: {LAWS}")
-    search: AnySearch = Genetic()
+    search: Annotated[SearchMethod, Choice(SearchMethod)] = Genetic()
     ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
     stopping: Stopping = Field(description="the section on what ends the campaign")
 
@@ -147,21 +149,26 @@ class CampaignDocument(SceneDocument):
 
     @field_validator("search")
     @classmethod
-    def _given_strings_are_in_the_box(cls, search: Search, info: ValidationInfo) -> Search:
-        if "variables" in info.data and isinstance(search.start, list):
+    def _given_strings_are_in_the_box(
+        cls, search: SearchMethod, info: ValidationInfo
+    ) -> SearchMethod:
+        if "variables" in info.data and search.listed:
             entries = info.data["variables"]
             by_fraction = entries.volume_fraction is not None
             scene = info.data.get("scene")
             ranges = ranges_of(entries, 1.0 if scene is None else scene.third_moment)
-            raise_field_errors(check_given_strings(search.start, ranges, by_fraction))
+            raise_field_errors(check_given_strings(search.listed, ranges, by_fraction))
         return search
 
     @field_validator("search")
     @classmethod
-    def _set_has_a_target(cls, search: Search, info: ValidationInfo) -> Search:
+    def _set_has_a_target(cls, search: SearchMethod, info: ValidationInfo) -> SearchMethod:
         objective = info.data.get("objective")
-        wanted = getattr(search, "aim", "best") == "set"
-        if wanted and objective is not None and not isinstance(objective, GrowthTarget):
+        if (
+            search.looks_for_a_set
+            and objective is not None
+            and not isinstance(objective, GrowthTarget)
+        ):
             message = f"is 'set', which needs objective growth_target; it is {objective.law}"
             raise FieldError((("aim",), message))
         return search
@@ -170,7 +177,7 @@ class CampaignDocument(SceneDocument):
     @classmethod
     def _error_is_of_a_set(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
         wanted = "search" in info.data and stopping.expected_error is not None
-        if wanted and getattr(info.data["search"], "aim", "best") != "set":
+        if wanted and not info.data["search"].looks_for_a_set:
             message = "is that of a set; needs search {method: surrogate, aim: set}"
             raise FieldError((("expected_error",), message))
         return stopping
@@ -179,9 +186,9 @@ class CampaignDocument(SceneDocument):
     @classmethod
     def _races_are_for_parents(cls, ensemble: Ensemble, info: ValidationInfo) -> Ensemble:
         if "search" in info.data and ensemble.racing is not None:
-            method = info.data["search"].method
-            if method != "genetic":
-                message = f"is for the parents of a genetic search; {method} has none"
+            search = info.data["search"]
+            if not search.has_parents:
+                message = f"is for the parents of a genetic search; {search.name} has none"
                 raise FieldError((("racing",), message))
         return ensemble
 

@@ -1,22 +1,22 @@
 """The sections `ensemble`, `stopping`, `final` and `output`."""
 
-from typing import Annotated, Any, Final, Literal, NamedTuple, Self
+from typing import Annotated, Final, Literal, NamedTuple, Self
 
-from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 
-from agglom_mpi.config.search import Search
-from agglom_mpi.declaration.sections import LATER, FieldError, Flag, Line, Section, WholeNumber
+from agglom_mpi.declaration.sections import (
+    LATER,
+    NONE,
+    FieldError,
+    Flag,
+    Line,
+    Section,
+    WholeNumber,
+)
 from agglom_mpi.declaration.units import Number, Time
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search import stopping
-
-
-def _none(value: Any) -> Any:
-    return None if value == "none" else value
-
-
-NONE = BeforeValidator(_none)
-"""Validator that reads the word `none` as None."""
+from agglom_mpi.search.method import SearchMethod
 
 
 class Racing(Section):
@@ -163,7 +163,7 @@ class Stopping(Section):
 class Plan(NamedTuple):
     """The sections of a search, which a scene alone does not have."""
 
-    search: Search
+    search: SearchMethod
     ensemble: Ensemble
     stopping: Stopping
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
-from agglom_mpi.config.search import SearchInputs
 from agglom_mpi.search.decisions import Target
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import Proposals, SearchMethod
+from agglom_mpi.search.method import SearchInputs
+from agglom_mpi.search.proposals import Proposals
 
 Restore = Callable[[Proposals, int], Proposals]
 """Function of proposals and the number of their first string that returns stored ones."""
@@ -67,13 +67,6 @@ def inversion_of(
         restore=restore,
         signed=signed,
         racing=None if race is None else race.build(campaign.search.kept),
-        more_samples=campaign.more_samples or 1,
-        enough=None if error is None else lambda: _set_error(search) <= error,
+        more_samples=campaign.search.added_samples or 1,
+        enough=None if error is None else lambda: search.set_error() <= error,
     )
-
-
-def _set_error(search: SearchMethod) -> float:
-    from agglom_mpi.search.surrogate import SurrogateSearch
-
-    assert isinstance(search, SurrogateSearch)  # the campaign file says so
-    return search.set_error()

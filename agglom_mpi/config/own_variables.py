@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.config.alternatives import FRACTIONS
-from agglom_mpi.config.bounds import Bounds, read_variable
+from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relation_reader import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
+from agglom_mpi.declaration.given_values import read_variable
 from agglom_mpi.variables import (
     COUNT,
     NAMES,

@@ -11,10 +11,10 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.components import Choice, number_of
 from agglom_mpi.declaration.sections import FieldError, FieldPath
+from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 
 Models = list[type[BaseModel]]

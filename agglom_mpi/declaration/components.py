@@ -6,8 +6,10 @@ file, their errors, the lines of `agglom check` and the identity of a campaign a
 class. Adding a component takes one class; nothing else lists it.
 """
 
-from collections.abc import Iterator
-from functools import partial
+import pkgutil
+from collections.abc import Iterator, Mapping
+from functools import cache, partial
+from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, Union, get_args, get_origin
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, model_validator
@@ -15,10 +17,10 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
 from agglom_mpi.declaration.sections import (
-    NAMED,
-    NAMED_OR_NONE,
     FieldPath,
     Section,
+    WholeNumber,
+    named,
     raise_field_errors,
 )
 from agglom_mpi.declaration.units import to_si
@@ -53,6 +55,37 @@ class In(NamedTuple):
         return handler.generate_schema(Annotated[float, read, limits])
 
 
+class Whole(NamedTuple):
+    """Limits and meaning of a whole number: `order: Annotated[int, Whole(at_least=1, at_most=4)]`.
+
+    Attributes
+    ----------
+    at_least, at_most
+        Limits.
+    multiple_of
+        Divisor of the number.
+    meaning
+        What the number is, as it is said where it is missing.
+    """
+
+    at_least: int | None = None
+    at_most: int | None = None
+    multiple_of: int | None = None
+    meaning: str = ""
+
+    @property
+    def unit(self) -> str:
+        """That of a pure number."""
+        return "1"
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the schema that reads a whole number and checks its limits."""
+        limits = Field(ge=self.at_least, le=self.at_most, multiple_of=self.multiple_of)
+        return handler.generate_schema(Annotated[WholeNumber, limits])
+
+
 class Component(Section):
     """Base class of everything that a campaign file names.
 
@@ -63,9 +96,12 @@ class Component(Section):
     ----------
     named_by
         Key of the field with the name.
+    found_in
+        Package whose modules declare the components of this kind.
     """
 
     named_by: ClassVar[str] = "law"
+    found_in: ClassVar[str] = ""
 
     @property
     def name(self) -> str:
@@ -88,12 +124,51 @@ class Component(Section):
 
     @classmethod
     def components(cls) -> dict[str, type[Self]]:
-        """Return the components of this kind by name, in the order of their declaration."""
-        found: dict[str, type[Self]] = {}
-        for below in cls.__subclasses__():
-            found |= dict.fromkeys(names_of(below), below)
-            found |= below.components()
-        return found
+        """Return the components of this kind by name, by module and in the order of declaration."""
+        if cls.found_in:
+            _import_modules(cls.found_in)
+        return {
+            name: each
+            for each in sorted(_subclasses(cls), key=lambda each: each.__module__)
+            for name in each.names()
+        }
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names by which a file can call this class; none of a base class."""
+        return names_of(cls)
+
+    @classmethod
+    def as_mapping(cls, entry: Any) -> Any:
+        """Return the entry of a file for this kind as a mapping: `foo` is `{law: foo}`.
+
+        Raises
+        ------
+        ValueError
+            If it can be none.
+        """
+        return named(entry)
+
+    @classmethod
+    def of_entries(cls, entries: Mapping[str, Any]) -> Self:
+        """Return the component of a recorded campaign.
+
+        Parameters
+        ----------
+        entries
+            Its section as plain values, as `entries` returned it; what an identity has beside the
+            fields, such as the digest of a function's source, is left out.
+
+        Raises
+        ------
+        ValueError
+            If there is no such component, or its entries do not fit.
+        """
+        found, name = cls.components(), entries[cls.named_by]
+        if name not in found:
+            raise ValueError(f"{cls.named_by} {name!r} is unknown; known are {', '.join(found)}")
+        fields = found[name].model_fields
+        return found[name].model_validate({k: v for k, v in entries.items() if k in fields})
 
     def settings(self) -> Iterator[tuple[str, Any, str, bool]]:
         """Yield name, value, unit and whether it was given of each field but the name."""
@@ -101,6 +176,20 @@ class Component(Section):
             if name != self.named_by:
                 unit = unit_of(field)
                 yield name, getattr(self, name), unit, name in self.model_fields_set
+
+
+@cache
+def _import_modules(package: str) -> None:
+    """Import the modules of a package, so that the components that they declare are known."""
+    for module in pkgutil.iter_modules(import_module(package).__path__):
+        import_module(f"{package}.{module.name}")
+
+
+def _subclasses(kind: type[Any]) -> Iterator[type[Any]]:
+    """Yield all subclasses, in the order of their declaration; those of subclasses after these."""
+    for below in kind.__subclasses__():
+        yield below
+        yield from _subclasses(below)
 
 
 def names_of(component: type[Section]) -> tuple[str, ...]:
@@ -112,9 +201,9 @@ def names_of(component: type[Section]) -> tuple[str, ...]:
     return get_args(field.annotation) if field is not None and literal else ()
 
 
-def number_of(field: FieldInfo) -> In | None:
+def number_of(field: FieldInfo) -> In | Whole | None:
     """Return unit, limits and meaning of a field that is a number; None of other fields."""
-    return next((each for each in field.metadata if isinstance(each, In)), None)
+    return next((each for each in field.metadata if isinstance(each, In | Whole)), None)
 
 
 def unit_of(field: FieldInfo) -> str:
@@ -146,7 +235,9 @@ class Choice(NamedTuple):
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return the schema of a union that is told apart by the name."""
-        named = NAMED_OR_NONE if self.or_none else NAMED
         union: Any = Union.__getitem__(self.components)  # of a number known when it is run
         tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
-        return handler.generate_schema(Annotated[tagged, named])
+        return handler.generate_schema(Annotated[tagged, BeforeValidator(self._as_mapping)])
+
+    def _as_mapping(self, entry: Any) -> Any:
+        return self.kind.as_mapping("none" if self.or_none and entry is None else entry)

@@ -14,7 +14,7 @@ class FieldError(ValueError):
     """Errors of fields, each with its path below the validated section."""
 
     def __init__(self, *problems: tuple[FieldPath, str]) -> None:
-        super().__init__("; ".join(message for _, message in problems))
+        super().__init__("; ".join(f"{'.'.join(map(str, path))}: {m}" for path, m in problems))
         self.problems = problems
 
 
@@ -52,6 +52,19 @@ Line = Annotated[str, AfterValidator(_printable)]
 """One line of printable text: no line break, null byte or lone surrogate."""
 
 
+def _none(value: Any) -> Any:
+    return None if value == "none" else value
+
+
+NONE = BeforeValidator(_none)
+"""Validator that reads the word `none` as None."""
+
+
+def meaning(text: str) -> Any:
+    """Return metadata of a field: what it is, as a message states it where the field is missing."""
+    return Field(description=text)
+
+
 LATER: Final = "added later"
 """Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
 
@@ -78,7 +91,14 @@ def _plain(value: Any) -> Any:
     return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-def _named(value: Any) -> Any:
+def named(value: Any) -> Any:
+    """Return `foo` as `{law: foo}`, and a mapping as it is.
+
+    Raises
+    ------
+    ValueError
+        If the value is something else.
+    """
     if isinstance(value, str):
         return {"law": value}
     if not isinstance(value, dict | Section):
@@ -87,10 +107,10 @@ def _named(value: Any) -> Any:
 
 
 def _named_or_none(value: Any) -> Any:
-    return _named("none" if value is None else value)
+    return named("none" if value is None else value)
 
 
-NAMED = BeforeValidator(_named)
+NAMED = BeforeValidator(named)
 """Validator that reads `key: foo` as `key: {law: foo}`."""
 NAMED_OR_NONE = BeforeValidator(_named_or_none)
 """As `NAMED`, and reads an empty entry as `none`."""

@@ -1,6 +1,8 @@
-"""Spellings of numbers in texts: which are read beside Python's own, and the remedy for others."""
+"""Spellings: of numbers beside Python's own, and what a misspelt number or name may mean."""
 
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Final
 
 NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
@@ -34,3 +36,16 @@ def read_plain(text: str) -> float:
 def remedy(text: str) -> str:
     """Return `; write …` for a text whose number is misspelt, such as `2500,5`, or nothing."""
     return next((f"; {advice}" for slip, advice in _REMEDIES if slip.search(text)), "")
+
+
+def suggestion(name: str, allowed: Iterable[str]) -> str:
+    """Return `did you mean 'NAME'?`, or all that is allowed if nothing is near.
+
+    A name is near if all words of the unknown one are among its own, as those of `speed` are among
+    those of `relative_speed`, or if it is spelt much the same.
+    """
+    names = list(allowed)
+    words = set(name.split("_"))
+    longer = [candidate for candidate in names if words <= set(candidate.split("_"))]
+    near = longer if len(longer) == 1 else get_close_matches(name, names, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"allowed: {', '.join(names)}"

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import read_error, read_number, shown
-from agglom_mpi.config.suggestions import suggestion
 from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.set_directions import weighted_quantiles
 

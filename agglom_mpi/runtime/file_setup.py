@@ -86,7 +86,6 @@ NOT_DECIDING: Final = (
     "config/describe.py",
     "config/plausibility.py",
     "config/size_warnings.py",
-    "config/suggestions.py",
     # What a campaign in Python, its tables and its reports answer.
     "config/derived.py",
     "config/estimate.py",

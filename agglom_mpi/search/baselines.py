@@ -1,12 +1,13 @@
 """Search methods that learn nothing, as baselines: random points and Sobol's sequence."""
 
 import warnings
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
+from agglom_mpi.search.method import NO_STRINGS, PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with
 from agglom_mpi.search.space import BLOCK, SearchSpace
 from agglom_mpi.variables import COUNT
@@ -17,7 +18,54 @@ if TYPE_CHECKING:
 SOBOL_BITS: Final = 30
 """Binary digits of a point, for up to 10⁹ points."""
 
-NO_STRINGS: Final = np.empty((0, COUNT))
+
+class Baseline(PopulationMethod):
+    """Base class of methods whose proposals depend on no result."""
+
+    @property
+    def favours_low_objectives(self) -> bool:
+        """Whether low objectives decide proposals: they do not."""
+        return False
+
+    @property
+    def summary(self) -> str:
+        """One line on the method."""
+        return f"{self.points}, {self.population} in a generation; nothing is learnt"
+
+    @property
+    def points(self) -> str:
+        """The points, in words."""
+        raise NotImplementedError
+
+
+class RandomPoints(Baseline):
+    """Independent points, uniform in what is allowed of the box."""
+
+    method: Literal["random"] = "random"
+
+    @property
+    def points(self) -> str:
+        """The points, in words."""
+        return "independent random points"
+
+    def build(self, inputs: SearchInputs) -> "RandomSearch":
+        """Return the search before its first generation."""
+        return RandomSearch(self, inputs)
+
+
+class SobolPoints(Baseline):
+    """A scrambled Sobol sequence (Sobol 1967, Owen 1998), which fills the box evenly."""
+
+    method: Literal["sobol"] = "sobol"
+
+    @property
+    def points(self) -> str:
+        """The points, in words."""
+        return "a Sobol sequence"
+
+    def build(self, inputs: SearchInputs) -> "SobolSearch":
+        """Return the search before its first generation."""
+        return SobolSearch(self, inputs)
 
 
 class BaselineSearch(EvaluatedStrings):
@@ -25,30 +73,20 @@ class BaselineSearch(EvaluatedStrings):
 
     Parameters
     ----------
-    space
-        The box to search.
-    seed
-        Seed of the campaign.
-    population
-        Strings of each generation.
-    given
-        Strings that the first generation begins with, shape (n, 10), n at most `population`.
+    method
+        Its numbers.
+    inputs
+        Box, seed and given strings.
     """
 
     parents = 1
 
-    def __init__(
-        self,
-        space: SearchSpace,
-        seed: int,
-        population: int,
-        given: NDArray[np.float64] = NO_STRINGS,
-    ) -> None:
-        super().__init__(population)
-        self.space = space
-        self.seed = seed
-        self.population = population
-        self.given = given
+    def __init__(self, method: Baseline, inputs: SearchInputs) -> None:
+        super().__init__(method.population)
+        self.space = inputs.space
+        self.seed = inputs.seed
+        self.population = method.population
+        self.given = inputs.given
 
     def ask(self) -> Proposals:
         """Return the strings of the next generation."""
@@ -68,7 +106,7 @@ class BaselineSearch(EvaluatedStrings):
 
 
 class RandomSearch(BaselineSearch):
-    """Independent points, uniform in what is allowed of the box."""
+    """Search by the method `RandomPoints`."""
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         slots = range(first, self.population)
@@ -77,17 +115,11 @@ class RandomSearch(BaselineSearch):
 
 
 class SobolSearch(BaselineSearch):
-    """A scrambled Sobol sequence (Sobol 1967, Owen 1998), which fills the box evenly."""
+    """Search by the method `SobolPoints`."""
 
-    def __init__(
-        self,
-        space: SearchSpace,
-        seed: int,
-        population: int,
-        given: NDArray[np.float64] = NO_STRINGS,
-    ) -> None:
-        super().__init__(space, seed, population, given)
-        self._sequence = SobolStrings(space, seed)
+    def __init__(self, method: SobolPoints, inputs: SearchInputs) -> None:
+        super().__init__(method, inputs)
+        self._sequence = SobolStrings(inputs.space, inputs.seed)
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         before = generation * self.population + first

@@ -1,12 +1,14 @@
 """The covariance matrix adaptation evolution strategy (Hansen 2016), by the cmaes library."""
 
-from typing import Final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.random_streams import EVOLUTION, search_stream
-from agglom_mpi.search.baselines import NO_STRINGS, SobolStrings
+from agglom_mpi.search.baselines import SobolStrings
+from agglom_mpi.search.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import (
     MODEL,
     EvaluatedStrings,
@@ -21,43 +23,59 @@ FAILED_OBJECTIVE: Final = 1e300
 """Objective of a string that could not be evaluated, for a method that only ranks."""
 
 
-DRAWS: Final = 200
-"""Draws at most to find an allowed string."""
-MIDDLES: Final = 256
-"""Allowed strings among which the middle one is where a search begins."""
+MAX_DRAWS: Final = 200
+"""Maximum number of draws until a string is allowed."""
+MIDDLE_CANDIDATES: Final = 256
+"""Number of allowed strings of which the most central one is where a search begins."""
 
 
-class CmaesSearch(EvaluatedStrings):
+class Cmaes(PopulationMethod):
     """Draw strings from a normal distribution that moves towards the best of them.
 
-    Parameters
+    Attributes
     ----------
-    space
-        The box to search.
-    seed
-        Seed of the campaign.
     population
         Strings of each generation.
     sigma
         First standard deviation in units of the box.
-    given
-        Strings that the first generation begins with, shape (n, 10), n at most `population`. The
-        distribution begins about the first of them, or in the middle of what is allowed of the box.
+    """
+
+    library: ClassVar[str | None] = "cmaes"
+    method: Literal["cmaes"] = "cmaes"
+    population: Annotated[int, Whole(at_least=4, at_most=10**5)] = 20
+    sigma: Annotated[float, In("1", above=0, at_most=1, meaning="a share of the box")] = 0.3
+
+    def build(self, inputs: SearchInputs) -> "CmaesSearch":
+        """Return the search before its first generation."""
+        return CmaesSearch(self, inputs)
+
+    @property
+    def summary(self) -> str:
+        """One line on the method."""
+        deviation = f"first standard deviation {self.sigma:g} of the box"
+        return f"CMA-ES, population {self.population}, {deviation}"
+
+
+class CmaesSearch(EvaluatedStrings):
+    """The distribution of a search by `Cmaes`.
+
+    It begins about the first given string, or in the middle of what is allowed of the box.
+
+    Parameters
+    ----------
+    method
+        Its numbers.
+    inputs
+        Box, seed and given strings.
     """
 
     parents = 1
 
-    def __init__(
-        self,
-        space: SearchSpace,
-        seed: int,
-        population: int,
-        sigma: float,
-        given: NDArray[np.float64] = NO_STRINGS,
-    ) -> None:
+    def __init__(self, method: Cmaes, inputs: SearchInputs) -> None:
         from cmaes import CMA
 
-        super().__init__(population)
+        super().__init__(method.population)
+        space, seed, given = inputs.space, inputs.seed, inputs.given
         self.space = space
         self.given = given
         dimensions = space.dimensions
@@ -65,12 +83,12 @@ class CmaesSearch(EvaluatedStrings):
         self._best = space.to_unit(given)[0] if len(given) else _middle(space, seed)
         self._strategy = CMA(
             mean=self._best,
-            sigma=sigma,
+            sigma=method.sigma,
             bounds=np.tile([0.0, 1.0], (dimensions, 1)),
-            population_size=population,
+            population_size=method.population,
             seed=int(self._random.integers(2**31)),
         )
-        self._points = self._drawn(population)
+        self._points = self._drawn(method.population)
 
     def ask(self) -> Proposals:
         """Return the strings of the next generation."""
@@ -98,7 +116,7 @@ class CmaesSearch(EvaluatedStrings):
 
     def _allowed_point(self) -> NDArray[np.float64]:
         """Return a point that is drawn until it is allowed, or moved towards the best one."""
-        for _ in range(DRAWS):
+        for _ in range(MAX_DRAWS):
             point = self._strategy.ask()
             if self.space.allowed is None or self.space.allows(point[None])[0]:
                 return np.asarray(point)
@@ -115,5 +133,5 @@ def _middle(space: SearchSpace, seed: int) -> NDArray[np.float64]:
     middle = np.full(space.dimensions, 0.5)
     if space.allows(middle[None])[0]:
         return middle
-    points = space.to_unit(SobolStrings(space, seed).strings(0, MIDDLES))
+    points = space.to_unit(SobolStrings(space, seed).strings(0, MIDDLE_CANDIDATES))
     return np.asarray(points[np.argmin(np.sum((points - points.mean(axis=0)) ** 2, axis=1))])

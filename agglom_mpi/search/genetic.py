@@ -1,12 +1,17 @@
 """The genetic algorithm of both papers [A 22] [B 7]."""
 
-from typing import Final
+from collections.abc import Iterator
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Section
+from agglom_mpi.declaration.units import Number
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
-from agglom_mpi.search.baselines import NO_STRINGS
+from agglom_mpi.search.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import (
     AGAIN,
     GIVEN,
@@ -18,27 +23,32 @@ from agglom_mpi.search.proposals import (
     as_proposals,
     joined_proposals,
 )
-from agglom_mpi.search.space import HALVINGS, SearchSpace
+from agglom_mpi.search.space import HALVINGS
 from agglom_mpi.variables import COUNT
 
-BLENDS: Final = 100
-"""Blends of two parents that are drawn at most to find an allowed one."""
+MAX_BLENDS: Final = 100
+"""Maximum number of blends of two parents that are drawn until a child is allowed."""
+
+RESAMPLE_BITS: Final = 32
+"""Bits of a sample's number within a generation; the generation is in the bits above."""
 
 
-class GeneticSearch:
+class Rescale(Section):
+    """Shrink the search box around the best string by `factor` every `every` generations."""
+
+    every: Annotated[int, Whole(at_least=1, meaning="a number of generations")]
+    factor: Annotated[float, In("1", above=0, below=1, meaning="between 0 and 1")]
+
+
+class Genetic(PopulationMethod):
     """Blend neighbours in rank, keep the parents, add random strings [A 22] [B 7].
 
     A population of S strings is K kept parents (slots 0 … K-1), K offspring (K … 2K-1) and
     M = S - 2K random strings; the first one is all random. g generations take S + (g-1)(S-K)
-    evaluations. Draws are keyed by seed, generation and slot, and `ask` changes nothing, so
-    that the same evaluations always lead to the same proposals.
+    evaluations.
 
-    Parameters
+    Attributes
     ----------
-    space
-        The box to search.
-    seed
-        Seed of the campaign.
     population
         S.
     parents
@@ -46,55 +56,132 @@ class GeneticSearch:
     blend
         Range of the blending number φ. Beyond [0, 1] it is the papers' mutation: offspring may
         leave the hull of their parents, but never the box.
+    more_samples
+        Samples by which kept parents, proposed again under new numbers, go on in every generation;
+        None: parents keep their value, as published.
     rescale
-        (every, factor): each `every` generations the box of new random strings is restricted
-        around the best string, `SearchSpace.around`, starting from its last restriction.
-        Offspring remain free in the whole space. None never restricts.
-    given
-        Strings that the first generation begins with, shape (n, 10), n at most S.
-    again
-        Whether kept parents are proposed again, under new numbers, to get more samples; as
-        published they keep their value.
+        Restriction of the box of new random strings around the best string,
+        `SearchSpace.around`, starting from its last restriction. Offspring remain free in the whole
+        space. None never restricts.
     """
 
-    def __init__(
-        self,
-        space: SearchSpace,
-        seed: int,
-        population: int = 20,
-        parents: int = 6,
-        blend: tuple[float, float] = (0.0, 1.0),
-        rescale: tuple[int, float] | None = None,
-        given: NDArray[np.float64] = NO_STRINGS,
-        again: bool = False,
-    ) -> None:
-        if parents < 2 or parents % 2 or 2 * parents > population:
-            raise ValueError("parents must be an even number, at most half of the population")
-        if blend[0] > blend[1]:
-            raise ValueError("blend must be a range, lower end first")
-        if rescale is not None and (rescale[0] < 1 or not 0.0 < rescale[1] <= 1.0):
-            raise ValueError("rescale must be at least one generation and a factor in (0, 1]")
-        self.space = space
-        self.box = space
-        self.seed = seed
-        self.population = population
-        self.parents = parents
-        self.blend = blend
-        self.rescale = rescale
-        self.given = given
-        self.again = again
+    method: Literal["genetic"] = "genetic"
+    population: Annotated[int, Whole(at_least=4, at_most=10**5)] = 20
+    parents: Annotated[int, Whole(at_least=2, multiple_of=2)] = 6
+    blend: tuple[Number, Number] = (0.0, 1.0)
+    more_samples: Annotated[Annotated[int, Whole(at_least=1, at_most=10**6)] | None, LATER] = None
+    rescale: Annotated[Rescale | None, NONE] = None
+
+    def build(self, inputs: SearchInputs) -> "GeneticSearch":
+        """Return the search before its first generation."""
+        return GeneticSearch(self, inputs)
+
+    @property
+    def kept(self) -> int:
+        """Number of parents."""
+        return self.parents
+
+    @property
+    def has_parents(self) -> bool:
+        """Whether strings can race for the parents' places: they can."""
+        return True
+
+    @property
+    def added_samples(self) -> int | None:
+        """Samples added to a kept parent in every generation."""
+        return self.more_samples
+
+    @property
+    def new_strings(self) -> int:
+        """Number of strings to evaluate in every generation but the first."""
+        return self.population - (self.parents if self.more_samples is None else 0)
+
+    def strings(self, generations: int) -> int:
+        """Return q + (g - 1)(q - p) [A 22], or g q if parents are sampled again."""
+        return self.population + (generations - 1) * self.new_strings
+
+    def first_sample(self, string: int) -> int:
+        """Return the number that `Campaign.simulate` takes for sample 0 of a string.
+
+        It is 0 unless the string is a parent sampled again: its samples then have numbers of their
+        own generation, so that they are independent of earlier ones.
+        """
+        if self.more_samples is None:
+            return 0
+        generation, slot = divmod(string, self.population)
+        return generation << RESAMPLE_BITS if slot < self.parents else 0
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield parents that do not fit into the population, and a blend out of order."""
+        yield from super().problems()
+        if 2 * self.parents > self.population:
+            message = (
+                f"is {self.parents}; parents and as many offspring must fit into the population "
+                f"of {self.population}, so at most {self.population // 4 * 2}"
+            )
+            yield ("parents",), message
+        lower, upper = self.blend
+        if lower >= upper:
+            message = f"is [{lower:g}, {upper:g}]; the lower end must be less than the upper"
+            yield ("blend",), message
+
+    @property
+    def summary(self) -> str:
+        """One line on the method."""
+        return (
+            f"genetic, population {self.population}, parents {self.parents}, "
+            f"blend {self.blend[0]:g} to {self.blend[1]:g} [A 22]"
+        )
+
+    @property
+    def details(self) -> list[str]:
+        """Lines on what is not as published."""
+        lines = []
+        if self.more_samples is not None:
+            more = pluralise(self.more_samples, "more sample")
+            lines.append(f"parents: each gets {more} in every generation")
+        if self.rescale is not None:
+            shrunk = f"every {pluralise(self.rescale.every, 'generation')} shrunk"
+            lines.append(f"search box: {shrunk} by {self.rescale.factor:g} around the best")
+        return lines
+
+
+class GeneticSearch:
+    """The population of a genetic search.
+
+    Draws are keyed by seed, generation and slot, and `ask` changes nothing, so that the same
+    evaluations always lead to the same proposals.
+
+    Parameters
+    ----------
+    method
+        Its numbers.
+    inputs
+        Box, seed and given strings.
+    """
+
+    def __init__(self, method: Genetic, inputs: SearchInputs) -> None:
+        self.method = method
+        self.space = self.box = inputs.space
+        self.seed = inputs.seed
+        self.given = inputs.given
         self.generation = 0
         self.population_ids = np.empty(0, np.int64)
         self._parameters = np.empty((0, COUNT))
         self._objectives = np.empty(0)
         self._ranked = np.empty(0, np.int64)
 
+    @property
+    def parents(self) -> int:
+        """Number of strings that are kept."""
+        return self.method.parents
+
     def ask(self) -> Proposals:
         """Propose the strings of the next generation."""
         random = self._random_strings(self.generation)
         if self.generation == 0:
             return joined_proposals(as_proposals(0, self.given, GIVEN), random)
-        if self.again:
+        if self.method.more_samples is not None:
             return joined_proposals(self._resampled_parents(), self._offspring(), random)
         return joined_proposals(self._offspring(), random)
 
@@ -108,10 +195,11 @@ class GeneticSearch:
         ValueError
             If some of the generation are missing.
         """
-        expected = self._new if self.generation else self.population
+        size, new = self.method.population, self.method.new_strings
+        expected = new if self.generation else size
         if len(evaluations.ids) != expected:
             raise ValueError(f"generation {self.generation} has {expected} new strings")
-        kept = self._ranked[: self.population - self._new]
+        kept = self._ranked[: size - new]
         order = np.argsort(evaluations.ids)
         objectives = evaluations.objectives[order]
         objectives = np.where(np.isfinite(objectives), objectives, np.inf)
@@ -131,25 +219,23 @@ class GeneticSearch:
         """Return the mean objective of the k best strings of the population [A 26]."""
         return float(np.mean(self._objectives[self._ranked[:k]]))
 
+    def set_error(self) -> float:
+        """Return inf: no set is searched for."""
+        return np.inf
+
     def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
         """Return the number of the first random string of a coming generation, and all of these.
 
         None while the box that they are drawn from is not known.
         """
-        if self.rescale is not None:
-            every = self.rescale[0]
-            if generation // every != self.generation // every:
-                return None
+        rescale = self.method.rescale
+        if rescale is not None and generation // rescale.every != self.generation // rescale.every:
+            return None
         if generation == 0:
             return len(self.given), self._random_strings(0)
-        end = self.population + generation * self._new
+        end = self.method.strings(generation + 1)
         random = self._random_strings(generation)
         return end - len(random.slot), random
-
-    @property
-    def _new(self) -> int:
-        """Number of strings to evaluate in every generation but the first."""
-        return self.population if self.again else self.population - self.parents
 
     def _resampled_parents(self) -> Proposals:
         kept = self._ranked[: self.parents]
@@ -159,8 +245,8 @@ class GeneticSearch:
 
     def _random_strings(self, generation: int) -> Proposals:
         first = 2 * self.parents if generation else len(self.given)
-        parameters = np.empty((self.population - first, COUNT))
-        for row, slot in enumerate(range(first, self.population)):
+        parameters = np.empty((self.method.population - first, COUNT))
+        for row, slot in enumerate(range(first, self.method.population)):
             parameters[row] = self.box.sample(
                 search_stream(self.seed, RANDOM_STRING, generation, slot)
             )
@@ -172,7 +258,7 @@ class GeneticSearch:
         streams = [
             search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)) for slot in slots
         ]
-        blend = np.array([random.uniform(*self.blend, COUNT) for random in streams])
+        blend = np.array([random.uniform(*self.method.blend, COUNT) for random in streams])
         better, worse = (self.space.scaled(self._parameters[some]) for some in mates.T)
         children = self._children(better, worse, blend)
         if self.space.allowed is not None:
@@ -206,16 +292,16 @@ class GeneticSearch:
         parent are tried.
         """
         assert self.space.allowed is not None
-        drawn = random.uniform(*self.blend, (BLENDS, COUNT))
+        drawn = random.uniform(*self.method.blend, (MAX_BLENDS, COUNT))
         nearer = 1.0 + (blend - 1.0) * 0.5 ** np.arange(1.0, HALVINGS)[:, None]
         children = self._children(better, worse, np.vstack((drawn, nearer)))
         allowed = np.flatnonzero(self.space.allowed(children))
         return np.asarray(children[allowed[0]]) if len(allowed) else None
 
     def _restrict(self) -> None:
-        best = self._ranked[0]
-        if self.rescale is None or self.generation % self.rescale[0]:
+        best, rescale = self._ranked[0], self.method.rescale
+        if rescale is None or self.generation % rescale.every:
             return
         # Nothing is known about where to look while every string has failed.
         if np.isfinite(self._objectives[best]):
-            self.box = self.box.around(self._parameters[best], self.rescale[1])
+            self.box = self.box.around(self._parameters[best], rescale.factor)

@@ -19,7 +19,8 @@ from agglom_mpi.search.decisions import (
     Target,
 )
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
-from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals, SearchMethod
+from agglom_mpi.search.method import RunningSearch
+from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.stopping import Race, RaceEntry
 
 
@@ -71,7 +72,7 @@ class Inversion:
 
     def __init__(
         self,
-        search: SearchMethod,
+        search: RunningSearch,
         make_ensemble: Callable[[], Ensemble],
         generations: int,
         target: Target | None = None,

@@ -1,7 +1,7 @@
-"""Proposed strings, what their evaluation gave, and the interface of a search method."""
+"""Proposed strings, and the results of their evaluation."""
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,40 +56,6 @@ class Ranked(NamedTuple):
     objective: float
     standard_error: float | None = None
     """Of the search's own estimate; None where the objective is that of the string's ensemble."""
-
-
-class SearchMethod(Protocol):
-    """A method that proposes strings and learns from their objectives, generation by generation."""
-
-    @property
-    def parents(self) -> int:
-        """Number of best strings that the method keeps."""
-
-    @property
-    def population_ids(self) -> NDArray[np.int64]:
-        """Numbers of the strings of the population last told, in slot order."""
-
-    def ask(self) -> Proposals:
-        """Return the strings of the next generation; repeated calls return the same."""
-
-    def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
-        """Return those strings of a coming generation that no further result changes.
-
-        Returns
-        -------
-        tuple or None
-            Number of the first of them, and the strings, the last ones of the generation; None if
-            there are none, or if they are not known yet.
-        """
-
-    def tell(self, evaluations: Evaluations) -> None:
-        """Learn from the results of the strings proposed last."""
-
-    def best(self, k: int) -> list[Ranked]:
-        """Return the k best strings, best first."""
-
-    def mean_of_top(self, k: int) -> float:
-        """Return the mean objective of the k best strings."""
 
 
 def as_proposals(
@@ -170,6 +136,10 @@ class EvaluatedStrings:
     def mean_of_top(self, k: int) -> float:
         """Return the mean objective of the k best strings."""
         return float(np.mean([ranked.objective for ranked in self.best(k)]))
+
+    def set_error(self) -> float:
+        """Return inf: no set is searched for."""
+        return np.inf
 
     def _ranked(self) -> NDArray[np.int64]:
         objectives = np.where(np.isfinite(self.objectives), self.objectives, np.inf)

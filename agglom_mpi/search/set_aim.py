@@ -1,16 +1,17 @@
 """Searching for the set of strings that meet a target, in place of the best of them."""
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.emulator import Emulator, NoisyMeans
-from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.statistics import probability_between
+
+if TYPE_CHECKING:
+    from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class SetAim(NamedTuple):
         return probability_between(-self.tolerance, self.tolerance, mean, deviation)
 
     def batch(
-        self, model: GaussianProcess, count: int, random: np.random.Generator, space: SearchSpace
+        self, model: "GaussianProcess", count: int, random: np.random.Generator, space: SearchSpace
     ) -> Floats:
         """Draw points of the unit cube, (count, d): half by neighbourhood, half by doubt.
 
@@ -99,6 +100,8 @@ class SetAim(NamedTuple):
             The box.
         """
         from scipy.stats import qmc
+
+        from agglom_mpi.emulation.emulator import Emulator, NoisyMeans  # loads scipy, too
 
         known = np.isfinite(means) & (samples > 0)
         if known.sum() < FEWEST:

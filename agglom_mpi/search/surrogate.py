@@ -5,12 +5,15 @@ cube. A generation is drawn by Thompson sampling (Thompson 1933; Hernández-Loba
 string is the optimum of another function drawn from the posterior.
 """
 
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.sections import LATER, FieldPath
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
@@ -22,7 +25,8 @@ from agglom_mpi.search.acquisition import (
     expected_objective,
     perturbed,
 )
-from agglom_mpi.search.baselines import NO_STRINGS, SobolStrings
+from agglom_mpi.search.baselines import SobolStrings
+from agglom_mpi.search.method import NO_STRINGS, SearchInputs, SearchMethod
 from agglom_mpi.search.proposals import (
     MODEL,
     RANDOM,
@@ -33,11 +37,10 @@ from agglom_mpi.search.proposals import (
     as_proposals,
     begun_with,
 )
-from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.set_aim import SetAim
 
 if TYPE_CHECKING:
     from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
-    from agglom_mpi.search.set_aim import SetAim
 
 FITTED: Final = 400
 """Largest number of strings that the covariance is fitted to; all are used once it is known."""
@@ -46,8 +49,92 @@ GROWTH: Final = 1.25
 """Factor in the number of strings after which the covariance is fitted again."""
 
 
+SET_TOLERANCE: Final = 0.05
+"""Default tolerance of the set that a search looks for, as of its report."""
+
+
+class Surrogate(SearchMethod):
+    """A Gaussian process through all samples so far, batches by Thompson sampling.
+
+    Attributes
+    ----------
+    initial
+        Number of Sobol points, in two generations, before the model proposes.
+    batch
+        Number of strings of each other generation.
+    aim
+        Whether the best string or the set of strings that meet the target is searched for.
+    tolerance
+        Tolerance of the set; None: `SET_TOLERANCE`.
+    """
+
+    lag: ClassVar[int] = 2
+    library: ClassVar[str | None] = "threadpoolctl"
+    ranks_by_model: ClassVar[bool] = True
+    method: Literal["surrogate"] = "surrogate"
+    initial: Annotated[int, Whole(at_least=8, at_most=10**4)] = 48
+    batch: Annotated[int, Whole(at_least=2, at_most=10**4)] = 24
+    aim: Annotated[Literal["best", "set"], LATER] = "best"
+    tolerance: Annotated[Annotated[float, In("1", above=0, below=1)] | None, LATER] = None
+
+    def build(self, inputs: SearchInputs) -> "SurrogateSearch":
+        """Return the search before its first generation."""
+        return SurrogateSearch(self, inputs)
+
+    @property
+    def population(self) -> int:
+        """Size of a batch, at most the first generation."""
+        return min(self.batch, self.first_generation)
+
+    @property
+    def first_generation(self) -> int:
+        """Half of the `initial` strings, rounded up."""
+        return (self.initial + 1) // 2
+
+    def strings(self, generations: int) -> int:
+        """Return the number of strings: two generations of Sobol points, then batches."""
+        if generations < 2:
+            return generations * self.first_generation
+        return self.initial + (generations - 2) * self.batch
+
+    @property
+    def favours_low_objectives(self) -> bool:
+        """Whether the search looks for the best string."""
+        return not self.looks_for_a_set
+
+    @property
+    def looks_for_a_set(self) -> bool:
+        """Whether the set of strings that meet a target is searched, not the best string."""
+        return self.aim == "set"
+
+    @property
+    def set_tolerance(self) -> float:
+        """Tolerance of the set."""
+        return self.tolerance or SET_TOLERANCE
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield a tolerance where no set is searched for."""
+        yield from super().problems()
+        if self.tolerance is not None and not self.looks_for_a_set:
+            yield ("tolerance",), "is that of a set; give aim: set, or leave it out"
+
+    @property
+    def summary(self) -> str:
+        """One line on the method."""
+        batches = "by Thompson sampling"
+        if self.looks_for_a_set:
+            batches = (
+                "half even around the target, half where it is unsure which strings are within "
+                f"{self.set_tolerance:g} of it"
+            )
+        return (
+            f"Gaussian process through all samples, {self.initial} Sobol points first, then "
+            f"batches of {self.batch} {batches}"
+        )
+
+
 class SurrogateSearch(EvaluatedStrings):
-    """Propose strings by a Gaussian process.
+    """The samples and processes of a search by `Surrogate`.
 
     A generation learns from the results of all but the one before it, so that it is known, and may
     be simulated, while that one still runs: neither a slow sample nor a fit of the covariance makes
@@ -55,50 +142,29 @@ class SurrogateSearch(EvaluatedStrings):
 
     Parameters
     ----------
-    space
-        The box to search.
-    seed
-        Seed of the campaign.
-    initial
-        Number of Sobol points, in two generations, before the model proposes.
-    batch
-        Number of strings of each other generation.
-    given
-        Strings that the first generation begins with, shape (n, 10), n at most half of `initial`.
-    magnitude
-        Whether the objective is the magnitude of what is modelled, the signed mean.
-    aim
-        The set that is looked for, in place of the best string; None: the best.
-    background
-        Whether to compute proposals in a thread; `known_proposals` then does not wait for it.
+    method
+        Its numbers.
+    inputs
+        Box, seed, given strings and what the model is of. With `background`, proposals are computed
+        in a thread, and `known_proposals` does not wait for it.
     """
 
     parents = 1
 
-    def __init__(
-        self,
-        space: SearchSpace,
-        seed: int,
-        initial: int,
-        batch: int,
-        given: NDArray[np.float64] = NO_STRINGS,
-        magnitude: bool = False,
-        background: bool = False,
-        aim: "SetAim | None" = None,
-    ) -> None:
-        self._first = (initial + 1) // 2
-        super().__init__(min(batch, self._first))  # the same in all generations
-        self.space = space
-        self.seed = seed
-        self.initial = initial
-        self.batch = batch
-        self.given = given
-        self._sobol = SobolStrings(space, seed)
-        self._magnitude = magnitude
-        self._aim = aim
+    def __init__(self, method: Surrogate, inputs: SearchInputs) -> None:
+        super().__init__(method.population)  # the same in all generations
+        self.method = method
+        self.space = inputs.space
+        self.seed = inputs.seed
+        self.given = inputs.given
+        self._sobol = SobolStrings(inputs.space, inputs.seed)
+        self._magnitude = inputs.magnitude
+        self._aim: SetAim | None = None
+        if method.looks_for_a_set:
+            self._aim = SetAim(method.set_tolerance, inputs.coordinates, inputs.groups)
         self._judged = 0  # strings by which the error of the set was told last
         self._error = np.inf
-        self._thread = ThreadPoolExecutor(1) if background else None
+        self._thread = ThreadPoolExecutor(1) if inputs.background else None
         self._pending: dict[int, Future[Proposals]] = {}
         self._covariances: dict[int, Covariance] = {}
         self._models: dict[tuple[int, int], GaussianProcess] = {}
@@ -167,8 +233,7 @@ class SurrogateSearch(EvaluatedStrings):
 
     def _count_before(self, generation: int) -> int:
         """Return the number of strings of all generations before this one."""
-        sizes = 0, self._first, self.initial
-        return sizes[generation] if generation < 3 else self.initial + (generation - 2) * self.batch
+        return self.method.strings(generation)
 
     def _fit_in_background(self, generation: int) -> Future[Proposals]:
         """Begin to compute the proposals of a generation, unless that was begun before."""
@@ -227,7 +292,7 @@ class SurrogateSearch(EvaluatedStrings):
         """
         from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
-        fitted = milestone(fitted, self._first)
+        fitted = milestone(fitted, self.method.first_generation)
         covariance = self._covariance(fitted)
         if covariance is None:
             return None

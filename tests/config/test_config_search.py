@@ -7,8 +7,8 @@ import pytest
 from campaign_text import campaign
 
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.search import EarlierCampaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.declaration.given_values import EarlierCampaign
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -69,11 +69,11 @@ def message(*edits: tuple[str, str]) -> str:
     [
         (
             "{method: annealing}",
-            ("search.method:", "is 'annealing'", "allowed: genetic, surrogate, cmaes, random"),
+            ("search.method:", "is 'annealing'", "genetic", "surrogate", "cmaes", "random"),
         ),
         (
             "{method: }",
-            ("search.method:", "is 'None'", "allowed: genetic, surrogate, cmaes, random, sobol"),
+            ("search.method:", "is 'None'", "genetic", "surrogate", "cmaes", "random", "sobol"),
         ),
         ("surrogate", ("search:", "is 'surrogate'", "a mapping")),
         (

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from campaign_text import campaign, edited
 
-from agglom_mpi.config.bounds import size_ratio, volume_fraction
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.variables import size_ratio, volume_fraction
 
 DIAMETER = ("  half_width", "  grain_diameter: 50 um")
 FRACTION = ("  size_ratio", "  volume_fraction: [0.02, 0.2]")

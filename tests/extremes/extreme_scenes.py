@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
-from agglom_mpi.config.bounds import MAX_SIZE_RATIO
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.declaration.given_values import MAX_SIZE_RATIO
 
 R = 8.314462618
 LARGEST_FRACTION = math.pi / 6.0 * MAX_SIZE_RATIO**3

@@ -12,7 +12,6 @@ from plain_python import PLAIN
 
 from agglom_mpi import load_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.bounds import volume_fraction
 from agglom_mpi.config.submodels import ConstantRestitution
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.physics.constants import GAS_CONSTANT, STEFAN_BOLTZMANN
@@ -21,6 +20,7 @@ from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.variables import volume_fraction
 
 SCENES = sorted((Path(__file__).parents[2] / "jobs" / "extremes").glob("*.yaml"))
 NAMES = [path.stem for path in SCENES]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from examples import examples
 from hypothesis import strategies as st
+from searches import genetic_search, surrogate_search
 from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
@@ -18,12 +19,10 @@ from agglom_mpi.planning.cluster_simulator import (
 from agglom_mpi.planning.forecast import Forecast
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import FixedNumber, SuccessiveDifference
-from agglom_mpi.search.surrogate import SurrogateSearch
 from agglom_mpi.variables import COUNT
 
 ROUNDING = 1e-9
@@ -48,7 +47,7 @@ class Drawn:
 
 
 def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
-    search = GeneticSearch(
+    search = genetic_search(
         SearchSpace(np.zeros(COUNT), np.ones(COUNT)),
         seed=5,
         population=population,
@@ -191,7 +190,7 @@ def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longe
 
 @pytest.mark.parametrize("ranks", [1, 30])
 def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
-    search = SurrogateSearch(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
+    search = surrogate_search(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
     inversion = Inversion(search, lambda: Ensemble(FixedNumber(), GrowthTarget(), 100, 1, 1), 6)
     same = Drawn()  # all samples take 0.01 s
     run = ClusterSimulator(inversion, same, ranks, FREE, lag=2)

@@ -5,6 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 from decision_log import DecisionLog
+from searches import genetic_search
 from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
@@ -13,7 +14,6 @@ from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
@@ -67,7 +67,7 @@ class Decisions(DecisionLog):
 
 def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
     space = SearchSpace(np.zeros(COUNT), np.ones(COUNT))
-    search = GeneticSearch(space, seed=5, population=population, parents=2, rescale=rescale)
+    search = genetic_search(space, seed=5, population=population, parents=2, rescale=rescale)
     return Inversion(search, lambda: Judge(max_samples), generations), Decisions()
 
 

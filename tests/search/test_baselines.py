@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 from search_fakes import judged, papers_box, unit_box
+from searches import genetic_search, random_search, sobol_search
 
 from agglom_mpi.random_streams import SOBOL_SCRAMBLE, search_stream
-from agglom_mpi.search.baselines import SOBOL_BITS, RandomSearch, SobolSearch, sobol_strings
-from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.baselines import SOBOL_BITS, sobol_strings
 from agglom_mpi.search.proposals import GIVEN, NO_PARENT, RANDOM
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
 
-METHODS = pytest.mark.parametrize("method", [RandomSearch, SobolSearch])
+METHODS = pytest.mark.parametrize("method", [random_search, sobol_search])
 
 
 def batches(search, generations, worth=0.0):
@@ -28,7 +28,7 @@ def strings_of(found):
 
 
 def test_sobol_points_of_all_generations_are_one_scrambled_sequence():
-    strings = strings_of(batches(SobolSearch(unit_box(), 5, 7), 9))
+    strings = strings_of(batches(sobol_search(unit_box(), 5, 7), 9))
     scramble = search_stream(5, SOBOL_SCRAMBLE)
     wanted = qmc.Sobol(COUNT, bits=SOBOL_BITS, rng=scramble).random(64)
     assert np.array_equal(strings[:63], wanted[:63])
@@ -40,14 +40,14 @@ def test_sobol_points_are_more_even_than_random_ones():
             qmc.discrepancy(strings_of(batches(method(unit_box(), seed, 32), 4)))
             for seed in range(5)
         ]
-        for method in (RandomSearch, SobolSearch)
+        for method in (random_search, sobol_search)
     }
-    assert max(spread[SobolSearch]) < min(spread[RandomSearch])
+    assert max(spread[sobol_search]) < min(spread[random_search])
 
 
 def test_random_strings_are_those_of_the_genetic_search_in_the_same_slots():
-    ours = batches(RandomSearch(papers_box(), 5, 12), 3)
-    genetic = GeneticSearch(papers_box(), 5, 12, 4)
+    ours = batches(random_search(papers_box(), 5, 12), 3)
+    genetic = genetic_search(papers_box(), 5, 12, 4)
     assert np.array_equal(ours[0].parameters, genetic.ask().parameters, equal_nan=True)
     for generation in (1, 2):
         _, theirs = genetic.known_proposals(generation)

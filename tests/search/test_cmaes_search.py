@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from search_fakes import judged, unit_box
+from searches import cmaes_search
 
-from agglom_mpi.search.cmaes_search import CmaesSearch
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
@@ -31,7 +31,7 @@ def run(search, generations, worth=sphere):
 @pytest.mark.parametrize("dimensions", [1, 2, 10])
 @pytest.mark.parametrize("worth", [sphere, lambda points: points.sum(axis=1)])
 def test_strings_stay_in_the_box_and_differ(dimensions, worth):
-    search = CmaesSearch(box(dimensions), 1, 12, 0.8)
+    search = cmaes_search(box(dimensions), 1, 12, 0.8)
     strings = np.concatenate([batch.parameters for batch in run(search, 12, worth)])
     assert np.all((strings >= search.space.lower) & (strings <= search.space.upper))
     assert len(np.unique(strings, axis=0)) == len(strings)
@@ -39,7 +39,7 @@ def test_strings_stay_in_the_box_and_differ(dimensions, worth):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_it_goes_down_a_sphere_to_its_middle(seed):
-    search = CmaesSearch(box(10), seed, 12, 0.3)
+    search = cmaes_search(box(10), seed, 12, 0.3)
     run(search, 100)
     # The distance falls by a constant factor in so many generations (Hansen 2016, section 4).
     assert search.best(1)[0].objective < 1e-6
@@ -47,7 +47,7 @@ def test_it_goes_down_a_sphere_to_its_middle(seed):
 
 
 def test_the_same_tells_lead_to_the_same_strings_in_any_order():
-    one, other = (CmaesSearch(box(6), 3, 8, 0.3) for _ in range(2))
+    one, other = (cmaes_search(box(6), 3, 8, 0.3) for _ in range(2))
     for generation in range(6):
         batch, twin = one.ask(), other.ask()
         for first, second, again in zip(batch, twin, one.ask(), strict=True):
@@ -57,14 +57,14 @@ def test_the_same_tells_lead_to_the_same_strings_in_any_order():
         worth = sphere(one.space.to_unit(batch.parameters))
         one.tell(judged(ids, batch.parameters, worth))
         other.tell(judged(ids[::-1], batch.parameters[::-1], worth[::-1]))
-    different = CmaesSearch(box(6), 4, 8, 0.3).ask().parameters
-    assert not np.array_equal(different, run(CmaesSearch(box(6), 3, 8, 0.3), 1)[0].parameters)
+    different = cmaes_search(box(6), 4, 8, 0.3).ask().parameters
+    assert not np.array_equal(different, run(cmaes_search(box(6), 3, 8, 0.3), 1)[0].parameters)
 
 
 def test_given_strings_come_first_and_it_begins_about_the_first_of_them():
     strings = unit_box().from_unit(np.full((2, COUNT), 0.25))
     strings[1] = 0.75
-    search = CmaesSearch(unit_box(), 1, 200, 0.02, strings)
+    search = cmaes_search(unit_box(), 1, 200, 0.02, strings)
     first, second = run(search, 2, lambda points: np.zeros(len(points)))
     assert np.array_equal(first.parameters[:2], strings)
     assert first.origin.tolist() == [GIVEN] * 2 + [RANDOM] * 198
@@ -77,7 +77,7 @@ def test_given_strings_come_first_and_it_begins_about_the_first_of_them():
 
 
 def test_what_fails_is_the_worst():
-    search = CmaesSearch(box(4), 1, 12, 0.3)
+    search = cmaes_search(box(4), 1, 12, 0.3)
 
     def wall(points):
         return np.where(points[:, 0] > 0.6, np.nan, sphere(points))
@@ -89,7 +89,7 @@ def test_what_fails_is_the_worst():
 
 
 def test_it_goes_on_while_every_string_fails():
-    search = CmaesSearch(box(4), 1, 6, 0.3)
+    search = cmaes_search(box(4), 1, 6, 0.3)
     strings = np.concatenate(
         [batch.parameters for batch in run(search, 5, lambda points: np.full(len(points), np.inf))]
     )
@@ -99,7 +99,7 @@ def test_it_goes_on_while_every_string_fails():
 
 
 def test_it_follows_the_strings_as_they_were_evaluated():
-    one, other = (CmaesSearch(box(4), 1, 6, 0.3) for _ in range(2))
+    one, other = (cmaes_search(box(4), 1, 6, 0.3) for _ in range(2))
     strings = one.ask().parameters
     one.tell(judged(np.arange(6), strings, np.arange(6.0)))
     other.tell(judged(np.arange(6), strings[::-1], np.arange(6.0)))

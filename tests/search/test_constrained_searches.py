@@ -6,13 +6,11 @@ The region is a thin curved shell, so that blends of two allowed strings are oft
 import numpy as np
 import pytest
 from search_fakes import judged
+from searches import cmaes_search, genetic_search, random_search, sobol_search, surrogate_search
 
-from agglom_mpi.search.baselines import RandomSearch, SobolSearch, SobolStrings, sobol_strings
-from agglom_mpi.search.cmaes_search import CmaesSearch
-from agglom_mpi.search.genetic import GeneticSearch
+from agglom_mpi.search.baselines import SobolStrings, sobol_strings
 from agglom_mpi.search.proposals import GIVEN
 from agglom_mpi.search.space import BLOCK, SearchSpace
-from agglom_mpi.search.surrogate import SurrogateSearch
 from agglom_mpi.variables import COUNT
 
 CENTRE = 20.0
@@ -39,15 +37,15 @@ def methods():
     given = sobol_strings(space, 3, 0, 4096)
     given = given[shell(given)][:2]
     return {
-        "random": lambda: RandomSearch(space, 1, 12, given),
-        "sobol": lambda: SobolSearch(space, 1, 12, given),
-        "genetic": lambda: GeneticSearch(space, 1, 12, 6, given=given),
-        "mutation": lambda: GeneticSearch(space, 1, 12, 6, (-0.5, 1.5), given=given),
-        "rescaled": lambda: GeneticSearch(space, 1, 12, 6, rescale=(1, 0.3), given=given),
-        "again": lambda: GeneticSearch(space, 1, 12, 6, given=given, again=True),
-        "cmaes": lambda: CmaesSearch(space, 1, 12, 0.3, given),
-        "unguided cmaes": lambda: CmaesSearch(space, 1, 12, 0.3),
-        "surrogate": lambda: SurrogateSearch(space, 1, 24, 8, given, magnitude=True),
+        "random": lambda: random_search(space, 1, 12, given),
+        "sobol": lambda: sobol_search(space, 1, 12, given),
+        "genetic": lambda: genetic_search(space, 1, 12, 6, given=given),
+        "mutation": lambda: genetic_search(space, 1, 12, 6, (-0.5, 1.5), given=given),
+        "rescaled": lambda: genetic_search(space, 1, 12, 6, rescale=(1, 0.3), given=given),
+        "again": lambda: genetic_search(space, 1, 12, 6, given=given, again=True),
+        "cmaes": lambda: cmaes_search(space, 1, 12, 0.3, given),
+        "unguided cmaes": lambda: cmaes_search(space, 1, 12, 0.3),
+        "surrogate": lambda: surrogate_search(space, 1, 24, 8, given, magnitude=True),
     }
 
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import judged, papers_box, unit_box
+from searches import genetic_search
 
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.proposals import NO_PARENT, OFFSPRING, RANDOM
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
@@ -29,13 +29,13 @@ def run(search, generations, worth=bowl):
 
 @pytest.mark.parametrize(("generations", "evaluations"), [(1, 20), (22, 314), (25, 356)])
 def test_a_campaign_evaluates_as_many_strings_as_the_papers_say(generations, evaluations):
-    history = run(GeneticSearch(unit_box(), seed=1), generations)
+    history = run(genetic_search(unit_box(), seed=1), generations)
     assert sum(ids.size for _, ids in history) == evaluations
     assert evaluations == 20 + (generations - 1) * (20 - 6)
 
 
 def test_the_first_generation_is_all_random():
-    batch = GeneticSearch(papers_box(), seed=1).ask()
+    batch = genetic_search(papers_box(), seed=1).ask()
     assert batch.generation == 0
     assert batch.slot.tolist() == list(range(20))
     assert np.all(batch.origin == RANDOM)
@@ -44,7 +44,7 @@ def test_the_first_generation_is_all_random():
 
 
 def test_a_population_is_kept_parents_then_offspring_then_random_strings():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     run(search, 1)
     parents = [ranked.string for ranked in search.best(6)]
     batch = search.ask()
@@ -56,7 +56,7 @@ def test_a_population_is_kept_parents_then_offspring_then_random_strings():
 
 
 def test_neighbours_in_rank_mate_and_have_two_offspring_each():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     run(search, 3)
     first, second, third, fourth, fifth, sixth = (ranked.string for ranked in search.best(6))
     pairs = [[first, second]] * 2 + [[third, fourth]] * 2 + [[fifth, sixth]] * 2
@@ -67,7 +67,7 @@ def test_neighbours_in_rank_mate_and_have_two_offspring_each():
 
 def blends(blend):
     """Return the blending numbers of every component of many offspring."""
-    search = GeneticSearch(unit_box(), seed=3, population=80, parents=40, blend=blend)
+    search = genetic_search(unit_box(), seed=3, population=80, parents=40, blend=blend)
     ((first, _),) = run(search, 1)
     batch = search.ask()
     a, b = (first.parameters[batch.parents[:40, side]] for side in (0, 1))
@@ -77,7 +77,7 @@ def blends(blend):
 @given(st.integers(0, 2**40))
 @settings(max_examples=25, derandomize=True, deadline=None)
 def test_offspring_lie_between_their_parents_in_every_component(seed):
-    search = GeneticSearch(papers_box(), seed)
+    search = genetic_search(papers_box(), seed)
     rng = np.random.default_rng(seed)
     history = run(search, 1, lambda strings: rng.random(len(strings)))
     first = history[0][0].parameters[:, :9]
@@ -112,7 +112,7 @@ def test_a_blend_beyond_one_mutates_out_of_the_hull_but_never_out_of_the_box():
 def test_fixed_components_stay_exact_through_blending():
     lower, upper = np.zeros(COUNT), np.ones(COUNT)
     lower[4] = upper[4] = 0.1
-    search = GeneticSearch(SearchSpace(lower, upper), seed=1, blend=(-0.5, 1.5))
+    search = genetic_search(SearchSpace(lower, upper), seed=1, blend=(-0.5, 1.5))
     for batch, _ in run(search, 5):
         assert np.all(batch.parameters[:, 4] == 0.1)
 
@@ -120,7 +120,7 @@ def test_fixed_components_stay_exact_through_blending():
 @given(st.integers(0, 2**40))
 @settings(max_examples=25, derandomize=True, deadline=None)
 def test_keeping_the_parents_makes_the_best_monotone_and_the_top_the_best_ever_seen(seed):
-    search, rng = GeneticSearch(unit_box(), seed), np.random.default_rng(seed)
+    search, rng = genetic_search(unit_box(), seed), np.random.default_rng(seed)
     seen, before = [], np.inf
     for generation in range(6):
         batch = search.ask()
@@ -139,7 +139,7 @@ def test_keeping_the_parents_makes_the_best_monotone_and_the_top_the_best_ever_s
 
 
 def test_ties_are_ranked_by_string_number():
-    search = GeneticSearch(unit_box(), seed=1, population=200)
+    search = genetic_search(unit_box(), seed=1, population=200)
     objectives = np.arange(200) % 3
     search.tell(judged(np.arange(200), search.ask().parameters, objectives))
     best = search.best(200)
@@ -147,7 +147,7 @@ def test_ties_are_ranked_by_string_number():
 
 
 def test_what_is_not_finite_ranks_last():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     batch = search.ask()
     objectives = np.arange(20.0)
     objectives[[0, 1, 2]] = np.nan, np.inf, -np.inf
@@ -157,7 +157,7 @@ def test_what_is_not_finite_ranks_last():
 
 
 def test_asking_again_changes_nothing():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     run(search, 2)
     for first, again in zip(search.ask(), search.ask(), strict=True):
         assert np.array_equal(first, again)
@@ -166,7 +166,7 @@ def test_asking_again_changes_nothing():
 @given(st.integers(0, 2**40), st.randoms(use_true_random=False))
 @settings(max_examples=25, derandomize=True, deadline=None)
 def test_the_order_of_a_tell_does_not_matter(seed, shuffler):
-    one, other = (GeneticSearch(papers_box(), seed, rescale=(2, 0.5)) for _ in range(2))
+    one, other = (genetic_search(papers_box(), seed, rescale=(2, 0.5)) for _ in range(2))
     rng, count = np.random.default_rng(seed), 0
     for _ in range(5):
         batch, twin = one.ask(), other.ask()
@@ -183,24 +183,24 @@ def test_the_order_of_a_tell_does_not_matter(seed, shuffler):
 
 
 def test_other_seeds_propose_other_strings():
-    one, other = (GeneticSearch(unit_box(), seed).ask().parameters for seed in (1, 2))
+    one, other = (genetic_search(unit_box(), seed).ask().parameters for seed in (1, 2))
     assert np.all(one != other)
 
 
 def test_strings_of_different_slots_and_generations_differ():
-    history = run(GeneticSearch(unit_box(), seed=1), 4)
+    history = run(genetic_search(unit_box(), seed=1), 4)
     randoms = np.concatenate([batch.parameters[batch.origin == RANDOM] for batch, _ in history])
     assert np.unique(randoms).size == randoms.size
 
 
 def test_a_search_uses_the_parameters_it_is_told_not_those_it_proposed():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     search.tell(judged(np.arange(20), np.full((20, COUNT), 0.25), np.arange(20.0)))
     assert np.all(search.ask().parameters[:6] == 0.25)
 
 
 def test_a_tell_of_another_size_is_refused():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     with pytest.raises(ValueError, match="20 new strings"):
         search.tell(judged(np.arange(19), np.zeros((19, COUNT)), np.zeros(19)))
 
@@ -219,17 +219,17 @@ def test_a_tell_of_another_size_is_refused():
 )
 def test_settings_that_make_no_search_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        GeneticSearch(unit_box(), seed=1, **wrong)
+        genetic_search(unit_box(), seed=1, **wrong)
 
 
 def test_without_random_strings_a_population_is_parents_and_offspring():
-    search = GeneticSearch(unit_box(), seed=1, population=12, parents=6)
+    search = genetic_search(unit_box(), seed=1, population=12, parents=6)
     run(search, 1)
     assert search.ask().origin.tolist() == [OFFSPRING] * 6
 
 
 def test_the_box_shrinks_around_the_best_after_every_so_many_generations():
-    search = GeneticSearch(unit_box(), seed=1, rescale=(4, 0.5))
+    search = genetic_search(unit_box(), seed=1, rescale=(4, 0.5))
     expected, told = unit_box(), []
     for generation in range(10):
         if generation in (4, 8):
@@ -247,7 +247,7 @@ def test_the_box_shrinks_around_the_best_after_every_so_many_generations():
 
 
 def test_offspring_remain_free_outside_the_restricted_box():
-    search = GeneticSearch(unit_box(), seed=1, blend=(-3.0, 4.0), rescale=(1, 0.01))
+    search = genetic_search(unit_box(), seed=1, blend=(-3.0, 4.0), rescale=(1, 0.01))
     run(search, 1)
     children = search.ask().parameters[:6]
     assert np.any((children < search.box.lower) | (children > search.box.upper))
@@ -255,13 +255,13 @@ def test_offspring_remain_free_outside_the_restricted_box():
 
 
 def test_the_box_is_left_alone_while_every_string_has_failed():
-    search = GeneticSearch(unit_box(), seed=1, rescale=(1, 0.5))
+    search = genetic_search(unit_box(), seed=1, rescale=(1, 0.5))
     run(search, 1, lambda strings: np.full(len(strings), np.inf))
     assert search.box is search.space
 
 
 def test_random_strings_of_coming_generations_are_known_until_the_box_changes():
-    search = GeneticSearch(unit_box(), seed=1, rescale=(3, 0.5))
+    search = genetic_search(unit_box(), seed=1, rescale=(3, 0.5))
     ahead = {generation: search.known_proposals(generation) for generation in range(6)}
     assert [generation for generation in range(6) if ahead[generation] is None] == [3, 4, 5]
     for batch, _ in run(search, 3):
@@ -273,7 +273,7 @@ def test_random_strings_of_coming_generations_are_known_until_the_box_changes():
 
 
 def test_without_rescaling_random_strings_are_known_for_ever():
-    search = GeneticSearch(unit_box(), seed=1)
+    search = genetic_search(unit_box(), seed=1)
     _, early = search.known_proposals(7)
     batch, _ = run(search, 8)[-1]
     assert np.array_equal(early.parameters, batch.parameters[6:])
@@ -282,7 +282,7 @@ def test_without_rescaling_random_strings_are_known_for_ever():
 def test_the_search_finds_the_bottom_of_a_bowl():
     found, undirected = [], []
     for seed in range(12):
-        search = GeneticSearch(unit_box(), seed=seed)
+        search = genetic_search(unit_box(), seed=seed)
         everything = np.concatenate([batch.parameters for batch, _ in run(search, 25)])
         assert search.best(1)[0].objective == bowl(everything).min()
         found.append(search.best(1)[0].objective)

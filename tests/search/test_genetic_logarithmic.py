@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 from search_fakes import judged, papers_box
+from searches import genetic_search
 
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.proposals import GIVEN, RANDOM
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
@@ -32,7 +32,7 @@ def told(search, objectives=None, seed=0):
 
 
 def test_draws_are_uniform_in_the_logarithm_or_in_the_variable_itself():
-    strings = GeneticSearch(space(), 3, population=2000, parents=4).ask().parameters
+    strings = genetic_search(space(), 3, population=2000, parents=4).ask().parameters
     shares = np.where(LOGARITHMIC, (np.log10(strings) + 2.0) / 4.0, (strings - 1e-2) / 99.99)
     for column in shares.T:
         # Four standard errors have a chance of 6e-5.
@@ -43,7 +43,7 @@ def test_draws_are_uniform_in_the_logarithm_or_in_the_variable_itself():
 @given(st.integers(0, 2**40))
 @settings(derandomize=True, deadline=None, max_examples=25)
 def test_offspring_lie_between_their_parents_in_every_component(seed):
-    search = GeneticSearch(space(), seed)
+    search = genetic_search(space(), seed)
     first = told(search, seed=seed).parameters
     batch = search.ask()
     a, b = (first[batch.parents[:6, side]] for side in (0, 1))
@@ -55,7 +55,7 @@ def test_offspring_lie_between_their_parents_in_every_component(seed):
 
 
 def test_blends_are_uniform_in_the_logarithm():
-    search = GeneticSearch(space(), 3, population=400, parents=200)
+    search = genetic_search(space(), 3, population=400, parents=200)
     first = told(search).parameters
     batch = search.ask()
     a, b = (space().scaled(first[batch.parents[:200, side]]) for side in (0, 1))
@@ -65,13 +65,13 @@ def test_blends_are_uniform_in_the_logarithm():
 
 
 def test_equal_parents_have_equal_children_to_rounding():
-    search = GeneticSearch(space(), 1)
+    search = genetic_search(space(), 1)
     search.tell(judged(np.arange(20), np.full((20, COUNT), 0.37), np.arange(20.0)))
     assert np.allclose(search.ask().parameters[:6], 0.37, rtol=4 * np.finfo(float).eps, atol=0.0)
 
 
 def test_the_box_shrinks_around_the_best_in_the_logarithm():
-    search = GeneticSearch(space(), 1, rescale=(1, 0.5))
+    search = genetic_search(space(), 1, rescale=(1, 0.5))
     best = np.ones(COUNT)
     search.tell(judged(np.arange(20), np.tile(best, (20, 1)), np.arange(20.0)))
     # Four decades halved are two; the others are cut off at the lower end.
@@ -85,7 +85,7 @@ def test_the_box_shrinks_around_the_best_in_the_logarithm():
 
 def test_given_strings_come_first_and_the_rest_is_as_it_was():
     strings = np.random.default_rng(0).uniform(1.0, 2.0, (3, COUNT))
-    batch, plain = GeneticSearch(space(), 1, given=strings).ask(), GeneticSearch(space(), 1).ask()
+    batch, plain = genetic_search(space(), 1, given=strings).ask(), genetic_search(space(), 1).ask()
     assert np.array_equal(batch.parameters[:3], strings)
     assert np.array_equal(batch.parameters[3:], plain.parameters[3:])
     assert batch.origin.tolist() == [GIVEN] * 3 + [RANDOM] * 17
@@ -97,7 +97,7 @@ def test_given_strings_come_first_and_the_rest_is_as_it_was():
     ("rescale", "digest"), [(None, "358b42b8486cb661"), ((2, 0.5), "5301f579eafd0541")]
 )
 def test_without_logarithms_no_bit_is_other_than_before_there_were_any(rescale, digest):
-    search, strings = GeneticSearch(papers_box(), 11, blend=(-0.5, 1.5), rescale=rescale), []
+    search, strings = genetic_search(papers_box(), 11, blend=(-0.5, 1.5), rescale=rescale), []
     for generation in range(6):
         strings.append(told(search, seed=generation).parameters)
     found = hashlib.sha256(np.concatenate(strings).tobytes()).hexdigest()[:16]

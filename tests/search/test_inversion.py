@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
+from searches import genetic_search
 
 from agglom_mpi.search.decisions import (
     GENERATIONS_DONE,
@@ -16,7 +17,6 @@ from agglom_mpi.search.decisions import (
     Target,
 )
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
@@ -45,7 +45,7 @@ class Book(Decisions):
 
 
 def inversion(generations=4, target=None, restore=None, rule=None):
-    search = GeneticSearch(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
+    search = genetic_search(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
     rule = rule or SuccessiveDifference(0.02)
 
     def ensemble():

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_fakes import PARTICLES, Decisions, completed, unit_box
+from searches import genetic_search
 
 from agglom_mpi.search.decisions import Progress
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import RANDOM
@@ -48,7 +48,7 @@ class Book(Decisions):
 
 
 def inversion(rescale=None, restore=None, generations=GENERATIONS):
-    search = GeneticSearch(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
+    search = genetic_search(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
 
     def ensemble():
         return Ensemble(SuccessiveDifference(0.02), GrowthTarget(), PARTICLES, 2, 12)

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from search_fakes import PARTICLES, Decisions, completed, unit_box
+from searches import genetic_search
 
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import MaximumGrowth
 from agglom_mpi.search.stopping import Race, RaceEntry, StandardError
@@ -35,7 +35,7 @@ def simulate(parameters, sample):
 def inversion(racing, generations=GENERATIONS):
     rule, objective = StandardError(0.005), MaximumGrowth(PARTICLES)
     return Inversion(
-        GeneticSearch(unit_box(), 3, population=12, parents=4),
+        genetic_search(unit_box(), 3, population=12, parents=4),
         lambda: Ensemble(rule, objective, PARTICLES, 5, MOST),
         generations,
         racing=racing,

@@ -5,9 +5,9 @@ import random
 import numpy as np
 import pytest
 from search_fakes import PARTICLES, Decisions, completed, failed, judged, unit_box
+from searches import genetic_search
 
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.genetic import GeneticSearch
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import AGAIN, OFFSPRING, RANDOM
@@ -66,7 +66,7 @@ def worth(strings):
 
 
 def test_parents_come_first_and_all_strings_are_new():
-    search = GeneticSearch(unit_box(), 5, population=10, parents=4, again=True)
+    search = genetic_search(unit_box(), 5, population=10, parents=4, again=True)
     batch = search.ask()
     search.tell(judged(np.arange(10), batch.parameters, worth(batch.parameters)))
     kept = [ranked.string for ranked in search.best(4)]
@@ -81,7 +81,7 @@ def test_parents_come_first_and_all_strings_are_new():
 
 @pytest.mark.parametrize("again", [False, True])
 def test_random_strings_are_known_by_the_numbers_that_they_will_have(again):
-    search, count = GeneticSearch(unit_box(), 5, population=10, parents=4, again=again), 0
+    search, count = genetic_search(unit_box(), 5, population=10, parents=4, again=again), 0
     ahead = [search.known_proposals(generation) for generation in range(4)]
     for first, batch in ahead:
         asked = search.ask()
@@ -93,7 +93,7 @@ def test_random_strings_are_known_by_the_numbers_that_they_will_have(again):
 
 
 def test_without_it_everything_is_as_published():
-    one, other = (GeneticSearch(unit_box(), 5), GeneticSearch(unit_box(), 5, again=False))
+    one, other = (genetic_search(unit_box(), 5), genetic_search(unit_box(), 5, again=False))
     assert all(map(np.array_equal, one.ask(), other.ask()))
 
 
@@ -111,7 +111,7 @@ def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
 
     book = Book()
     inversion = Inversion(
-        GeneticSearch(unit_box(), seed, population=10, parents=4, again=more is not None),
+        genetic_search(unit_box(), seed, population=10, parents=4, again=more is not None),
         lambda: ensemble(4),
         generations,
         more_samples=more or 1,

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from processes import HANG, output_of, program, wait_for
 from search_fakes import judged, unit_box
+from searches import random_search, surrogate_search
 from threadpoolctl import threadpool_info
 
 from agglom_mpi.emulation.blas_threads import single_threaded
@@ -18,10 +19,10 @@ from agglom_mpi.emulation.covariance_fit import fit_covariance
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
-from agglom_mpi.search.baselines import RandomSearch, sobol_strings
+from agglom_mpi.search.baselines import sobol_strings
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.surrogate import SurrogateSearch, best_and_spread, milestone
+from agglom_mpi.search.surrogate import best_and_spread, milestone
 from agglom_mpi.variables import COUNT
 
 
@@ -81,7 +82,7 @@ def test_strings_are_distinct_and_in_the_box_whatever_they_are_worth(
 ):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(acquisition, "CANDIDATES", 120)
-        search = SurrogateSearch(box(dimensions, dimensions // 2), seed, initial, batch)
+        search = surrogate_search(box(dimensions, dimensions // 2), seed, initial, batch)
         batches = run(search, 5, worth)
     sizes = [len(each.parameters) for each in batches]
     assert sizes == [(initial + 1) // 2, initial // 2, batch, batch, batch]
@@ -107,20 +108,20 @@ def test_a_point_that_was_moved_may_be_moved_again_and_meets_no_other():
 def test_a_given_middle_of_a_flat_box_is_not_proposed_twice(few_candidates):
     middle = np.full((1, COUNT), 6.0)
     middle[:, 2:] = 1.0
-    search = SurrogateSearch(box(2), 1, 8, 4, middle)
+    search = surrogate_search(box(2), 1, 8, 4, middle)
     strings = strings_of(run(search, 6, lambda points: np.ones(len(points))))
     assert len(np.unique(strings, axis=0)) == len(strings)
 
 
 def test_the_first_two_generations_are_one_sobol_sequence():
-    search = SurrogateSearch(box(6), 5, 13, 4)
+    search = surrogate_search(box(6), 5, 13, 4)
     first, second = run(search, 2)
     assert np.array_equal(strings_of([first, second]), sobol_strings(search.space, 5, 0, 13))
 
 
 def test_given_strings_come_first():
     strings = sobol_strings(box(6), 9, 0, 3)
-    search = SurrogateSearch(box(6), 5, 13, 4, strings)
+    search = surrogate_search(box(6), 5, 13, 4, strings)
     first, second = run(search, 2)
     assert np.array_equal(first.parameters[:3], strings)
     assert first.origin.tolist() == [GIVEN] * 3 + [RANDOM] * 4
@@ -131,9 +132,9 @@ def test_given_strings_come_first():
 
 THINK = """
 import hashlib, numpy as np
-from agglom_mpi.search.surrogate import SurrogateSearch
 from test_surrogate import box, corner, run, strings_of
-search = SurrogateSearch(box(9), 3, 120, 20, background={background})
+from searches import surrogate_search
+search = surrogate_search(box(9), 3, 120, 20, background={background})
 strings = strings_of(run(search, 5, corner, 0.1))
 print(hashlib.sha256(strings.tobytes()).hexdigest(), search.best(20))
 """
@@ -182,7 +183,7 @@ def test_while_a_method_needs_one_thread_no_other_lifts_the_limit():
 
 
 def test_the_order_of_a_tell_does_not_matter(few_candidates):
-    one, other = (SurrogateSearch(box(4), 3, 10, 6) for _ in range(2))
+    one, other = (surrogate_search(box(4), 3, 10, 6) for _ in range(2))
     rng, count = np.random.default_rng(0), 0
     for _ in range(4):
         batch, twin = one.ask(), other.ask()
@@ -196,7 +197,7 @@ def test_the_order_of_a_tell_does_not_matter(few_candidates):
 
 
 def test_a_generation_that_is_not_told_whole_and_in_order_is_refused():
-    search = SurrogateSearch(box(4), 3, 10, 6)
+    search = surrogate_search(box(4), 3, 10, 6)
     strings = search.ask().parameters
     with pytest.raises(ValueError, match="told whole"):
         search.tell(judged(np.arange(1, 6), strings, np.zeros(5)))
@@ -204,7 +205,7 @@ def test_a_generation_that_is_not_told_whole_and_in_order_is_refused():
 
 @pytest.mark.parametrize("background", [False, True])
 def test_what_is_known_ahead_is_what_is_asked_later(few_candidates, background):
-    search = SurrogateSearch(box(4), 3, 11, 5, background=background)
+    search = surrogate_search(box(4), 3, 11, 5, background=background)
     count, ahead = 0, None
     for generation in range(6):
         batch = search.ask()
@@ -222,7 +223,7 @@ def test_what_is_known_ahead_is_what_is_asked_later(few_candidates, background):
 
 
 def test_who_asks_for_the_best_changes_no_bit_of_the_proposals(few_candidates):
-    asked, unasked = (SurrogateSearch(box(4), 3, 10, 6) for _ in range(2))
+    asked, unasked = (surrogate_search(box(4), 3, 10, 6) for _ in range(2))
 
     def asking(points):
         asked.best(3)
@@ -234,7 +235,7 @@ def test_who_asks_for_the_best_changes_no_bit_of_the_proposals(few_candidates):
 
 
 def test_the_best_are_ranked_by_a_process_through_all_strings(few_candidates):
-    search = SurrogateSearch(box(3), 5, 12, 5)
+    search = surrogate_search(box(3), 5, 12, 5)
     run(search, 12, bowl, 0.05)
     data = search.space.to_unit(search.parameters), search.deviations, search.samples
     fitted = milestone(len(search) - 5, 6)
@@ -247,7 +248,7 @@ def test_the_best_are_ranked_by_a_process_through_all_strings(few_candidates):
 
 def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates, monkeypatch):
     go_on = threading.Event()
-    search = SurrogateSearch(box(4), 3, 8, 5, background=True)
+    search = surrogate_search(box(4), 3, 8, 5, background=True)
     candidates_about = surrogate.candidates_about
 
     def slow(*arguments):
@@ -266,7 +267,7 @@ def test_what_is_still_thought_of_is_not_known_and_not_waited_for(few_candidates
 def test_a_batch_does_not_depend_on_the_generation_before_it(few_candidates, generation):
     batches = []
     for last in (bowl, corner):
-        search = SurrogateSearch(box(4), 3, 10, 6)
+        search = surrogate_search(box(4), 3, 10, 6)
         told = []
 
         def worth(points, search=search, told=told, last=last):
@@ -287,7 +288,7 @@ def test_what_fails_is_avoided_and_does_no_harm():
     """The best of as many random points would be at 0.018 ± 0.013, and 0.3 of them fail."""
     least, share = [], []
     for seed in range(4):
-        search = SurrogateSearch(box(3), seed, 24, 12)
+        search = surrogate_search(box(3), seed, 24, 12)
         batches = run(search, 7, wall)
         share += [np.mean(search.space.to_unit(b.parameters)[:, 0] > 0.7) for b in batches[4:]]
         best = search.best(len(search))
@@ -302,7 +303,7 @@ def test_what_fails_is_avoided_and_does_no_harm():
 
 def test_what_could_not_be_judged_is_never_the_best(few_candidates):
     """Regression: among values that say nothing, the first string was the best, though failed."""
-    search = SurrogateSearch(box(3), 4, 8, 4)
+    search = surrogate_search(box(3), 4, 8, 4)
     batch = search.ask()
     run_on = np.array([np.inf, 1.0, 1.0, 1.0])
     search.tell(judged(np.arange(4), batch.parameters, run_on))
@@ -320,7 +321,7 @@ def test_while_too_few_strings_could_be_judged_the_search_goes_on_at_random(judg
             values[:judged_strings] = 1.0
         return values
 
-    search = SurrogateSearch(box(3), 4, 8, 4)
+    search = surrogate_search(box(3), 4, 8, 4)
     batches = run(search, 4, worth)
     assert all(np.all(batch.origin == RANDOM) for batch in batches)
     assert len(np.unique(strings_of(batches), axis=0)) == 16
@@ -331,7 +332,7 @@ def test_while_too_few_strings_could_be_judged_the_search_goes_on_at_random(judg
 @pytest.mark.parametrize(("initial", "batch"), [(8, 9), (9, 5), (20, 4)])
 def test_the_population_is_as_large_in_all_generations(few_candidates, initial, batch):
     """Regression: with large batches it was larger later than a campaign file has room for."""
-    search = SurrogateSearch(unit_box(), 1, initial, batch)
+    search = surrogate_search(unit_box(), 1, initial, batch)
     sizes = set()
     for _ in range(4):
         count = len(search)
@@ -342,7 +343,7 @@ def test_the_population_is_as_large_in_all_generations(few_candidates, initial, 
 
 
 def test_the_best_are_those_of_the_best_expectation_and_twins_are_last(few_candidates):
-    search = SurrogateSearch(box(2), 4, 24, 4)
+    search = surrogate_search(box(2), 4, 24, 4)
     run(search, 2, bowl, 0.02)
     ranked = search.best(24)
     assert [each.objective for each in ranked] == sorted(each.objective for each in ranked)
@@ -360,7 +361,7 @@ def test_a_crossing_in_the_middle_of_the_box_is_found_by_its_sign(seed):
     def crossing(points):
         return 2.0 * (points[:, 0] - 0.4) + 0.3 * (points[:, 1] - 0.5)
 
-    search = SurrogateSearch(box(3), seed, 16, 8, magnitude=True)
+    search = surrogate_search(box(3), seed, 16, 8, magnitude=True)
     run(search, 7, crossing, noise=0.05, seed=seed)
     found = search.best(1)[0]
     points = search.space.to_unit(search.parameters[[found.string]])
@@ -379,8 +380,8 @@ def test_a_crossing_in_the_middle_of_the_box_is_found_by_its_sign(seed):
 def test_in_ten_dimensions_noise_leads_it_less_astray_than_random_search(worth, noise):
     found, undirected = [], []
     for seed in range(5):
-        for method, ends in ((SurrogateSearch, found), (RandomSearch, undirected)):
-            sizes = (48, 24) if method is SurrogateSearch else (24,)
+        for method, ends in ((surrogate_search, found), (random_search, undirected)):
+            sizes = (48, 24) if method is surrogate_search else (24,)
             search = method(box(10), seed, *sizes)
             run(search, 7, worth, noise, seed)
             best = search.best(1)[0].string

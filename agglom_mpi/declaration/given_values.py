@@ -1,0 +1,111 @@
+"""Values of the variables as a file gives them: one by one, and as strings to begin with."""
+
+from typing import Annotated, Any, Final
+
+from pydantic import BeforeValidator, Field
+
+from agglom_mpi.declaration.sections import (
+    FieldPath,
+    Line,
+    Section,
+    WholeNumber,
+    raise_field_errors,
+)
+from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.variables import (
+    NAMES,
+    VARIABLES,
+    VOLUME_FRACTION,
+    Variable,
+    size_ratio,
+    volume_fraction,
+)
+
+JAMMING_FRACTION: Final = 0.38
+"""Volume fraction at which random sequential placement jams."""
+
+MAX_SIZE_RATIO: Final = 0.8986
+"""(6 JAMMING_FRACTION / pi)^(1/3), rounded down to four digits for messages."""
+
+ZERO_ALLOWED: Final = frozenset(
+    {"relative_speed", "friction", "activation_energy", "reaction_heat"}
+)
+
+
+def read_value(variable: Variable, value: Any) -> float:
+    """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
+    number = to_si(value, variable.unit)
+    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    if variable.name == "temperature" and number <= 0.0:
+        raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
+    if number < 0.0 and variable.name in ZERO_ALLOWED:
+        raise ValueError(f"is {quoted(value)}; must be 0{unit} or more")
+    if number <= 0.0 and variable.name not in ZERO_ALLOWED:
+        raise ValueError(f"is {quoted(value)}; must be greater than 0{unit}")
+    if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
+        limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
+        raise ValueError(f"is {quoted(value)}; {limit}")
+    if variable.name == "size_ratio" and number > MAX_SIZE_RATIO:
+        raise ValueError(
+            f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
+            f"placement jams near {JAMMING_FRACTION}, so at most {MAX_SIZE_RATIO}"
+        )
+    return number
+
+
+def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str, float]:
+    """Return a variable's name and value in SI units; a volume fraction is read as a size ratio.
+
+    The latter by the `third_moment` of the law of sizes.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown or the value impossible.
+    """
+    if name == VOLUME_FRACTION.name:
+        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
+    if name not in NAMES:
+        raise ValueError(f"unknown variable; {suggestion(name, (*NAMES, VOLUME_FRACTION.name))}")
+    return name, read_value(VARIABLES[NAMES.index(name)], value)
+
+
+class EarlierCampaign(Section):
+    """The best strings of a campaign file, ranked by re-estimates where it has some.
+
+    The name of the file is relative to the folder of the campaign that begins with them.
+    """
+
+    file: Annotated[Line, Field(min_length=1, description="a campaign file")]
+    strings: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 1
+
+
+def _read_strings(value: Any) -> Any:
+    """Return a list of strings, values by name in SI units, or an `EarlierCampaign`."""
+    if isinstance(value, dict):
+        return EarlierCampaign.model_validate(value)
+    if not isinstance(value, list) or not value:
+        raise ValueError(
+            f"is {quoted(value)}; must be a list of strings like {{density: 6000}}, or "
+            "{file: EARLIER.h5, strings: 6}"
+        )
+    problems: list[tuple[FieldPath, str]] = []
+    strings = [dict(_read_string(string, (i,), problems)) for i, string in enumerate(value)]
+    raise_field_errors(problems)
+    return strings
+
+
+def _read_string(string: Any, path: FieldPath, problems: list[tuple[FieldPath, str]]) -> Any:
+    if not isinstance(string, dict):
+        problems.append((path, f"is {quoted(string)}; must be a mapping like {{density: 6000}}"))
+        return
+    for name, value in string.items():
+        try:
+            yield read_variable(str(name), value)
+        except ValueError as error:
+            problems.append(((*path, str(name)), str(error)))
+
+
+GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, BeforeValidator(_read_strings)]
+"""Strings to start with: values of searched variables, or the best of another campaign."""

@@ -1,0 +1,220 @@
+"""What every search method has: its declaration in a campaign file, and its running state.
+
+A method is a subclass of `SearchMethod` in a module of this package: its numbers, its size, and
+`build`, which returns the state that proposes strings and learns from them, a `RunningSearch`.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.declaration.components import Component, Whole
+from agglom_mpi.declaration.given_values import EarlierCampaign, GivenStrings
+from agglom_mpi.declaration.sections import LATER, FieldPath
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.variables import COUNT
+
+NO_STRINGS: Final = np.empty((0, COUNT))
+
+DEFAULT_METHOD: Final = "genetic"
+"""Method of a section `search` without the key `method`."""
+
+
+class RunningSearch(Protocol):
+    """A search that proposes strings and learns from their objectives, generation by generation."""
+
+    @property
+    def parents(self) -> int:
+        """Number of best strings that the search keeps."""
+
+    @property
+    def population_ids(self) -> NDArray[np.int64]:
+        """Numbers of the strings of the last evaluated population, in slot order."""
+
+    def ask(self) -> Proposals:
+        """Return the strings of the next generation; repeated calls return the same."""
+
+    def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
+        """Return those strings of a coming generation that no further result changes.
+
+        Returns
+        -------
+        tuple or None
+            Number of the first of them, and the strings, the last ones of the generation; None if
+            there are none, or if they are not known yet.
+        """
+
+    def tell(self, evaluations: Evaluations) -> None:
+        """Learn from the results of the strings proposed last."""
+
+    def best(self, k: int) -> list[Ranked]:
+        """Return the k best strings, best first."""
+
+    def mean_of_top(self, k: int) -> float:
+        """Return the mean objective of the k best strings."""
+
+    def set_error(self) -> float:
+        """Return the expected error of the set that is searched for; inf where there is none."""
+
+
+class SearchInputs(NamedTuple):
+    """What a search is built from, beside the numbers of its method.
+
+    Attributes
+    ----------
+    space
+        The search box.
+    seed
+        Seed of the campaign.
+    given
+        Strings to start with, in SI units, shape (n, 10), n at most the first generation.
+    magnitude
+        Whether the objective is the magnitude of a signed mean; a model then fits the signed mean.
+    background
+        Whether long computations may run in a thread.
+    coordinates
+        Returns the coordinates in which strings, (n, 10), are emulated.
+    groups
+        Number of groups of variables among the coordinates, the last ones.
+    """
+
+    space: SearchSpace
+    seed: int
+    given: NDArray[np.float64] = NO_STRINGS
+    magnitude: bool = False
+    background: bool = False
+    coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+    groups: int = 0
+
+
+class SearchMethod(Component):
+    """Base class of the search methods.
+
+    Attributes
+    ----------
+    lag
+        Generation g is proposed from the results of generations up to g - lag.
+    library
+        Optional library that the method needs, of the extra `search`; None: none.
+    ranks_by_model
+        Whether strings are ranked by a model of all samples, not by their own objectives.
+    start
+        Strings of the first generation that the file gives; None: none.
+    """
+
+    named_by: ClassVar[str] = "method"
+    found_in: ClassVar[str] = "agglom_mpi.search"
+    lag: ClassVar[int] = 1
+    library: ClassVar[str | None] = None
+    ranks_by_model: ClassVar[bool] = False
+    start: Annotated[GivenStrings | None, LATER] = None
+
+    if TYPE_CHECKING:  # a field of most methods, which cannot hide an attribute of its base class
+
+        @property
+        def population(self) -> int:
+            """Number of strings that the search ranks as its population."""
+
+    @classmethod
+    def as_mapping(cls, entry: Any) -> Any:
+        """Return a section with its method."""
+        if isinstance(entry, Mapping) and cls.named_by not in entry:
+            return {cls.named_by: DEFAULT_METHOD, **entry}
+        return entry
+
+    @property
+    def first_generation(self) -> int:
+        """Number of strings in the first generation."""
+        raise NotImplementedError
+
+    def strings(self, generations: int) -> int:
+        """Return the number of strings in `generations` generations."""
+        raise NotImplementedError
+
+    def build(self, inputs: SearchInputs) -> RunningSearch:
+        """Return the search before its first generation."""
+        raise NotImplementedError
+
+    @property
+    def kept(self) -> int:
+        """Number of best strings whose mean is shown, unless the target says otherwise."""
+        return 1
+
+    @property
+    def has_parents(self) -> bool:
+        """Whether the best strings are kept as parents, for whose places strings can race."""
+        return False
+
+    @property
+    def added_samples(self) -> int | None:
+        """Samples added to a kept parent in every generation; None: none."""
+        return None
+
+    def first_sample(self, string: int) -> int:
+        """Return the number that `Campaign.simulate` takes for sample 0 of a string."""
+        return 0
+
+    @property
+    def favours_low_objectives(self) -> bool:
+        """Whether strings are proposed near those whose objectives came out low."""
+        return True
+
+    @property
+    def looks_for_a_set(self) -> bool:
+        """Whether the set of strings that meet a target is searched, not the best string."""
+        return False
+
+    @property
+    def earlier(self) -> EarlierCampaign | None:
+        """The campaign with whose best strings the search begins; None: with no other's."""
+        return self.start if isinstance(self.start, EarlierCampaign) else None
+
+    @property
+    def listed(self) -> list[dict[str, float]]:
+        """Strings to begin with that the file lists: searched values by name in SI units."""
+        return self.start if isinstance(self.start, list) else []
+
+    @property
+    def given(self) -> int:
+        """Number of strings to begin with."""
+        return len(self.listed) if self.earlier is None else self.earlier.strings
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield `start` if it gives more strings than the first generation has."""
+        if self.given > self.first_generation:
+            path: FieldPath = ("start",) if self.earlier is None else ("start", "strings")
+            most = f"at most {self.first_generation}, those of the first generation"
+            yield path, f"gives {pluralise(self.given, 'string')}; {most}"
+
+    def describe(self) -> list[str]:
+        """Return lines on the method and the strings it begins with."""
+        lines = [f"search: {self.summary}", *self.details]
+        if self.earlier is not None:
+            lines.append(f"begins with: the best {self.given} of {self.earlier.file}")
+        elif self.given:
+            lines.append(f"begins with: {pluralise(self.given, 'given string')}")
+        return lines
+
+    @property
+    def details(self) -> list[str]:
+        """Further lines of `agglom check` on the method."""
+        return []
+
+
+class PopulationMethod(SearchMethod):
+    """Base class of methods whose generations all have the same size."""
+
+    population: Annotated[int, Whole(at_least=1, at_most=10**5)] = 20
+
+    @property
+    def first_generation(self) -> int:
+        """Number of strings in the first generation, the population."""
+        return self.population
+
+    def strings(self, generations: int) -> int:
+        """Return the number of strings in `generations` generations."""
+        return self.population * generations
