@@ -24,8 +24,8 @@ from agglom_mpi.accuracy.run_times import (
     time_columns,
     time_name,
 )
+from agglom_mpi.compilation.stages import law_of
 from agglom_mpi.formatting import format_seconds
-from agglom_mpi.physics.cooling import QuarticCooling
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.scene import Scene
 
@@ -102,7 +102,8 @@ def _findings(
     return {
         "scene": scene,
         "grain": grain,
-        "quartic": isinstance(grain.law, QuarticCooling),
+        "law": law_of(grain.law),
+        "numbers": _numbers(grain),
         "stiff": STIFF,
         "published": PUBLISHED,
         "change": errors["change in 1000 intervals"].max(),
@@ -125,6 +126,11 @@ def _findings(
         "span": span,
         "times": _times,
     }
+
+
+def _numbers(grain: Grain) -> str:
+    """Return the numbers of the grain's law, as text."""
+    return "".join(f", {name} {value:g}" for name, value in grain.law._asdict().items())
 
 
 def _flaws(errors: "pd.DataFrame") -> Iterator[dict[str, Any]]:

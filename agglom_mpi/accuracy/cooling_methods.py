@@ -6,18 +6,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.compilation.kernels import kernel
-from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 from agglom_mpi.physics.cooling import (
-    QuarticCooling,
     RadiativeCooling,
     cooling_rate,
-    equilibrium_temperature,
     euler_step,
     exact_temperature,
+    rate_slope,
+    rest_temperature,
 )
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
+EXAMPLE_LAW: Final = RadiativeCooling(emissivity=0.5, surroundings=300.0).build({})
+"""Radiation as in [B], where a scene has no cooling."""
 EXAMPLE_CAPACITY: Final = 1000.0
 """J/(kg K), where a scene has no heat."""
 STEPS: Final = 200
@@ -49,14 +50,8 @@ def grain_of(scene: Scene) -> Grain:
     """Return a grain of the scene; [B]'s radiation is the example if the scene has no cooling."""
     capacity = scene.laws.heat_capacity
     specific = capacity if math.isfinite(capacity) else EXAMPLE_CAPACITY
-    law = scene.cooling.law if scene.cooling is not None else example_law()
-    rest = law.start if isinstance(law, QuarticCooling) else law.equilibrium
-    return Grain(law, 4.0 * math.pi * scene.radius**2, scene.mass * specific, rest)
-
-
-def example_law() -> RadiativeCooling:
-    """Return radiation as in [B]: emissivity 0.5, surroundings of 300 K, no convection."""
-    return RadiativeCooling(0.5, 300.0, 0.0, 300.0, equilibrium_temperature(0.5, 300.0, 0.0, 300.0))
+    law = EXAMPLE_LAW if scene.cooling is None else scene.cooling.law
+    return Grain(law, 4.0 * math.pi * scene.radius**2, scene.mass * specific, rest_temperature(law))
 
 
 @kernel
@@ -121,16 +116,11 @@ def exact(grain: Grain, temperature: float, duration: float, intervals: int = 1)
 
 
 def linear_limit(grain: Grain, temperature: float) -> float:
-    """Return the inverse in s of the slope of the rate: mC/(4Bεa_sθ³) for radiation.
+    """Return the inverse in s of the slope of the rate with the temperature.
 
     The linear law of that slope overshoots with any longer Euler step.
     """
-    law = grain.law
-    if isinstance(law, QuarticCooling):
-        slope = 4.0 * STEFAN_BOLTZMANN * (temperature - law.start) ** 3
-        return law.density * law.heat_capacity / slope
-    slope = 4.0 * STEFAN_BOLTZMANN * law.emissivity * temperature**3 + law.convection
-    return grain.capacity / (grain.surface * slope)
+    return 1.0 / rate_slope(grain.law, temperature, grain.surface, grain.capacity)
 
 
 def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> float:

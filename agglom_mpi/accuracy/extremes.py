@@ -39,7 +39,7 @@ def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
     for name, campaign in scenes.items():
         parameters = campaign.parameters()
         published = with_scene(campaign, **dict(as_published(campaign.scene)))
-        if campaign.scene.engine.law != "event":  # the steps are what is extreme
+        if campaign.scene.engine.has_time_steps:  # the steps are what is extreme
             published = with_scene(published, engine=campaign.scene.engine)
         chosen[name] = Setup(campaign, parameters, samples, event_engine(campaign))
         chosen[published_name(name)] = Setup(published, parameters, samples)

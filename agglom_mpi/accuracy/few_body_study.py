@@ -35,8 +35,9 @@ from agglom_mpi.physics.restitution import (
     ImpactLaws,
     PressureRestitution,
 )
+from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import UniformX
+from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import (
     new_ledger,
@@ -46,14 +47,7 @@ from agglom_mpi.simulation.particles import (
     set_velocity,
     velocity_of,
 )
-from agglom_mpi.simulation.scene import (
-    AdaptiveSteps,
-    EventDriven,
-    FixedSteps,
-    Scene,
-    new_engine_state,
-    run_to_end,
-)
+from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.statistics import mean_of
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
@@ -154,20 +148,22 @@ def scene_of(case: FewBodyCase, engine: Any) -> Scene:
     value = case.restitution
     constant = value is not None
     laws = ImpactLaws(
-        restitution=PressureRestitution() if value is None else ConstantRestitution(value),
-        duration=None if constant else CompressionRecoveryDuration(1.0),
-        contact_area=ContactArea(0.0, 1.0),
-        hardness=None if constant else ConstantHardness(hardness()),
-        friction=ConstantFriction(FRICTION) if constant else None,
+        restitution=PressureRestitution.Numbers()
+        if value is None
+        else ConstantRestitution.Numbers(value),
+        duration=None if constant else CompressionRecoveryDuration.Numbers(1.0),
+        contact_area=ContactArea.Numbers(0.0, 1.0),
+        hardness=None if constant else ConstantHardness.Numbers(hardness()),
+        friction=ConstantFriction.Numbers(FRICTION) if constant else None,
         heating=None,
         reaction=None,
         fragmentation=None,
-        solver=None if constant else BracketedRoot(),
+        solver=None if constant else BracketedRoot.Numbers(),
         heat_capacity=math.inf,
     )
     return Scene(
-        escape=Periodic(),
-        velocities=UniformX(0.0),
+        escape=Periodic.Numbers(),
+        velocities=UniformX.Numbers(0.0),
         laws=laws,
         cooling=None,
         engine=engine,
@@ -230,9 +226,9 @@ QUICK: Final = StudySettings((50, 200, 1000, 5000), (1e-4, 1e-5, 1e-6, 1e-7), 32
 def engines(settings: StudySettings) -> list[tuple[str, float, Any]]:
     """Return name, step in s and engine of each engine to run; the event engine's step is nan."""
     return [
-        ("event", math.nan, EventDriven(BUDGET)),
-        *(("fixed", END_TIME / steps, FixedSteps(steps)) for steps in settings.steps),
-        *(("adaptive", floor, AdaptiveSteps(floor, CEILING)) for floor in settings.floors),
+        ("event", math.nan, EventDriven.Numbers(BUDGET)),
+        *(("fixed", END_TIME / steps, FixedSteps.Numbers(steps)) for steps in settings.steps),
+        *(("adaptive", floor, AdaptiveSteps.Numbers(floor, CEILING)) for floor in settings.floors),
     ]
 
 

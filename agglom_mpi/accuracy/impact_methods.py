@@ -97,14 +97,14 @@ def impact_laws(material: Material, solver: Any) -> ImpactLaws:
     # Each sphere gets half of ½m*w², and m* is half its mass.
     heated = SPEED**2 / (8.0 * TEMPERATURE)
     return ImpactLaws(
-        restitution=PressureRestitution(),
-        duration=MeanSpeedDuration(1e-6)
+        restitution=PressureRestitution.Numbers(),
+        duration=MeanSpeedDuration.Numbers(1e-6)
         if material.mean_speed
-        else CompressionRecoveryDuration(1.0),
-        contact_area=ContactArea(material.initial, 1.0),
-        hardness=ArrheniusHardness(1.0, energy),
+        else CompressionRecoveryDuration.Numbers(1.0),
+        contact_area=ContactArea.Numbers(material.initial, 1.0),
+        hardness=ArrheniusHardness.Numbers(1.0, energy),
         friction=None,
-        heating=PairSplit(),
+        heating=PairSplit.Numbers(),
         reaction=None,
         fragmentation=None,
         solver=solver,
@@ -127,7 +127,7 @@ def with_hardness(laws, base):
         laws.restitution,
         laws.duration,
         laws.contact_area,
-        ArrheniusHardness(base, laws.hardness.activation_energy),
+        ArrheniusHardness.Numbers(base, laws.hardness.activation_energy),
         laws.friction,
         laws.heating,
         laws.reaction,
@@ -210,9 +210,11 @@ class Method(NamedTuple):
 
 def methods() -> Iterator[Method]:
     """Yield the root finder, and the published iteration with every cap and tolerance."""
-    yield Method(ROOT, BracketedRoot())
+    yield Method(ROOT, BracketedRoot.Numbers())
     for cap, tolerance in itertools.product(CAPS, TOLERANCES):
-        yield Method(name_of(cap, tolerance), FixedPointIteration(tolerance, cap), cap, tolerance)
+        yield Method(
+            name_of(cap, tolerance), FixedPointIteration.Numbers(tolerance, cap), cap, tolerance
+        )
 
 
 def name_of(cap: int, tolerance: float) -> str:
@@ -247,7 +249,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
 
     laws, hardness = impact_laws(material, method.solver), hardness_of(material, x)
     found = solve_all(laws, hardness)
-    published = isinstance(method.solver, FixedPointIteration)
+    published = isinstance(method.solver, FixedPointIteration.Numbers)
     bouncing = np.array([not one.bonds for one in exact])
     counts = published_iterations(laws, hardness) if published else np.full(len(x), math.nan)
     seconds = time_of_impact(laws, hardness[bouncing], LEAST_TIMED)

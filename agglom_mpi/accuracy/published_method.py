@@ -12,9 +12,10 @@ from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference,
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.scene import AdaptiveEngine, Engine, FixedEngine, SceneSection
-from agglom_mpi.config.submodels import IterationSolver
+from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.formatting import format_mean, format_percent
+from agglom_mpi.physics.impact_solvers import FixedPointIteration
+from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -40,20 +41,19 @@ def as_published(scene: SceneSection) -> SceneSection:
     it: the methods are compared on the same equations.
     """
     changes: dict[str, object] = {"engine": _published_engine(scene)}
-    if scene.restitution.law == "pressure":
-        changes["solver"] = IterationSolver(law="iteration")
-    if scene.cooling.law != "none":
-        changes["cooling"] = scene.cooling.model_copy(update={"integration": "euler"})
+    if scene.restitution.needs_contact_pressure:
+        changes["solver"] = FixedPointIteration()
+    changes["cooling"] = scene.cooling.stepped()
     return scene.model_copy(update=changes)
 
 
 def _published_engine(scene: SceneSection) -> Engine:
     """Return the paper's time steps for a scene; see `as_published`."""
-    if scene.restitution.law == "pressure" and scene.duration.law == "mean_speed":
-        return FixedEngine(steps=200)
+    if scene.restitution.needs_contact_pressure and scene.duration.takes_published_steps:
+        return FixedSteps(steps=200)
     if isinstance(scene.end_time, str):
-        return AdaptiveEngine()
-    return AdaptiveEngine(floor=FLOOR * scene.end_time, ceiling=CEILING * scene.end_time)
+        return AdaptiveSteps()
+    return AdaptiveSteps(floor=FLOOR * scene.end_time, ceiling=CEILING * scene.end_time)
 
 
 ITERATION: Final = "published impact iteration, exact times"

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
-from agglom_mpi.config.scene import Engine, SceneSection
+from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.room import TableSizes

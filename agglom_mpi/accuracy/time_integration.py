@@ -18,10 +18,10 @@ from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
 from agglom_mpi.accuracy.work_precision import lasting
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.scene import AdaptiveEngine, Engine, EventEngine, FixedEngine
 from agglom_mpi.formatting import format_mean
 from agglom_mpi.outcome import summaries
 from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, EventDriven, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -56,12 +56,12 @@ class Stepper(NamedTuple):
 def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
     """Yield the steppers to measure on a scene that ends at `end_time` in s, coarse ones first."""
     for steps in QUICK_STEPS if quick else STEPS:
-        yield Stepper("fixed", end_time / steps, FixedEngine(steps=steps))
+        yield Stepper("fixed", end_time / steps, FixedSteps(steps=steps))
     for cap in CAPS[:1] if quick else CAPS:
         for share in QUICK_FLOORS if quick else FLOORS:
             floor = share * end_time
             family = f"adaptive, steps to {cap:g} × the floor"
-            yield Stepper(family, floor, AdaptiveEngine(floor=floor, ceiling=cap * floor))
+            yield Stepper(family, floor, AdaptiveSteps(floor=floor, ceiling=cap * floor))
 
 
 def name_of(stepper: Stepper) -> str:
@@ -84,10 +84,10 @@ def setups(
     return chosen
 
 
-def event_engine(campaign: Campaign) -> EventEngine:
+def event_engine(campaign: Campaign) -> Engine:
     """Return the event engine of a campaign, its own if it has one."""
     engine = campaign.scene.engine
-    return engine if isinstance(engine, EventEngine) else EventEngine()
+    return EventDriven() if engine.has_time_steps else engine
 
 
 def time_integration_section(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED, FailureReason
-from agglom_mpi.physics.sizes import SizeLaw, draw_radii, third_moment
+from agglom_mpi.physics.size_distributions import SizeLaw, draw_radii, third_moment
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.variables import NAMES, volume_fraction

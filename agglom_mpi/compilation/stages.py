@@ -14,6 +14,7 @@ Submodel: TypeAlias = Any
 """A NamedTuple of the numbers of one law in SI units; its type says which law a scene has."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 
 AS_PLAIN_PYTHON: Final = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 """Whether kernels run as plain Python, to be debugged."""
@@ -26,6 +27,11 @@ _COMPILERS: Final[list[Any]] = []
 def declare_numbers(numbers: type, law: type) -> None:
     """State that a NamedTuple holds the numbers of a law, a class with formulas as methods."""
     _LAWS[numbers] = law
+
+
+def law_of(numbers: Any) -> Any:
+    """Return the law whose numbers these are."""
+    return _LAWS[type(numbers)]
 
 
 def attach(compiler: Any) -> None:
@@ -183,7 +189,7 @@ def dispatch_allocating(signature: Callable[..., Any]) -> Any:
     return _dispatched(signature, "dispatched, allocating")
 
 
-def formula(kind: Any, method: F, allocating: bool = False) -> F:
+def formula(kind: Any, method: Callable[..., R], allocating: bool = False) -> Callable[..., R]:
     """Return the function of kernels that evaluates a method of whichever law a scene has.
 
     Parameters
@@ -196,7 +202,7 @@ def formula(kind: Any, method: F, allocating: bool = False) -> F:
         Whether it may make arrays.
     """
     manner = "dispatched, allocating" if allocating else "dispatched"
-    found: F = _dispatched(method, manner, kind)
+    found: Callable[..., R] = _dispatched(method, manner, kind)
     return found
 
 

@@ -234,14 +234,13 @@ ABSENT: Final = {
 def required_variables(scene: SceneSection) -> dict[str, str]:
     """Return the variables that the scene depends on, in their order, with what requires each."""
     reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
-    submodels = ["heating", "friction", "reaction", "fragmentation"]
-    if scene.restitution.law == "pressure":
-        reasons["hardness"] = "restitution: pressure"
-        submodels.insert(0, "hardness")
-    for submodel in submodels:
-        section = getattr(scene, submodel)
-        if section.law != "none":
-            reasons |= dict.fromkeys(section.requires, f"{submodel}: {section.law}")
+    if scene.restitution.needs_contact_pressure:
+        reasons["hardness"] = f"restitution: {scene.restitution.name}"
+    laws = {each.key: each.law for each in scene.laws() if each.is_used}
+    heating = {key: laws.pop(key) for key in ("heating",) if key in laws}
+    for key, law in (heating | laws).items():
+        for name in law.required:
+            reasons.setdefault(name, f"{key}: {law.name}")
     return {name: reasons[name] for name in NAMES if name in reasons}
 
 

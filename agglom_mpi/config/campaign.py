@@ -18,7 +18,7 @@ from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stop
 from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
-from agglom_mpi.config.scene import Engine, SceneSection, parse_engine
+from agglom_mpi.config.scene import SceneSection, parse_engine
 from agglom_mpi.config.seeded_text import with_seed
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
@@ -36,6 +36,7 @@ from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.method import SearchMethod
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import COUNT, NAMES, columns_by_name, values_by_name, volume_fraction
 
 if TYPE_CHECKING:
@@ -380,7 +381,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         if text is None:
             return self.scene.engine
         if not isinstance(text, str):
-            if not hasattr(text, "law"):
+            if not isinstance(text, Engine):
                 message = f"is {text!r}; must be event, fixed, fixed:STEPS or adaptive"
                 raise ArgumentError.of(self.name, "engine", message)
             return text

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from agglom_mpi.config.quantities import BY_NAME, Quantity, Value, one_by_one
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.physics import scales
-from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
 from agglom_mpi.variables import COUNT, columns_by_name
 
@@ -33,16 +32,13 @@ def _edge(scene: "SceneSection", value: Value) -> float:
 
 def _mean_flow(scene: "SceneSection", value: Value) -> float:
     """Return the speed in m/s that all grains have in common."""
-    return math.hypot(*scene.velocities.mean) if scene.velocities.law == "spread" else 0.0
+    return scene.velocities.mean_flow
 
 
 def _impact_pressure(scene: "SceneSection", value: Value) -> float:
-    """Return ρv⁰²/(6βH), the mean pressure of an impact of equal grains over twice the hardness."""
-    exponent = 0.0
-    if scene.hardness.law == "arrhenius":
-        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
-    hardness = value["hardness"] * scene.duration.length_ratio
-    return value["density"] * value["relative_speed"] ** 2 / (6.0 * hardness) * math.exp(-exponent)
+    """Return the mean pressure of an impact of equal grains at v⁰ over twice the hardness."""
+    pressure = scene.duration.pressure(value["density"], value["relative_speed"])
+    return pressure / (2.0 * value["hardness"]) * math.exp(-scene.hardness.exponent(value))
 
 
 def _surface_energy(scene: "SceneSection", value: Value) -> float:
@@ -61,13 +57,13 @@ def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
     yield "end time", BY_NAME["end_time"]
     yield "collisions per grain", BY_NAME["expected_collisions"]
     yield "grain mass", BY_NAME["grain_mass"]
-    if scene.velocities.law == "spread" and any(scene.velocities.mean):
+    if scene.velocities.mean_flow > 0.0:
         yield "mean flow", Quantity("mean_flow", "m/s", "", _mean_flow)
-    if scene.restitution.law == "pressure":
+    if scene.restitution.needs_contact_pressure:
         yield "fastest approach", Quantity("fastest", "m/s", "", scales.fastest_approach)
         yield "grains bond from", Quantity("critical_speed", "m/s", "", scales.critical_speed)
         yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
-    if scene.fragmentation.law != "none":
+    if not scene.fragmentation.is_absent:
         yield "surface/impact energy", Quantity("surface", "1", "", _surface_energy)
 
 

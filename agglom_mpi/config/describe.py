@@ -8,7 +8,7 @@ from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 
@@ -16,74 +16,35 @@ if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
 
 
-ESCAPES: Final = {
-    "periodic": "true periodic box, contacts across faces",
-    "reentry": "re-entry at the opposite face, no contacts across faces, as published",
-}
-"""Summary of each law of leaving the box."""
-SUBMODELS: Final = (
-    *("escape", "velocities", "restitution", "duration", "contact_area", "hardness", "friction"),
-    *("heating", "reaction", "fragmentation", "cooling", "solver"),
-)
-"""Fields of a scene that name a law."""
-
-
 def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
     """Return a line for each submodel that the scene uses, and the names of all others."""
     used, left_out = [], []
-    unused = _unused(scene)
-    for key in SUBMODELS:
-        part = getattr(scene, key)
-        law = part if isinstance(part, str) else getattr(part, "law", "")
-        if law == "none" or key in unused:
-            left_out.append(key)
+    for key, law, is_used in scene.laws():
+        if is_used:
+            name = f"{key}: {law.name}" if law.name else key
+            used.append(f"{name:<32}{law.summary}{_settings(law)}")
         else:
-            name = f"{key}: {law}" if law else key
-            summary = ESCAPES[part] if isinstance(part, str) else part.summary
-            used.append(f"{name:<32}{summary}{_settings(part)}")
+            left_out.append(key)
     return used, left_out
 
 
 def missing_fields(scene: SceneSection) -> list[str]:
     """Return what is not stored of each particle; `simulation.particles` decides the same."""
     kept = {
-        "temperature": scene.heating.law != "none",
-        "time of last cooling": getattr(scene.cooling, "integration", "euler") == "exact",
-        "time of last impact": getattr(scene.restitution, "contact_time", 0.0) > 0.0,
-        "number of grains": scene.fragmentation.law != "none" or scene.sizes is not None,
+        "temperature": not scene.heating.is_absent,
+        "time of last cooling": not (scene.cooling.is_absent or scene.cooling.by_steps),
+        "time of last impact": scene.restitution.keeps_last_impact,
+        "number of grains": not scene.fragmentation.is_absent or scene.sizes is not None,
     }
     return [name for name, used in kept.items() if not used]
 
 
-def _unused(scene: SceneSection) -> set[str]:
-    """Return the submodels that have a law but that nothing in the scene uses."""
-    if scene.restitution.law == "pressure":
-        return set()
-    return {"duration", "hardness", "solver"} | (
-        {"contact_area"} if scene.reaction.law == "none" else set()
-    )
-
-
-SETTING_UNITS: Final = {
-    "mean": " m/s",
-    "contact_time": " s",
-    "surroundings": " K",
-    "ambient": " K",
-    "convection": " W/m^2/K",
-}
-"""Units of settings of laws that are no pure numbers."""
-
-
-def _settings(part: Section | str) -> str:
-    if isinstance(part, str):
-        return ""
+def _settings(law: Law) -> str:
     pairs = []
-    for key, value in part:
-        if key == "law" or (key, value) == ("contact_time", 0.0):
-            continue
-        unit = SETTING_UNITS.get(key, "")
-        by_default = "" if key in part.model_fields_set else " (default)"
-        pairs.append(f"{key} {_plain(value)}{unit}{by_default}")
+    for each in law.settings():
+        unit = "" if each.unit == "1" else f" {each.unit}"
+        by_default = "" if each.is_given else " (default)"
+        pairs.append(f"{each.name} {_plain(each.value)}{unit}{by_default}")
     return f"; {', '.join(pairs)}" if pairs else ""
 
 

@@ -33,7 +33,6 @@ from agglom_mpi.config.objective import (
 from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
-from agglom_mpi.config.sizes import READ_KEYS
 from agglom_mpi.config.validation import RECORDED, is_recorded, to_campaign_error
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.components import Choice
@@ -46,6 +45,7 @@ from agglom_mpi.declaration.sections import (
     WholeNumber,
     raise_field_errors,
 )
+from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.genetic import Genetic
 from agglom_mpi.search.method import SearchMethod
 
@@ -251,8 +251,7 @@ def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
         if isinstance(string, dict) and VOLUME_FRACTION.name in string:
             message = "is not read of strings where grains have sizes; give size_ratio"
             problems.append((("search", "start", i, VOLUME_FRACTION.name), message))
-    named = isinstance(sizes, dict) and isinstance(sizes.get("file"), str)
-    if named and sizes.get("law", "file") == "file":
+    if reads_file(sizes):
         for key in sizes:
             if key not in ("law", "file", "basis"):
                 message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"

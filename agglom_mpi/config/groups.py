@@ -1,66 +1,17 @@
 """Dimensionless groups of the variables that the laws of a scene suggest.
 
-Each law may name its own in an attribute `groups`. They are products of powers of the variables;
+Each law names its own. They are products of powers of the variables;
 constant factors do not matter, so that lengths that all strings share are left out.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
+from agglom_mpi.declaration.laws import Group
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import SceneSection
-
-
-class Group(NamedTuple):
-    """A dimensionless group, but for constants.
-
-    Attributes
-    ----------
-    symbol
-        As it is printed: `ρv²/H`.
-    meaning
-    powers
-        Power of each variable by name, and of the `grain_radius`.
-    """
-
-    symbol: str
-    meaning: str
-    powers: Mapping[str, float]
-
-
-IMPACT_PRESSURE = Group(
-    "ρv²/H",
-    "impact pressure over hardness",
-    {"density": 1.0, "relative_speed": 2.0, "hardness": -1.0},
-)
-SOFTENING = Group(
-    "U/(Rθ)",
-    "activation energy over thermal energy",
-    {"activation_energy": 1.0, "temperature": -1.0},
-)
-HEATING = Group(
-    "v²/(Cθ)",
-    "kinetic energy of an impact over heat of the grains",
-    {"relative_speed": 2.0, "heat_capacity": -1.0, "temperature": -1.0},
-)
-REACTION = Group(
-    "κ/(ρbCθ)",
-    "heat of reaction over heat of the grains",
-    {
-        "reaction_heat": 1.0,
-        "density": -1.0,
-        "grain_radius": -1.0,
-        "heat_capacity": -1.0,
-        "temperature": -1.0,
-    },
-)
-FRAGMENTATION = Group(
-    "ρv²b/γ",
-    "kinetic energy of an impact over surface energy",
-    {"density": 1.0, "relative_speed": 2.0, "grain_radius": 1.0, "surface_energy": -1.0},
-)
 
 
 def groups_of(scene: "SceneSection", searched: tuple[str, ...]) -> list[Group]:
@@ -88,16 +39,6 @@ def powers_of(scene: "SceneSection") -> frozenset[str]:
 
 
 def _named(scene: "SceneSection") -> Iterator[Group]:
-    laws = [
-        "restitution",
-        "hardness",
-        "friction",
-        "heating",
-        "reaction",
-        "fragmentation",
-        "cooling",
-    ]
-    if scene.restitution.law != "pressure":
-        laws.remove("hardness")
-    for name in laws:
-        yield from getattr(getattr(scene, name), "groups", ())
+    for each in scene.laws():
+        if each.is_used:
+            yield from each.law.groups

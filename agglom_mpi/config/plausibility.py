@@ -20,7 +20,7 @@ from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
-from agglom_mpi.physics.constants import GAS_CONSTANT, LIGHT_SPEED
+from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import NAMES, VARIABLES, values_by_name
 
 if TYPE_CHECKING:
@@ -131,37 +131,36 @@ def _unusual(lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
 
 def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
     """Yield the activation energy if it makes a usual hardness one that no matter has."""
-    if scene.restitution.law != "pressure" or scene.hardness.law != "arrhenius":
+    name = scene.hardness.softened_by
+    if not scene.restitution.needs_contact_pressure or name is None:
         return
     soft, hard, usual = values_by_name(lower), values_by_name(upper), USUAL["hardness"]
     coldest = soft["temperature"]
     if coldest < USUAL["temperature"].lower:
         return
-    exponent = hard["activation_energy"] / (GAS_CONSTANT * coldest)
+    exponent = scene.hardness.exponent(hard | {"temperature": coldest})
     power = math.log10(hard["hardness"]) + exponent / math.log(10.0)
-    both_usual = all(hard[n] <= USUAL[n].upper for n in ("hardness", "activation_energy"))
+    both_usual = all(hard[n] <= USUAL[n].upper for n in ("hardness", name))
     if both_usual and power > math.log10(usual.upper):
-        fixed = soft["activation_energy"] == hard["activation_energy"]
+        fixed, unit = soft[name] == hard[name], VARIABLES[NAMES.index(name)].unit
         message = (
-            f"{'is' if fixed else 'reaches'} {hard['activation_energy']:g} J/mol, with which "
+            f"{'is' if fixed else 'reaches'} {hard[name]:g} {unit}, with which "
             f"grains at {coldest:g} K have a hardness of 10^{power:.3g} Pa; usual is "
-            f"{usual.words}; [A] prints kJ/mol for J/mol"
+            f"{usual.words}{scene.hardness.misprint}"
         )
-        yield ("variables", "activation_energy"), message
+        yield ("variables", name), message
 
 
 def _speeds(scene: "SceneSection", upper: np.ndarray) -> Iterator[Finding]:
     """Yield a wide spread in y and z, and speeds at which mechanics is not Newton's."""
-    speed, velocities, mean = values_by_name(upper)["relative_speed"], scene.velocities, 0.0
-    if velocities.law == "spread":
-        across, usual = speed * velocities.transverse, USUAL["relative_speed"]
-        if across > usual.upper >= speed:
-            message = (
-                f"is {velocities.transverse:g}, which makes speeds up to {across:.3g} m/s in y and "
-                f"z; usual is {usual.words}"
-            )
-            yield ("scene", "velocities", "transverse"), message
-        mean = math.hypot(*velocities.mean)
+    speed, mean = values_by_name(upper)["relative_speed"], scene.velocities.mean_flow
+    across, usual = scene.velocities.transverse_speed(speed), USUAL["relative_speed"]
+    if across > usual.upper >= speed:
+        message = (
+            f"is {across / speed:g}, which makes speeds up to {across:.3g} m/s in y and z; "
+            f"usual is {usual.words}"
+        )
+        yield ("scene", "velocities", "transverse"), message
     share = (mean + speed) / LIGHT_SPEED
     if share > NEWTONIAN:
         flow: FieldPath = ("scene", "velocities", "mean")
@@ -178,19 +177,19 @@ def _bonding(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Ite
 
     Taken with the hardness of hot grains, as the heat of impacts softens them.
     """
-    if scene.restitution.law != "pressure":
+    if not scene.restitution.needs_contact_pressure:
         return
     fast = values_by_name(upper)
-    softest = values_by_name(lower)["hardness"]
-    hot = {"activation_energy": 0.0, "temperature": 1.0, "hardness": softest}
-    needed, fastest = scales.critical_speed(scene, fast | hot), scales.fastest_approach(scene, fast)
+    soft = fast | {"hardness": values_by_name(lower)["hardness"]}
+    needed = scales.critical_speed(scene, soft, scene.hardness.least_exponent)
+    fastest = scales.fastest_approach(scene, fast)
     if 0.0 < fastest < SLOW * needed:
+        field, value, usual = scene.duration.decisive_number
         message = (
-            f"is {scene.duration.length_ratio:g}: two grains bond from {needed:.3g} m/s on, but "
-            f"approach each other at no more than {fastest:.3g} m/s at the start, so that none "
-            "bond; usual are 1e-6 [A] and, for soft grains, 1 [B]"
+            f"is {value}: two grains bond from {needed:.3g} m/s on, but approach each other at no "
+            f"more than {fastest:.3g} m/s at the start, so that none bond{usual}"
         )
-        yield ("scene", "duration", "length_ratio"), message
+        yield ("scene", "duration", *field), message
 
 
 def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
@@ -220,7 +219,7 @@ def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> 
         )
         yield ("scene", "end_time"), message
     seconds = 0.5 * typical * scene.particles / COLLISIONS_PER_SECOND
-    if scene.engine.law == "event" and seconds > LONG_SAMPLE:
+    if not scene.engine.has_time_steps and seconds > LONG_SAMPLE:
         message = (
             f"makes a sample take {format_duration(seconds)} unless grains bond or come to rest: "
             f"{typical:.2g} collisions per grain are expected; usual are seconds, below 1e6"
@@ -257,11 +256,10 @@ def _growth(campaign: "Campaign") -> Iterator[Finding]:
             path, wanted = ("objective", "targets", "mean"), objective.targets.mean or 1.0
         case _:
             return
-    value = getattr(restitution, "value", 0.0)
-    if restitution.law == "constant" and value > 0.0 and wanted > 1.0:
+    if restitution.never_bonds is not None and wanted > 1.0:
         grains = pluralise(campaign.scene.particles, "grain")
         message = (
-            f"wants a mean b/b0 of {wanted:.4g}, but with a constant restitution of {value:g} no "
+            f"wants a mean b/b0 of {wanted:.4g}, but with {restitution.never_bonds} no "
             f"grains bond, and b/b0 stays 1; within reach with bonding are 1 to N^(1/3) of {grains}"
         )
         yield path, message

@@ -1,124 +1,42 @@
-"""The `scene` section and its engines."""
+"""The `scene` section: box, grains, laws and engine."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
-from agglom_mpi.config.sizes import AnySizes, are_lengths
-from agglom_mpi.config.submodels import (
-    AnyCooling,
-    AnyDuration,
-    AnyFragmentation,
-    AnyFriction,
-    AnyHardness,
-    AnyHeating,
-    AnyReaction,
-    AnyRestitution,
-    AnySolver,
-    CompressionRecoveryDuration,
-    ContactArea,
-    Fragmentation,
-    Friction,
-    Heating,
-    NoCooling,
-    PressureRestitution,
-    Reaction,
-    RootSolver,
-    Values,
-)
+from agglom_mpi.declaration.components import Choice, names_of
+from agglom_mpi.declaration.laws import Law, Values
 from agglom_mpi.declaration.sections import (
     LATER,
-    NAMED,
-    FieldError,
     FieldPath,
     Section,
     WholeNumber,
     raise_field_errors,
 )
-from agglom_mpi.declaration.units import Number, Speed, Time, quoted, to_si
-from agglom_mpi.physics.sizes import SizeLaw, third_moment
+from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
+from agglom_mpi.physics.cooling import Cooling, NoCooling
+from agglom_mpi.physics.fragmentation import Fragmentation, NoFragmentation
+from agglom_mpi.physics.friction import Friction, NoFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness, Hardness
+from agglom_mpi.physics.heating import Heating, PairSplit
+from agglom_mpi.physics.impact_solvers import BracketedRoot
+from agglom_mpi.physics.reaction import NoReaction, Reaction
+from agglom_mpi.physics.restitution import ImpactLaws, PressureRestitution, Restitution, Solver
+from agglom_mpi.physics.size_distributions import SizeLaw, third_moment
+from agglom_mpi.physics.sizes import Sizes, are_lengths
+from agglom_mpi.physics.velocities import Velocities
+from agglom_mpi.simulation.boundary import Boundary, Periodic
+from agglom_mpi.simulation.engines import Engine, EventDriven
 from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.compilation.stages import Submodel
-    from agglom_mpi.physics.restitution import ImpactLaws
     from agglom_mpi.simulation.scene import Scene
-
-
-class EventEngine(Section):
-    """Event-driven engine: exact times of all events, no time steps.
-
-    Inelastic spheres can collide infinitely often in finite time: a sample that needs more than
-    `budget` events per grain fails instead of running for ever. Cell crossings are events, too: in
-    a dilute gas of 1000 grains some 14 per grain and box length.
-    """
-
-    law: Literal["event"] = "event"
-    budget: Annotated[WholeNumber, Field(ge=1, le=10**9)] = 20_000
-
-    @property
-    def summary(self) -> str:
-        """One line on the engine."""
-        return f"event-driven, exact times, at most {self.budget:,} events per grain"
-
-    def build(self) -> "Submodel":
-        """Return the engine as kernels see it."""
-        from agglom_mpi.simulation import scene
-
-        return scene.EventDriven(self.budget)
-
-
-class FixedEngine(Section):
-    """Equal time steps [A]."""
-
-    law: Literal["fixed"] = "fixed"
-    steps: Annotated[WholeNumber, Field(ge=1)] = 200
-
-    @property
-    def summary(self) -> str:
-        """One line on the engine."""
-        return f"{self.steps} equal steps [A]"
-
-    def build(self) -> "Submodel":
-        """Return the engine as kernels see it."""
-        from agglom_mpi.simulation import scene
-
-        return scene.FixedSteps(self.steps)
-
-
-class AdaptiveEngine(Section):
-    """Steps to the next contact of nearest neighbours, from `floor` to `ceiling` s [B 6.14]."""
-
-    law: Literal["adaptive"] = "adaptive"
-    floor: Annotated[Time, Field(gt=0)] = 1e-6
-    ceiling: Annotated[Time, Field(gt=0)] = 1e-3
-
-    @property
-    def summary(self) -> str:
-        """One line on the engine."""
-        return f"adaptive steps, {self.floor:g} to {self.ceiling:g} s [B 6.14]"
-
-    def build(self) -> "Submodel":
-        """Return the engine as kernels see it."""
-        from agglom_mpi.simulation import scene
-
-        return scene.AdaptiveSteps(self.floor, self.ceiling)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.floor > self.ceiling:
-            message = f"is {self.floor:g} s; must be at most ceiling, which is {self.ceiling:g} s"
-            raise FieldError((("floor",), message))
-        return self
-
-
-Engine = EventEngine | FixedEngine | AdaptiveEngine
-AnyEngine = Annotated[Engine, Field(discriminator="law"), NAMED]
-
-ALLOWED = "allowed: event, fixed, fixed:STEPS, adaptive"
 
 
 def parse_engine(text: str, own: Engine) -> Engine:
@@ -129,7 +47,7 @@ def parse_engine(text: str, own: Engine) -> Engine:
     text
         `event`, `fixed`, `fixed:STEPS` or `adaptive`.
     own
-        The scene's engine, which the name of its law alone stands for.
+        The scene's engine, which its name alone stands for.
 
     Raises
     ------
@@ -137,52 +55,23 @@ def parse_engine(text: str, own: Engine) -> Engine:
         If the text is none of these; with what is allowed.
     """
     law, colon, steps = text.strip().partition(":")
-    if law == "fixed" and colon:
-        if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
-            raise ValueError(f"is {quoted(text)}; STEPS must be a whole number from 1; {ALLOWED}")
-        return FixedEngine(steps=int(steps))
-    if not colon and law == own.law:
-        return own
-    match text.strip():
-        case "event":
-            return EventEngine()
-        case "fixed":
-            return FixedEngine()
-        case "adaptive":
-            return AdaptiveEngine()
-    raise ValueError(f"is {quoted(text)}; {ALLOWED}")
-
-
-Escape = Literal["periodic", "reentry"]
-"""Periodic box, or, as published, re-entry without contacts across faces."""
-
-
-class UniformX(Section):
-    """Starting velocities v0 r in x alone, r uniform in [0, 1] [A]."""
-
-    law: Literal["uniform_x"]
-    summary: ClassVar[str] = "x alone, uniform from 0 to v0 [A]"
-
-    def build(self, value: Values) -> "Submodel":
-        """Return the law as kernels see it."""
-        from agglom_mpi.simulation import initial_state
-
-        return initial_state.UniformX(value["relative_speed"])
-
-
-class Spread(Section):
-    """A mean velocity (m/s) plus v0 in x and `transverse` v0 in y and z, uniform both ways [B]."""
-
-    law: Literal["spread"]
-    mean: tuple[Speed, Speed, Speed] = (10.0, 10.0, 100.0)
-    transverse: Annotated[Number, Field(ge=0)] = 0.1
-    summary: ClassVar[str] = "a mean plus a uniform spread in x, y, z [B]"
-
-    def build(self, value: Values) -> "Submodel":
-        """Return the law as kernels see it."""
-        from agglom_mpi.simulation import initial_state
-
-        return initial_state.SpreadVelocities(value["relative_speed"], self.mean, self.transverse)
+    engines = {name: kind() for name, kind in Engine.components().items()} | {own.name: own}
+    names = [
+        short
+        for name, engine in engines.items()
+        for short in (name, f"{name}:STEPS")
+        if short == name or engine.with_steps(1) is not None
+    ]
+    allowed = f"allowed: {', '.join(names)}"
+    engine = engines.get(law)
+    if engine is None or (colon and engine.with_steps(1) is None):
+        raise ValueError(f"is {quoted(text)}; {allowed}")
+    if not colon:
+        return engine
+    if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
+        message = f"is {quoted(text)}; STEPS must be a whole number from 1"
+        raise ValueError(f"{message}; {allowed}")
+    return engine.with_steps(int(steps)) or engine
 
 
 def _read_end_time(value: Any) -> Any:
@@ -205,6 +94,18 @@ def _at_least_two(value: Any) -> Any:
     return value
 
 
+ENGINE_KEY: Final = "engine"
+"""Field of the engine, which is a law of how a sample is computed, not of what happens in it."""
+
+
+class SceneLaw(NamedTuple):
+    """A law of a scene: its key, the law, and whether anything in the scene uses it."""
+
+    key: str
+    law: Law
+    is_used: bool
+
+
 class SceneSection(Section):
     """Section `scene`: box, submodels and engine; lengths in m, times in s.
 
@@ -220,23 +121,23 @@ class SceneSection(Section):
     half_width: HalfWidth
     grain_diameter: GrainSize = None
     grain_radius: GrainSize = None
-    sizes: Annotated[AnySizes, LATER] = None
-    escape: Escape = "periodic"
-    velocities: Annotated[UniformX | Spread, Field(discriminator="law"), NAMED] = Field(
-        description="allowed: uniform_x, spread"
+    sizes: Annotated[Sizes | None, Choice(Sizes), LATER] = None
+    escape: Annotated[Boundary, Choice(Boundary)] = Periodic()
+    velocities: Annotated[Velocities, Choice(Velocities)] = Field(
+        description="allowed: " + ", ".join(Velocities.components())
     )
-    restitution: AnyRestitution = PressureRestitution()
-    duration: AnyDuration = CompressionRecoveryDuration()
+    restitution: Annotated[Restitution, Choice(Restitution)] = PressureRestitution()
+    duration: Annotated[Duration, Choice(Duration)] = CompressionRecoveryDuration()
     contact_area: ContactArea = ContactArea()
-    hardness: AnyHardness
-    friction: AnyFriction = Friction()
-    heating: AnyHeating = Heating()
-    reaction: AnyReaction = Reaction()
-    fragmentation: AnyFragmentation = Fragmentation()
-    cooling: AnyCooling = NoCooling()
-    solver: AnySolver = RootSolver()
+    hardness: Annotated[Hardness, Choice(Hardness)]
+    friction: Annotated[Friction, Choice(Friction, or_none=True)] = NoFriction()
+    heating: Annotated[Heating, Choice(Heating, or_none=True)] = PairSplit()
+    reaction: Annotated[Reaction, Choice(Reaction, or_none=True)] = NoReaction()
+    fragmentation: Annotated[Fragmentation, Choice(Fragmentation, or_none=True)] = NoFragmentation()
+    cooling: Annotated[Cooling, Choice(Cooling, or_none=True)] = NoCooling()
+    solver: Annotated[Solver, Choice(Solver)] = BracketedRoot()
     end_time: EndTime = Field(description="`characteristic` or a time like '10 ms'")
-    engine: AnyEngine = EventEngine()
+    engine: Annotated[Engine, Choice(Engine)] = EventDriven()
 
     @property
     def size_key(self) -> str:
@@ -295,23 +196,18 @@ class SceneSection(Section):
         ValueError
             If the scene cannot be simulated, with the reason.
         """
-        from agglom_mpi.physics.cooling import EulerCooling, ExactCooling
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
-        from agglom_mpi.simulation.boundary import Periodic, Reentry
         from agglom_mpi.simulation.scene import Scene
 
-        value = values_by_name(parameters)
+        value = values_by_name(np.asarray(parameters, dtype=float))
         engine = engine or self.engine
-        unused = self.heating.law == "none" and math.isnan(value["temperature"])
-        cooling = self.cooling.build(value)
-        steps = engine.law != "event" and getattr(self.cooling, "integration", "") == "euler"
-        integrated = EulerCooling if steps else ExactCooling
+        unused = self.heating.is_absent and math.isnan(value["temperature"])
         return Scene(
-            escape=Periodic() if self.escape == "periodic" else Reentry(),
+            escape=self.escape.build(value),
             velocities=self.velocities.build(value),
             laws=self._impact_laws(value),
-            cooling=None if cooling is None else integrated(cooling),
-            engine=engine.build(),
+            cooling=self.cooling.integrated(value, engine.has_time_steps),
+            engine=engine.build(value),
             particles=self.particles,
             half_width=half_width(self, value),
             radius=grain_radius(self, value),
@@ -321,12 +217,9 @@ class SceneSection(Section):
             sizes=self.size_law,
         )
 
-    def _impact_laws(self, value: Values) -> "ImpactLaws":
+    def _impact_laws(self, value: Values) -> ImpactLaws:
         """Return the laws of an impact; None where restitution needs no contact pressure."""
-        from agglom_mpi.physics.restitution import ImpactLaws
-
-        pressure = self.restitution.law == "pressure"
-        heats = self.heating.law != "none"
+        pressure = self.restitution.needs_contact_pressure
         return ImpactLaws(
             restitution=self.restitution.build(value),
             duration=self.duration.build(value) if pressure else None,
@@ -337,8 +230,18 @@ class SceneSection(Section):
             reaction=self.reaction.build(value),
             fragmentation=self.fragmentation.build(value),
             solver=self.solver.build(value) if pressure else None,
-            heat_capacity=value["heat_capacity"] if heats else math.inf,
+            heat_capacity=math.inf if self.heating.is_absent else value["heat_capacity"],
         )
+
+    def laws(self) -> Iterator[SceneLaw]:
+        """Yield the laws of impacts, of motion and of cooling, in the order of their fields."""
+        pressure = self.restitution.needs_contact_pressure
+        unused: tuple[str, ...] = () if pressure else ("duration", "hardness", "solver")
+        unused += ("contact_area",) if not pressure and self.reaction.is_absent else ()
+        for key in type(self).model_fields:
+            law = getattr(self, key)
+            if isinstance(law, Law) and key != ENGINE_KEY:
+                yield SceneLaw(key, law, not law.is_absent and key not in unused)
 
     @model_validator(mode="before")
     @classmethod
@@ -352,19 +255,21 @@ class SceneSection(Section):
     def _default_hardness(cls, data: Any) -> Any:
         if not isinstance(data, dict) or "hardness" in data:
             return data
-        restitution = data.get("restitution")
-        law = restitution.get("law") if isinstance(restitution, dict) else restitution
-        needed = law in (None, "pressure")
-        return {**data, "hardness": "arrhenius" if needed else "constant"}
+        given = data.get("restitution")
+        name = given.get("law") if isinstance(given, dict) else given
+        law = Restitution.components().get(name) if isinstance(name, str) else PressureRestitution
+        needed = law is not None and law.needs_contact_pressure
+        (name,) = names_of(ArrheniusHardness if needed else ConstantHardness)
+        return {**data, "hardness": name}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         problems: list[tuple[FieldPath, str]] = []
-        if self.restitution.law != "pressure":
-            if self.hardness.law == "arrhenius":
+        if not self.restitution.needs_contact_pressure:
+            if self.hardness.softened_by is not None:
                 message = (
-                    f"is 'arrhenius', but {self.restitution.law} restitution has no hardness; "
-                    "leave it out"
+                    f"is {self.hardness.name!r}, but {self.restitution.name} restitution has no "
+                    "hardness; leave it out"
                 )
                 problems.append((("hardness",), message))
             if self.end_time == "characteristic":
@@ -373,17 +278,18 @@ class SceneSection(Section):
                     "pressure`; give a time like '10 ms'"
                 )
                 problems.append((("end_time",), message))
-        integration = getattr(self.cooling, "integration", "exact")
-        if self.engine.law == "event" and integration == "euler":
+        if self.cooling.by_steps and not self.engine.has_time_steps:
             message = (
-                "is 'euler', which needs time steps, but the engine is 'event'; allowed: exact, or "
-                "euler with engine fixed or adaptive"
+                f"is 'euler', which needs time steps, but the engine is {self.engine.name!r}; "
+                "allowed: exact, or euler with engine fixed or adaptive"
             )
             problems.append((("cooling", "integration"), message))
-        if self.heating.law == "none":
-            for name, law in (("reaction", self.reaction.law), ("cooling", self.cooling.law)):
-                if law != "none":
-                    message = f"is '{law}', but heating is 'none'; allowed without heating: none"
-                    problems.append(((name,), message))
+        if self.heating.is_absent:
+            for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
+                if not law.is_absent:
+                    message = (
+                        f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
+                    )
+                    problems.append(((key,), message))
         raise_field_errors(problems)
         return self

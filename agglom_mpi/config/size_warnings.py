@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.formatting import format_percent, pluralise
-from agglom_mpi.physics.sizes import AnySizeLaw, Floats, draw_radii
+from agglom_mpi.physics.size_distributions import Floats, SizeDistribution, draw_radii
 from agglom_mpi.random_streams import PLACEMENT_FORECAST, search_stream
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def unlikely_draws(campaign: "Campaign", size_ratio: float) -> Iterator[Finding]
         yield from _placement(scene, wanted, fractions, fits)
 
 
-def _scatter(scene: "SceneSection", law: AnySizeLaw, drawn: Floats) -> Iterator[Finding]:
+def _scatter(scene: "SceneSection", law: SizeDistribution, drawn: Floats) -> Iterator[Finding]:
     """Yield the law of sizes if the volume of the grains varies too much between samples.
 
     `drawn` are volume fractions of samples over what is asked, (n,).

@@ -58,7 +58,7 @@ from agglom_mpi.simulation.stepwise import (
 )
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.scene import Engine
+    from agglom_mpi.simulation.engines import Engine
 
 Input = float | npt.ArrayLike | Callable[[np.random.Generator, int], npt.ArrayLike] | Any
 """One value for all, an array, a function of (random, count), or a distribution with `rvs`."""

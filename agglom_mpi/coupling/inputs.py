@@ -8,8 +8,8 @@ import numpy.typing as npt
 from agglom_mpi.coupling.state import BoxParticles
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
-from agglom_mpi.physics.sizes import draw_radii
-from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.physics.size_distributions import draw_radii
+from agglom_mpi.simulation.boundary import is_periodic
 from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.simulation.stepwise import overlaps_of, room_for_particles
@@ -279,6 +279,6 @@ def _check_apart(scene: Scene, positions: Floats, radii: Floats) -> None:
     particles.position[:] = positions.T
     particles.radius[:] = radii
     if overlaps_of(scene, particles) > 0:
-        side, periodic = 2.0 * scene.half_width, isinstance(scene.escape, Periodic)
+        side, periodic = 2.0 * scene.half_width, is_periodic(scene.escape)
         pair = overlapping_pair(positions, radii, side, periodic)
         raise ValueError(f"positions {pair}; must not overlap")

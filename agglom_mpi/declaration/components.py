@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, Union, g
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, model_validator
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, core_schema
 
 from agglom_mpi.declaration.sections import (
     FieldPath,
@@ -28,6 +28,8 @@ from agglom_mpi.declaration.units import to_si
 
 class In(NamedTuple):
     """Unit, limits and meaning of a number: `emissivity: Annotated[float, In("1", at_most=1)]`.
+
+    The field may be a tuple of such numbers, or a number that is None by default.
 
     Attributes
     ----------
@@ -51,8 +53,19 @@ class In(NamedTuple):
     ) -> CoreSchema:
         """Return the schema that reads a number with a unit and checks its limits."""
         limits = Field(gt=self.above, ge=self.at_least, le=self.at_most, lt=self.below)
-        read = BeforeValidator(partial(to_si, unit=self.unit))
-        return handler.generate_schema(Annotated[float, read, limits])
+        number: Any = Annotated[float, BeforeValidator(partial(to_si, unit=self.unit)), limits]
+        several = get_origin(source) is tuple
+        number = tuple.__class_getitem__((number,) * len(get_args(source))) if several else number
+        return handler.generate_schema(number)
+
+
+class Setting(NamedTuple):
+    """A number or choice of a component: name, value, SI unit, and whether a file gave it."""
+
+    name: str
+    value: Any
+    unit: str
+    is_given: bool
 
 
 class Whole(NamedTuple):
@@ -98,20 +111,29 @@ class Component(Section):
         Key of the field with the name.
     found_in
         Package whose modules declare the components of this kind.
+    in_files
+        Whether a file can name it, and not only another component can become it.
     """
 
     named_by: ClassVar[str] = "law"
     found_in: ClassVar[str] = ""
+    in_files: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
-        """Name in a campaign file."""
-        return names_of(type(self))[0]
+        """Name in a campaign file; empty of a component without alternatives."""
+        return next(iter(names_of(type(self))), "")
 
     @property
     def summary(self) -> str:
         """One line on the component, as `agglom check` prints it."""
         raise NotImplementedError
+
+    def entries(self) -> dict[str, Any]:
+        """Return the fields as plain values, the name first; see `Section.entries`."""
+        entries = super().entries()
+        name = {key: entries[key] for key in (self.named_by,) if key in entries}
+        return name | entries
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield fields that do not fit together: the path of each and what is wrong."""
@@ -170,12 +192,12 @@ class Component(Section):
         fields = found[name].model_fields
         return found[name].model_validate({k: v for k, v in entries.items() if k in fields})
 
-    def settings(self) -> Iterator[tuple[str, Any, str, bool]]:
-        """Yield name, value, unit and whether it was given of each field but the name."""
+    def settings(self) -> Iterator[Setting]:
+        """Yield all fields but the name."""
         for name, field in type(self).model_fields.items():
             if name != self.named_by:
-                unit = unit_of(field)
-                yield name, getattr(self, name), unit, name in self.model_fields_set
+                given = name in self.model_fields_set
+                yield Setting(name, getattr(self, name), unit_of(field), given)
 
 
 @cache
@@ -194,7 +216,7 @@ def _subclasses(kind: type[Any]) -> Iterator[type[Any]]:
 
 def names_of(component: type[Section]) -> tuple[str, ...]:
     """Return the name by which a file can call a component; empty for a base class."""
-    if not issubclass(component, Component):
+    if not issubclass(component, Component) or not component.in_files:
         return ()
     field = component.model_fields.get(component.named_by)
     literal = field is not None and get_origin(field.annotation) is Literal
@@ -237,7 +259,8 @@ class Choice(NamedTuple):
         """Return the schema of a union that is told apart by the name."""
         union: Any = Union.__getitem__(self.components)  # of a number known when it is run
         tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
-        return handler.generate_schema(Annotated[tagged, BeforeValidator(self._as_mapping)])
+        schema = handler.generate_schema(Annotated[tagged, BeforeValidator(self._as_mapping)])
+        return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
 
     def _as_mapping(self, entry: Any) -> Any:
         return self.kind.as_mapping("none" if self.or_none and entry is None else entry)

@@ -4,7 +4,7 @@ import collections
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
-from agglom_mpi.compilation.stages import Submodel, declare_numbers
+from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula
 from agglom_mpi.declaration.components import Component, number_of
 
 _named_tuple: Any = collections.namedtuple  # of names known when it is run, which mypy refuses
@@ -47,14 +47,17 @@ class Law(Component):
         Dimensionless groups that the law depends on.
     is_absent
         Whether it stands for leaving out what its kind does; kernels then see None.
+    Numbers
+        The NamedTuple that kernels see: fields that are numbers, `derived`, then `variables`.
     """
 
+    found_in = "agglom_mpi.physics"
     variables: ClassVar[tuple[str, ...]] = ()
     derived: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     groups: ClassVar[tuple[Group, ...]] = ()
     is_absent: ClassVar[bool] = False
-    numbers_type: ClassVar[Any]
+    Numbers: ClassVar[Any]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
@@ -62,10 +65,12 @@ class Law(Component):
         super().__pydantic_init_subclass__(**options)
         own = [name for name, field in cls.model_fields.items() if number_of(field) is not None]
         names = (*own, *cls.derived, *cls.variables)
-        numbers: Any = _named_tuple(cls.__name__, names)
+        given = [cls.model_fields[name] for name in own] if len(own) == len(names) else []
+        defaults = [field.default for field in given if not field.is_required()]
+        numbers: Any = _named_tuple(cls.__name__, names, defaults=defaults)
         numbers.__module__ = cls.__module__
-        numbers.__qualname__ = f"{cls.__qualname__}.numbers_type"  # so that it can be pickled
-        cls.numbers_type = numbers
+        numbers.__qualname__ = f"{cls.__qualname__}.Numbers"  # so that it can be pickled
+        cls.Numbers = numbers
         declare_numbers(numbers, cls)
 
     def build(self, value: Values) -> Submodel:
@@ -78,10 +83,17 @@ class Law(Component):
         """
         if self.is_absent:
             return None
-        fields = self.numbers_type._fields
-        return self.numbers_type(
+        fields = self.Numbers._fields
+        return self.Numbers(
             *(value[name] if name in self.variables else getattr(self, name) for name in fields)
         )
+
+    def is_frame_dependent(self) -> bool:
+        """Return whether its results depend on the frame of reference.
+
+        Where none of a scene does, the simulation works in the centre-of-mass frame.
+        """
+        return False
 
     @classmethod
     def absent(cls) -> type[Self]:
@@ -101,3 +113,6 @@ class Law(Component):
     def required(self) -> tuple[str, ...]:
         """Variables without which the law cannot be evaluated."""
         return (*self.variables, *self.needs)
+
+
+is_frame_dependent = formula(Law, Law.is_frame_dependent)

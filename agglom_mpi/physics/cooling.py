@@ -4,11 +4,15 @@ A temperature does not depend on how the grain moves, so each can be integrated 
 """
 
 import math
-from typing import Final, NamedTuple
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, formula, inlined
+from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.laws import Law, Values
+from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -23,42 +27,6 @@ leaves out is below 6.75 times the fourth power."""
 
 COLDEST: Final = 1e-30
 """Equilibrium in K up to which it is taken as 0 K, so that ln of the distance has a range."""
-
-
-class RadiativeCooling(NamedTuple):
-    """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19–6.20].
-
-    Attributes
-    ----------
-    emissivity
-        ε.
-    surroundings
-        θ_s that it radiates to, K.
-    convection
-        h_c, W/(m² K).
-    ambient
-        θ_o of the gas, K.
-    equilibrium
-        θ_e where the right side vanishes, K; `equilibrium_temperature` computes it.
-    """
-
-    emissivity: float
-    surroundings: float
-    convection: float
-    ambient: float
-    equilibrium: float
-
-
-class QuarticCooling(NamedTuple):
-    """θ' = −(B/(ρC))(θ − θ₀)⁴ above the starting temperature θ₀, nothing below  [A 18].
-
-    As published, with its fault: a length is missing, so the numbers mean nothing outside SI.
-    `density` ρ in kg/m³, `heat_capacity` C in J/(kg K), `start` θ₀ in K.
-    """
-
-    density: float
-    heat_capacity: float
-    start: float
 
 
 class EulerCooling(NamedTuple):
@@ -77,23 +45,209 @@ class ExactCooling(NamedTuple):
     law: Submodel
 
 
-@dispatch
-def cooling_rate(law: Submodel, temperature: float, surface: float, capacity: float) -> float:
-    """−θ' in K/s at `temperature` in K; `surface` 4πb² in m², `capacity` mC in J/K."""
+class Cooling(Law):
+    """Law of the temperature of a grain between impacts.
+
+    Formulas get the temperature in K, the grain's surface 4πb² in m² and its heat capacity mC in
+    J/K.
+
+    Attributes
+    ----------
+    longest_step
+        Longest Euler step that does not overshoot where the law is linear, as a formula.
+    """
+
+    longest_step: ClassVar[str] = "1/(dθ'/dθ)"
+
+    def cooling_rate(self, temperature: float, surface: float, capacity: float) -> float:
+        """−θ' in K/s."""
+        raise NotImplementedError
+
+    def exact_temperature(
+        self, temperature: float, surface: float, capacity: float, time: float
+    ) -> float:
+        """Exact temperature in K after `time` in s."""
+        raise NotImplementedError
+
+    def euler_step(self, temperature: float, surface: float, capacity: float, step: float) -> float:
+        """Temperature in K after one explicit Euler step of `step` in s  [A 19] [B 6.21]."""
+        return temperature - step * cooling_rate(self, temperature, surface, capacity)
+
+    def rest_temperature(self) -> float:
+        """Temperature in K to which a grain tends."""
+        raise NotImplementedError
+
+    def rate_slope(self, temperature: float, surface: float, capacity: float) -> float:
+        """Slope of the rate with the temperature, 1/s: Euler steps beyond its inverse overshoot."""
+        raise NotImplementedError
+
+    @property
+    def by_steps(self) -> bool:
+        """Whether it is integrated by Euler steps, one in each time step of the engine."""
+        return False
+
+    def stepped(self) -> Self:
+        """Return the law integrated by Euler steps as published, if it can be."""
+        return self
+
+    def integrated(self, value: Values, has_steps: bool) -> Submodel:
+        """Return the law as kernels see it, with how it is integrated; None without cooling.
+
+        Parameters
+        ----------
+        value
+            The ten variables in SI units, by name.
+        has_steps
+            Whether the engine has time steps; without them the solution is exact.
+        """
+        law = self.build(value)
+        if law is None:
+            return None
+        return EulerCooling(law) if has_steps and self.by_steps else ExactCooling(law)
 
 
-@dispatch
-def exact_temperature(
-    law: Submodel, temperature: float, surface: float, capacity: float, time: float
-) -> float:
-    """Exact temperature in K after `time` in s; other arguments as for `cooling_rate`."""
+Integration = Literal["exact", "euler"]
+"""Exact solution, or, as published, an Euler step in each time step of the engine."""
 
 
-@dispatch
-def euler_step(
-    law: Submodel, temperature: float, surface: float, capacity: float, step: float
-) -> float:
-    """Temperature in K after one explicit Euler step of `step` in s  [A 19] [B 6.21]."""
+class NoCooling(Cooling):
+    """Grains keep their temperature between impacts."""
+
+    law: Literal["none"] = "none"
+    summary: ClassVar[str] = "grains keep their temperature"
+    is_absent = True
+
+
+class RadiativeCooling(Cooling):
+    """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19-6.21].
+
+    The emissivity is ε, the temperature of the surroundings θ_s, the `convection` h_c, and θ_o the
+    temperature of the ambient gas.
+    """
+
+    law: Literal["radiation"] = "radiation"
+    emissivity: Annotated[float, In("1", at_least=0, at_most=1, meaning="0 to 1")]
+    surroundings: Annotated[float, In("K", at_least=0, meaning="a temperature like '300 K'")]
+    convection: Annotated[float, In("W/m^2/K", at_least=0)] = 0.0
+    ambient: Annotated[float, In("K", at_least=0)] = 300.0
+    integration: Integration = "exact"
+    summary: ClassVar[str] = "radiation and convection [B 6.19-6.21]"
+    derived = ("equilibrium",)
+    longest_step = "mC/(a_s(4Bεθ³ + h_c))"
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield convection without the temperature that it cools to."""
+        if self.convection > 0 and "ambient" not in self.model_fields_set:
+            yield ("ambient",), "is missing; the temperature that convection cools to, like '300 K'"
+
+    @property
+    def by_steps(self) -> bool:
+        """Whether `integration` is by Euler steps."""
+        return self.integration == "euler"
+
+    def stepped(self) -> Self:
+        """Return the law integrated by Euler steps."""
+        return self.model_copy(update={"integration": "euler"})
+
+    @property
+    def equilibrium(self) -> float:
+        """Temperature θ_e in K at which radiation and convection balance."""
+        return equilibrium_temperature(
+            self.emissivity, self.surroundings, self.convection, self.ambient
+        )
+
+    def cooling_rate(self, temperature, surface, capacity):
+        """Radiated and convected power over the heat capacity, K/s."""
+        radiated = STEFAN_BOLTZMANN * self.emissivity * (temperature**4 - self.surroundings**4)
+        return surface / capacity * (radiated + self.convection * (temperature - self.ambient))
+
+    def exact_temperature(self, temperature, surface, capacity, time):
+        """Panel by panel: the time is the integral of the smooth ln|θ − θ_e| over its rate."""
+        remaining = time * surface / capacity
+        start = temperature - self.equilibrium
+        if remaining <= 0.0 or start == 0.0:
+            return temperature
+        rate = relaxation_rate(self, start)
+        if rate * remaining <= SHORT and abs(start) <= temperature:
+            return temperature + start * math.expm1(-short_width(self, start, rate, remaining))
+        if self.equilibrium <= COLDEST or relaxation_rate(self, min(start, 0.0)) == 0.0:
+            return cooled_towards_zero(self, temperature, remaining)
+        distance = start
+        taken = panel_time(self, distance, PANEL)
+        while taken < remaining:
+            remaining -= taken
+            distance *= math.exp(-PANEL)
+            if abs(distance) <= 1e-17 * self.equilibrium:
+                return self.equilibrium
+            taken = panel_time(self, distance, PANEL)
+        width = panel_width(self, distance, remaining, PANEL * remaining / taken)
+        if distance == start:  # counted from where it was, which may be far nearer to zero
+            return temperature + start * math.expm1(-width)
+        return self.equilibrium + distance * math.exp(-width)
+
+    def rest_temperature(self):
+        """θ_e in K."""
+        return self.equilibrium
+
+    def rate_slope(self, temperature, surface, capacity):
+        """a_s(4Bεθ³ + h_c)/(mC) in 1/s."""
+        radiated = 4.0 * STEFAN_BOLTZMANN * self.emissivity * temperature**3
+        return surface * (radiated + self.convection) / capacity
+
+
+class QuarticCooling(Cooling):
+    """θ' = −(B/(ρC))(θ − θ₀)⁴ above the starting temperature θ₀, nothing below  [A 18-19].
+
+    As published, with its fault: a length is missing, so the numbers mean nothing outside SI.
+    """
+
+    law: Literal["quartic"] = "quartic"
+    integration: Integration = "exact"
+    summary: ClassVar[str] = "(theta - theta0)^4, bounded at theta0 [A 18-19]"
+    variables = ("density", "heat_capacity", "temperature")
+    longest_step = "ρC/(4B(θ − θ₀)³)"
+
+    @property
+    def by_steps(self) -> bool:
+        """Whether `integration` is by Euler steps."""
+        return self.integration == "euler"
+
+    def stepped(self) -> Self:
+        """Return the law integrated by Euler steps."""
+        return self.model_copy(update={"integration": "euler"})
+
+    def cooling_rate(self, temperature, surface, capacity):
+        """(B/(ρC))(θ − θ₀)⁴ in K/s."""
+        excess = max(0.0, temperature - self.temperature)
+        return quartic_coefficient(self) * excess**4
+
+    def exact_temperature(self, temperature, surface, capacity, time):
+        """θ₀ + x with x(t) = x(0) (1 + 3 c x(0)³ t)^(−1/3), the solution of x' = −c x⁴."""
+        excess = temperature - self.temperature
+        if excess <= 0.0:
+            return temperature
+        growth = 3.0 * quartic_coefficient(self) * time * excess**3
+        return self.temperature + excess * (1.0 + growth) ** (-1.0 / 3.0)
+
+    def euler_step(self, temperature, surface, capacity, step):
+        """Return an Euler step held at θ₀, beyond which it would run away."""
+        following = temperature - step * cooling_rate(self, temperature, surface, capacity)
+        return max(following, min(temperature, self.temperature))
+
+    def rest_temperature(self):
+        """θ₀ in K."""
+        return self.temperature
+
+    def rate_slope(self, temperature, surface, capacity):
+        """4(B/(ρC))(θ − θ₀)³ in 1/s."""
+        return 4.0 * quartic_coefficient(self) * (temperature - self.temperature) ** 3
+
+
+cooling_rate = formula(Cooling, Cooling.cooling_rate)
+exact_temperature = formula(Cooling, Cooling.exact_temperature)
+euler_step = formula(Cooling, Cooling.euler_step)
+rest_temperature = formula(Cooling, Cooling.rest_temperature)
+rate_slope = formula(Cooling, Cooling.rate_slope)
 
 
 def equilibrium_temperature(
@@ -117,26 +271,14 @@ def equilibrium_temperature(
     return 0.5 * (low + high)
 
 
-@cooling_rate.register(RadiativeCooling)
-def _radiative_rate(law, temperature, surface, capacity):
-    radiated = STEFAN_BOLTZMANN * law.emissivity * (temperature**4 - law.surroundings**4)
-    return surface / capacity * (radiated + law.convection * (temperature - law.ambient))
-
-
-@cooling_rate.register(QuarticCooling)
-def _quartic_rate(law, temperature, surface, capacity):
-    excess = max(0.0, temperature - law.start)
-    return quartic_coefficient(law) * excess**4
-
-
 @inlined
-def quartic_coefficient(law: QuarticCooling) -> float:
+def quartic_coefficient(law: Submodel) -> float:
     """B/(ρC) in m/(K³ s), used as if it were 1/(K³ s): the missing length  [A 18]."""
     return STEFAN_BOLTZMANN / (law.density * law.heat_capacity)
 
 
 @inlined
-def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
+def relaxation_rate(law: Submodel, distance: float) -> float:
     """−d ln|θ − θ_e|/dt over a_s/(mC), at θ = θ_e + `distance` in K, in W/(m² K).
 
     By (θ + θ_e)(θ² + θ_e²), the quotient of θ⁴ − θ_e⁴ and θ − θ_e, which does not cancel near θ_e.
@@ -148,7 +290,7 @@ def relaxation_rate(law: RadiativeCooling, distance: float) -> float:
 
 
 @inlined
-def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
+def panel_time(law: Submodel, distance: float, width: float) -> float:
     """Time times a_s/(mC), in m² K/W, in which ln|θ − θ_e| falls by `width` from `distance` in K.
 
     By 8-point Gauss–Legendre quadrature.
@@ -160,7 +302,7 @@ def panel_time(law: RadiativeCooling, distance: float, width: float) -> float:
 
 
 @inlined
-def cooled_towards_zero(law: RadiativeCooling, temperature: float, remaining: float) -> float:
+def cooled_towards_zero(law: Submodel, temperature: float, remaining: float) -> float:
     """Temperature in K after t·a_s/(mC) = `remaining` where θ_e = 0: θ' ∝ −h_c θ − Bεθ⁴.
 
     A Bernoulli equation; with h_c = 0 that of a black body in empty space.
@@ -176,7 +318,7 @@ def cooled_towards_zero(law: RadiativeCooling, temperature: float, remaining: fl
 
 
 @inlined
-def panel_width(law: RadiativeCooling, distance: float, remaining: float, guess: float) -> float:
+def panel_width(law: Submodel, distance: float, remaining: float, guess: float) -> float:
     """Width of the panel from `distance` that takes the time `remaining`, by Newton's method."""
     width = guess
     for _ in range(50):
@@ -189,7 +331,7 @@ def panel_width(law: RadiativeCooling, distance: float, remaining: float, guess:
 
 
 @inlined
-def short_width(law: RadiativeCooling, distance: float, rate: float, remaining: float) -> float:
+def short_width(law: Submodel, distance: float, rate: float, remaining: float) -> float:
     """Fall of ln|θ − θ_e| in the time `remaining`, where that is short: three terms of its series.
 
     With the rate k at w = ln of the distance, w falls by kr − kk'r²/2 + k(k'² + kk'')r³/6.
@@ -204,50 +346,3 @@ def short_width(law: RadiativeCooling, distance: float, rate: float, remaining: 
     curvature = slope + distance * distance * second
     cubic = (slope * slope + rate * curvature) * remaining * remaining / 6.0
     return rate * remaining * (1.0 - 0.5 * slope * remaining + cubic)
-
-
-@exact_temperature.register(RadiativeCooling)
-def _radiative_exact(law, temperature, surface, capacity, time):
-    # ln|θ − θ_e| falls smoothly: the time is its integral over the rate, panel by panel.
-    remaining = time * surface / capacity
-    start = temperature - law.equilibrium
-    if remaining <= 0.0 or start == 0.0:
-        return temperature
-    rate = relaxation_rate(law, start)
-    if rate * remaining <= SHORT and abs(start) <= temperature:
-        return temperature + start * math.expm1(-short_width(law, start, rate, remaining))
-    if law.equilibrium <= COLDEST or relaxation_rate(law, min(start, 0.0)) == 0.0:
-        return cooled_towards_zero(law, temperature, remaining)
-    distance = start
-    taken = panel_time(law, distance, PANEL)
-    while taken < remaining:
-        remaining -= taken
-        distance *= math.exp(-PANEL)
-        if abs(distance) <= 1e-17 * law.equilibrium:
-            return law.equilibrium
-        taken = panel_time(law, distance, PANEL)
-    width = panel_width(law, distance, remaining, PANEL * remaining / taken)
-    if distance == start:  # counted from where it was, which may be far nearer to zero
-        return temperature + start * math.expm1(-width)
-    return law.equilibrium + distance * math.exp(-width)
-
-
-@exact_temperature.register(QuarticCooling)
-def _quartic_exact(law, temperature, surface, capacity, time):
-    excess = temperature - law.start
-    if excess <= 0.0:
-        return temperature
-    # x' = −c x⁴ is solved by x(0) (1 + 3 c x(0)³ t)^(−1/3).
-    growth = 3.0 * quartic_coefficient(law) * time * excess**3
-    return law.start + excess * (1.0 + growth) ** (-1.0 / 3.0)
-
-
-@euler_step.register(RadiativeCooling)
-def _radiative_euler(law, temperature, surface, capacity, step):
-    return temperature - step * cooling_rate(law, temperature, surface, capacity)
-
-
-@euler_step.register(QuarticCooling)
-def _quartic_euler(law, temperature, surface, capacity, step):
-    following = temperature - step * cooling_rate(law, temperature, surface, capacity)
-    return max(following, min(temperature, law.start))

@@ -1,28 +1,16 @@
 """Fragmentation: when an aggregate breaks, and into how many pieces."""
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, Final, Literal, NamedTuple
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
-from agglom_mpi.physics.pair import is_frame_dependent
+from agglom_mpi.compilation.stages import formula, inlined
+from agglom_mpi.declaration.laws import Group, Law
 
-
-class PairEnergyFragmentation(NamedTuple):
-    """Each aggregate absorbs half of the kinetic energy that the pair dissipates; γ in J/m².
-
-    The default reading: it does not depend on the frame.
-    """
-
-    surface_energy: float
-
-
-class OwnEnergyFragmentation(NamedTuple):
-    """Each aggregate absorbs |change of its own kinetic energy|, as published  [B 5.1]; γ in J/m².
-
-    That depends on the frame of reference.
-    """
-
-    surface_energy: float
+FRAGMENTATION: Final = Group(
+    "ρv²b/γ",
+    "kinetic energy of an impact over surface energy",
+    {"density": 1.0, "relative_speed": 2.0, "grain_radius": 1.0, "surface_energy": -1.0},
+)
 
 
 class FragmentCount(NamedTuple):
@@ -32,23 +20,75 @@ class FragmentCount(NamedTuple):
     energy: float
 
 
-@dispatch
-def breakage(
-    model: Submodel | None, pair_loss: float, own_change: float, radius: float, grains: int
-) -> FragmentCount:
-    """Pieces of one sphere after an impact that releases these energies.
+class Fragmentation(Law):
+    """Law of the breakage of aggregates; the variable `surface_energy` is γ in J/m²."""
 
-    Parameters
-    ----------
-    model
-        The scene's fragmentation law, None without one.
-    pair_loss, own_change
-        Kinetic energy that the pair dissipated and that this sphere lost itself, J.
-    radius
-        b₀ in m.
-    grains
-        Grains in it; a single grain does not break.
+    def breakage(
+        self, pair_loss: float, own_change: float, radius: float, grains: int
+    ) -> FragmentCount:
+        """Pieces of one sphere after an impact that releases these energies.
+
+        Parameters
+        ----------
+        pair_loss, own_change
+            Kinetic energy that the pair dissipated and that this sphere lost itself, J.
+        radius
+            b₀ in m.
+        grains
+            Grains in it; a single grain does not break.
+        """
+        raise NotImplementedError
+
+
+class PairEnergyFragmentation(Fragmentation):
+    """Each aggregate absorbs half of the kinetic energy that the pair dissipates.
+
+    The default reading: it does not depend on the frame.
     """
+
+    law: Literal["pair_energy"] = "pair_energy"
+    summary: ClassVar[str] = "by the energy the pair lost [B 5.1-5.5]"
+    variables = ("surface_energy",)
+    groups = (FRAGMENTATION,)
+
+    def breakage(self, pair_loss, own_change, radius, grains):
+        """Pieces by half of the pair's loss."""
+        return equal_pieces(self.surface_energy, 0.5 * pair_loss, radius, grains)
+
+
+class OwnEnergyFragmentation(Fragmentation):
+    """Each aggregate absorbs |change of its own kinetic energy|, as published  [B 5.1].
+
+    That depends on the frame of reference.
+    """
+
+    law: Literal["own_energy"] = "own_energy"
+    summary: ClassVar[str] = "by its own energy change, as published [B 5.1-5.5]"
+    variables = ("surface_energy",)
+    groups = (FRAGMENTATION,)
+
+    def breakage(self, pair_loss, own_change, radius, grains):
+        """Pieces by the magnitude of its own change."""
+        return equal_pieces(self.surface_energy, abs(own_change), radius, grains)
+
+    def is_frame_dependent(self):
+        """Return True: a sphere's own kinetic-energy change is."""
+        return True
+
+
+class NoFragmentation(Fragmentation):
+    """Unbreakable aggregates."""
+
+    law: Literal["none"] = "none"
+    summary: ClassVar[str] = "unbreakable aggregates"
+    is_absent = True
+
+    def breakage(self, pair_loss, own_change, radius, grains):
+        """One piece."""
+        return FragmentCount(1, 0.0)
+
+
+breakage = formula(Fragmentation, Fragmentation.breakage)
 
 
 @inlined
@@ -69,28 +109,3 @@ def equal_pieces(
     if count < 2.0:
         return FragmentCount(1, 0.0)
     return FragmentCount(int(count), surface * (count ** (1.0 / 3.0) - 1.0))
-
-
-@is_frame_dependent.register(PairEnergyFragmentation)
-def _in_every_frame(model):
-    return False
-
-
-@is_frame_dependent.register(OwnEnergyFragmentation)
-def _in_one_frame(model):
-    return True
-
-
-@breakage.register(None)
-def _unbreakable(model, pair_loss, own_change, radius, grains):
-    return FragmentCount(1, 0.0)
-
-
-@breakage.register(PairEnergyFragmentation)
-def _pair_energy(model, pair_loss, own_change, radius, grains):
-    return equal_pieces(model.surface_energy, 0.5 * pair_loss, radius, grains)
-
-
-@breakage.register(OwnEnergyFragmentation)
-def _own_energy(model, pair_loss, own_change, radius, grains):
-    return equal_pieces(model.surface_energy, abs(own_change), radius, grains)

@@ -1,36 +1,83 @@
 """Tangential impulse of friction at an impact, and the energies that both impulses dissipate."""
 
-from typing import NamedTuple
+from typing import ClassVar, Literal
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import formula, inlined
+from agglom_mpi.declaration.laws import Law
 from agglom_mpi.physics.pair import ContactPair
 
 
-class RestitutionScaledFriction(NamedTuple):
-    """μ = μ₀(1 − e)  [A 7]."""
-
-    base: float
-
-
-class ConstantFriction(NamedTuple):
-    """μ = μ₀  [B 4.17]."""
-
-    base: float
-
-
-@dispatch
-def tangential_impulse(model: Submodel | None, pair: ContactPair, deficit: float) -> float:
-    """Friction impulse min(μJ, m*|u_t|) in N s, against the slip.
+class Friction(Law):
+    """Law of the tangential impulse, which acts against the slip and at most ends it.
 
     Neither paper caps it; without the cap friction reverses the slip and makes energy.
     """
 
+    def tangential_impulse(self, pair: ContactPair, deficit: float) -> float:
+        """Friction impulse in N s of a bounce with 1 − e = `deficit`."""
+        raise NotImplementedError
 
-@dispatch
-def impulse_slopes(
-    model: Submodel | None, pair: ContactPair, lower: float, upper: float
-) -> tuple[float, float]:
-    """Least and largest slope in N s of the friction impulse over the deficits [lower, upper]."""
+    def impulse_slopes(self, pair: ContactPair, lower: float, upper: float) -> tuple[float, float]:
+        """Least and largest slope in N s of the impulse over the deficits [lower, upper]."""
+        raise NotImplementedError
+
+
+class RestitutionScaledFriction(Friction):
+    """μ = μ₀(1 − e)  [A 7]."""
+
+    law: Literal["restitution_scaled"] = "restitution_scaled"
+    summary: ClassVar[str] = "mu0 (1 - e), capped where slip ends [A 7]"
+    variables = ("friction",)
+
+    def tangential_impulse(self, pair, deficit):
+        """min(μJ, m*|u_t|) in N s."""
+        return capped_impulse(self.friction * deficit, pair, deficit)
+
+    def impulse_slopes(self, pair, lower, upper):
+        """Slopes of μ₀(1 − e)J, 0 where friction ends the slip."""
+        sliding = 2.0 * self.friction * pair.reduced_mass * pair.approach_speed
+        least = 0.0 if is_sticking(self.friction * upper, pair, upper) else sliding * (1.0 - upper)
+        most = 0.0 if is_sticking(self.friction * lower, pair, lower) else sliding * (1.0 - lower)
+        return least, most
+
+
+class ConstantFriction(Friction):
+    """μ = μ₀  [B 4.17]."""
+
+    law: Literal["constant"] = "constant"
+    summary: ClassVar[str] = "mu0, capped where slip ends [B]"
+    variables = ("friction",)
+
+    def tangential_impulse(self, pair, deficit):
+        """min(μJ, m*|u_t|) in N s."""
+        return capped_impulse(self.friction, pair, deficit)
+
+    def impulse_slopes(self, pair, lower, upper):
+        """Slopes of μ₀J, 0 where friction ends the slip."""
+        sliding = -self.friction * pair.reduced_mass * pair.approach_speed
+        least = 0.0 if is_sticking(self.friction, pair, upper) else sliding
+        most = 0.0 if is_sticking(self.friction, pair, lower) else sliding
+        return least, most
+
+
+class NoFriction(Friction):
+    """Smooth spheres."""
+
+    law: Literal["none"] = "none"
+    summary: ClassVar[str] = "smooth spheres"
+    is_absent = True
+
+    def tangential_impulse(self, pair, deficit):
+        """0."""
+        return 0.0
+
+    def impulse_slopes(self, pair, lower, upper):
+        """0."""
+        return 0.0, 0.0
+
+
+tangential_impulse = formula(Friction, Friction.tangential_impulse)
+impulse_slopes = formula(Friction, Friction.impulse_slopes)
 
 
 @inlined
@@ -44,42 +91,6 @@ def capped_impulse(coefficient: float, pair: ContactPair, deficit: float) -> flo
     """Coulomb impulse μJ, J = m*(1+e)w, capped at the m*|u_t| that stops the slip; N s."""
     sliding = coefficient * pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     return min(sliding, pair.reduced_mass * pair.slip_speed)
-
-
-@tangential_impulse.register(None)
-def _frictionless(model, pair, deficit):
-    return 0.0
-
-
-@tangential_impulse.register(RestitutionScaledFriction)
-def _restitution_scaled(model, pair, deficit):
-    return capped_impulse(model.base * deficit, pair, deficit)
-
-
-@tangential_impulse.register(ConstantFriction)
-def _constant(model, pair, deficit):
-    return capped_impulse(model.base, pair, deficit)
-
-
-@impulse_slopes.register(None)
-def _no_slopes(model, pair, lower, upper):
-    return 0.0, 0.0
-
-
-@impulse_slopes.register(RestitutionScaledFriction)
-def _restitution_scaled_slopes(model, pair, lower, upper):
-    sliding = 2.0 * model.base * pair.reduced_mass * pair.approach_speed
-    least = 0.0 if is_sticking(model.base * upper, pair, upper) else sliding * (1.0 - upper)
-    most = 0.0 if is_sticking(model.base * lower, pair, lower) else sliding * (1.0 - lower)
-    return least, most
-
-
-@impulse_slopes.register(ConstantFriction)
-def _constant_slopes(model, pair, lower, upper):
-    sliding = -model.base * pair.reduced_mass * pair.approach_speed
-    least = 0.0 if is_sticking(model.base, pair, upper) else sliding
-    most = 0.0 if is_sticking(model.base, pair, lower) else sliding
-    return least, most
 
 
 @inlined

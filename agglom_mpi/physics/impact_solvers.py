@@ -5,62 +5,26 @@ largest in the deficit d, which a sufficiently relaxed iteration from e = 0 find
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, ClassVar, Final, Literal
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
-from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness, log_hardening
-from agglom_mpi.physics.heating import keeps_root_unique
+from agglom_mpi.compilation.stages import inlined
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.physics.hardness import root_is_unique
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import (
     ImpactLaws,
     RestitutionSolution,
+    Solver,
     log_pressure_ratio,
     log_pressure_scale,
     root_free_step,
-    solve_pressure_law,
 )
-
-UNIQUE_HARDENING: Final = 4.0
-"""U/(Rθ) of the colder sphere up to which the root is unique: heat/d falls with d, so
-d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ₀)/θ² = U/(4Rθ₀)."""
 
 SMALLEST_LOG: Final = -600.0
 """ln d below which the impact is elastic: the pressure on so small an area soon overflows."""
 
 TOLERANCE: Final = 4e-15
 STEP_CAP: Final = 10_000
-
-
-class BracketedRoot(NamedTuple):
-    """Bracketing in ln d where the root is unique, certified steps up from e = 0 elsewhere."""
-
-
-class FixedPointIteration(NamedTuple):
-    """e ← G(e) from e = 0 until |Δe| ≤ `tolerance` or `cap` iterations  [A 20] [B 6b].
-
-    Bonding is tested at e = 0 only. It does not converge for most impacts; the residual tells.
-    """
-
-    tolerance: float
-    cap: int
-
-
-@dispatch
-def root_is_unique(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> bool:
-    """Whether e = G(e) is proven to have a single root for this pair and hardness law."""
-
-
-@root_is_unique.register(ConstantHardness)
-def _always_at_constant_hardness(model, laws, pair):
-    return True
-
-
-@root_is_unique.register(ArrheniusHardness)
-def _at_mild_softening(model, laws, pair):
-    colder = min(pair.temperature_i, pair.temperature_j)
-    return keeps_root_unique(laws.heating) and (
-        log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
-    )
 
 
 @inlined
@@ -145,40 +109,57 @@ def restitution_residual(
     return abs(ratio - deficit)
 
 
-@solve_pressure_law.register(BracketedRoot)
-def _bracketed_root(solver, laws, pair):
-    scale = log_pressure_scale(laws, pair)
-    plastic = log_pressure_ratio(laws, pair, scale, 1.0)
-    if plastic >= 0.0:
-        return RestitutionSolution(1.0, True, 0.0, False)
-    if scale == -math.inf:
-        return RestitutionSolution(0.0, False, 0.0, False)
-    steps = 0
-    if root_is_unique(laws.hardness, laws, pair):
-        logarithm = unique_root(laws, pair, scale, plastic)
-    else:
-        logarithm, steps = first_root(laws, pair, scale)
-    if logarithm < SMALLEST_LOG:
-        return RestitutionSolution(0.0, False, 0.0, steps == STEP_CAP)
-    deficit = math.exp(logarithm)
-    residual = restitution_residual(laws, pair, scale, deficit)
-    return RestitutionSolution(deficit, False, residual, steps == STEP_CAP)
+class BracketedRoot(Solver):
+    """Bracketing in ln d where the root is unique, certified steps up from e = 0 elsewhere."""
+
+    law: Literal["root"] = "root"
+    summary: ClassVar[str] = "e = G(e) by a bracketed root finder"
+
+    def solve_pressure_law(self, laws, pair):
+        """Smallest root in e, by bracketing."""
+        scale = log_pressure_scale(laws, pair)
+        plastic = log_pressure_ratio(laws, pair, scale, 1.0)
+        if plastic >= 0.0:
+            return RestitutionSolution(1.0, True, 0.0, False)
+        if scale == -math.inf:
+            return RestitutionSolution(0.0, False, 0.0, False)
+        steps = 0
+        if root_is_unique(laws.hardness, laws, pair):
+            logarithm = unique_root(laws, pair, scale, plastic)
+        else:
+            logarithm, steps = first_root(laws, pair, scale)
+        if logarithm < SMALLEST_LOG:
+            return RestitutionSolution(0.0, False, 0.0, steps == STEP_CAP)
+        deficit = math.exp(logarithm)
+        residual = restitution_residual(laws, pair, scale, deficit)
+        return RestitutionSolution(deficit, False, residual, steps == STEP_CAP)
 
 
-@solve_pressure_law.register(FixedPointIteration)
-def _fixed_point_iteration(solver, laws, pair):
-    scale = log_pressure_scale(laws, pair)
-    if log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
-        return RestitutionSolution(1.0, True, 0.0, False)
-    deficit = 1.0
-    for _ in range(solver.cap):
-        log_ratio = log_pressure_ratio(laws, pair, scale, deficit)
-        following = math.exp(log_ratio) if log_ratio < 0.0 else 1.0
-        change = abs(following - deficit)
-        deficit = following
-        if change <= solver.tolerance:
-            residual = restitution_residual(laws, pair, scale, deficit)
-            return RestitutionSolution(deficit, False, residual, False)
-    return RestitutionSolution(
-        deficit, False, restitution_residual(laws, pair, scale, deficit), True
-    )
+class FixedPointIteration(Solver):
+    """e ← G(e) from e = 0 until |Δe| ≤ `tolerance` or `cap` iterations  [A 20] [B 6b].
+
+    Bonding is tested at e = 0 only. It does not converge for most impacts; the residual tells.
+    """
+
+    law: Literal["iteration"] = "iteration"
+    tolerance: Annotated[float, In("1", above=0)] = 1e-6
+    cap: Annotated[int, Whole(at_least=1)] = 100
+    summary: ClassVar[str] = "the published fixed point, which cycles for most impacts [A 20]"
+
+    def solve_pressure_law(self, laws, pair):
+        """Where the iteration ends."""
+        scale = log_pressure_scale(laws, pair)
+        if log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
+            return RestitutionSolution(1.0, True, 0.0, False)
+        deficit = 1.0
+        for _ in range(self.cap):
+            log_ratio = log_pressure_ratio(laws, pair, scale, deficit)
+            following = math.exp(log_ratio) if log_ratio < 0.0 else 1.0
+            change = abs(following - deficit)
+            deficit = following
+            if change <= self.tolerance:
+                residual = restitution_residual(laws, pair, scale, deficit)
+                return RestitutionSolution(deficit, False, residual, False)
+        return RestitutionSolution(
+            deficit, False, restitution_residual(laws, pair, scale, deficit), True
+        )

@@ -1,9 +1,7 @@
-"""Two spheres about to collide, as the scalars that impact laws need, and their frame."""
+"""Two spheres about to collide, as the scalars that impact laws need."""
 
 import math
 from typing import NamedTuple
-
-from agglom_mpi.compilation.stages import Submodel, dispatch
 
 
 class ContactPair(NamedTuple):
@@ -40,16 +38,3 @@ class ContactPair(NamedTuple):
     tangent_i: float
     tangent_j: float
     time_since_impact: float = math.inf
-
-
-@dispatch
-def is_frame_dependent(model: Submodel | None) -> bool:
-    """Whether the results of a law, boundary or engine depend on the frame of reference.
-
-    Where none of a scene does, the simulation works in the centre-of-mass frame.
-    """
-
-
-@is_frame_dependent.register(None)
-def _left_out(model):
-    return False

@@ -7,9 +7,13 @@ bonding, and no Arrhenius factor overflows.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined
+from agglom_mpi.compilation.stages import Submodel, formula, inlined
+from agglom_mpi.declaration.components import In, Setting
+from agglom_mpi.declaration.laws import Group, Law, Values
+from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.physics.contact import (
     ContactArea,
     area_fraction,
@@ -20,8 +24,15 @@ from agglom_mpi.physics.contact import (
     restitution_factor_slope,
 )
 from agglom_mpi.physics.hardness import log_hardening, softening_rate
-from agglom_mpi.physics.heating import impact_heats, least_heat_slopes, reaction_heat
+from agglom_mpi.physics.heating import impact_heats, least_heat_slopes
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.reaction import contact_heat
+
+IMPACT_PRESSURE: Final = Group(
+    "ρv²/H",
+    "impact pressure over hardness",
+    {"density": 1.0, "relative_speed": 2.0, "hardness": -1.0},
+)
 
 
 class ImpactLaws(NamedTuple):
@@ -42,31 +53,6 @@ class ImpactLaws(NamedTuple):
     heat_capacity: float
 
 
-class PressureRestitution(NamedTuple):
-    """e = max(0, 1 − I/(2 a^c H)), bonding where the pressure reaches 2H  [A 6] [B 3.1, 4.13]."""
-
-
-class ConstantRestitution(NamedTuple):
-    """A given coefficient of restitution; 0 bonds. For verification and comparison."""
-
-    value: float
-
-
-class ContactTimeRestitution(NamedTuple):
-    """As `ConstantRestitution`, but elastic within `contact_time` in s of either's last impact.
-
-    Elastic means without friction and reaction too. With time steps, all impacts of one step have
-    the same time, so that the second of a particle in a step is elastic.
-
-    Hard spheres that lose energy can collide infinitely often in finite time; an impact that lasts
-    cannot be told from the next one: the TC model (Luding & McNamara, Granular Matter 1, 1998,
-    113).
-    """
-
-    value: float
-    contact_time: float
-
-
 class RestitutionSolution(NamedTuple):
     """A solved impact equation: deficit 1 − e, whether it bonds, residual |e − G(e)|, capped."""
 
@@ -76,41 +62,139 @@ class RestitutionSolution(NamedTuple):
     capped: bool
 
 
-@dispatch
-def solve_restitution(model: Submodel, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
-    """Deficit 1 − e of a pair under the scene's laws, or bonding."""
+class Restitution(Law):
+    """Law of the coefficient of restitution e of an impact, and of bonding.
+
+    Attributes
+    ----------
+    needs_contact_pressure
+        Whether it solves e = G(e) by the pressure of the contact, so that duration, hardness and
+        solver are of use.
+    contacts_last
+        Whether it asks for the time since the last impact, which particles then keep.
+    """
+
+    needs_contact_pressure: ClassVar[bool] = False
+    contacts_last: ClassVar[bool] = False
+
+    def solve_restitution(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
+        """Deficit 1 − e of a pair under the scene's laws, or bonding."""
+        raise NotImplementedError
+
+    def is_still_in_contact(self, pair: ContactPair) -> bool:
+        """Whether the pair is still in its last contact, so that it parts without any loss."""
+        return False
+
+    def lets_particles_bond(self) -> bool:
+        """Whether grains may bond, as far as it is known when a kernel is compiled."""
+        return True
+
+    @property
+    def keeps_last_impact(self) -> bool:
+        """Whether particles of the scene keep the time of their last impact."""
+        return False
+
+    @property
+    def never_bonds(self) -> str | None:
+        """Why no grains bond, whatever their speed, in words; None where they may."""
+        return None
 
 
-@dispatch
-def is_still_in_contact(model: Submodel, pair: ContactPair) -> bool:
-    """Whether the pair is still in its last contact, so that it parts without any loss."""
+class PressureRestitution(Restitution):
+    """e = max(0, 1 − I/(2 a^c H)), bonding where the pressure reaches 2H  [A 6] [B 3.1, 4.13]."""
+
+    law: Literal["pressure"] = "pressure"
+    summary: ClassVar[str] = "by contact pressure over hardness [A 6] [B 3.1, 4.13]"
+    groups = (IMPACT_PRESSURE,)
+    needs_contact_pressure = True
+
+    def solve_restitution(self, laws, pair):
+        """Root of e = G(e) by the scene's solver."""
+        return solve_pressure_law(laws.solver, laws, pair)
 
 
-@dispatch
-def solve_pressure_law(
-    solver: Submodel, laws: ImpactLaws, pair: ContactPair
-) -> RestitutionSolution:
-    """Solve e = G(e) by the scene's solver  [A 6] [B 4.13]."""
+class ConstantRestitution(Restitution):
+    """The same restitution in every impact; 0 bonds every contact.
+
+    An impact less than `contact_time` (s) after the last one of either partner is elastic, which
+    prevents inelastic collapse (TC model, Luding & McNamara, Granular Matter 1, 1998, 113): hard
+    spheres that lose energy can collide infinitely often in finite time, and an impact that lasts
+    cannot be told from the next one. 0 turns this off.
+    """
+
+    law: Literal["constant"] = "constant"
+    value: Annotated[float, In("1", at_least=0, at_most=1, meaning="the restitution, 0 to 1")]
+    contact_time: Annotated[float, In("s", at_least=0)] = 0.0
+
+    @property
+    def summary(self) -> str:
+        """One line on the law."""
+        if self.contact_time > 0.0:
+            return "the same, but elastic within contact_time (s) of either's last impact"
+        return "the same in every impact"
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield a contact time where nothing bounces."""
+        if self.value == 0 and self.contact_time > 0:
+            message = f"is {self.contact_time:g} s; must be 0 with value 0, where nothing bounces"
+            yield ("contact_time",), message
+
+    def settings(self) -> Iterator[Setting]:
+        """Yield the numbers, without a contact time of 0."""
+        return (each for each in super().settings() if each[:2] != ("contact_time", 0.0))
+
+    def build(self, value: Values) -> Submodel:
+        """Return the numbers as kernels see them, of `LastingContact` if contacts last."""
+        if self.contact_time > 0.0:
+            return LastingContact.Numbers(self.value, self.contact_time)
+        return super().build(value)
+
+    def solve_restitution(self, laws, pair):
+        """1 − e is given."""
+        return RestitutionSolution(1.0 - self.value, self.value == 0.0, 0.0, False)
+
+    def lets_particles_bond(self):
+        """Return False: that would need e = 0."""
+        return False
+
+    @property
+    def keeps_last_impact(self) -> bool:
+        """Whether contacts last."""
+        return self.contact_time > 0.0
+
+    @property
+    def never_bonds(self) -> str | None:
+        """Why no grains bond unless e is 0."""
+        return f"a constant restitution of {self.value:g}" if self.value > 0.0 else None
 
 
-@is_still_in_contact.register(ConstantRestitution, PressureRestitution)
-def _instantaneous(model, pair):
-    return False
+class LastingContact(ConstantRestitution):
+    """Constant restitution as kernels see it where contacts last for `contact_time` in s.
+
+    Elastic means without friction and reaction too. With time steps, all impacts of one step have
+    the same time, so that the second of a particle in a step is elastic.
+    """
+
+    in_files = False
+    contacts_last = True
+
+    def is_still_in_contact(self, pair):
+        """Whether either partner had its last impact less than the contact time ago."""
+        return pair.time_since_impact < self.contact_time
 
 
-@is_still_in_contact.register(ContactTimeRestitution)
-def _within_contact_time(model, pair):
-    return pair.time_since_impact < model.contact_time
+class Solver(Law):
+    """How e = G(e) is solved  [A 6] [B 4.13]."""
+
+    def solve_pressure_law(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
+        """Solution of e = G(e) for a pair, or bonding."""
+        raise NotImplementedError
 
 
-@solve_restitution.register(ConstantRestitution, ContactTimeRestitution)
-def _constant(model, laws, pair):
-    return RestitutionSolution(1.0 - model.value, model.value == 0.0, 0.0, False)
-
-
-@solve_restitution.register(PressureRestitution)
-def _pressure(model, laws, pair):
-    return solve_pressure_law(laws.solver, laws, pair)
+solve_restitution = formula(Restitution, Restitution.solve_restitution)
+is_still_in_contact = formula(Restitution, Restitution.is_still_in_contact)
+lets_particles_bond = formula(Restitution, Restitution.lets_particles_bond)
+solve_pressure_law = formula(Solver, Solver.solve_pressure_law)
 
 
 @inlined
@@ -121,7 +205,7 @@ def higher_temperature(
 
     The hotter sphere is the softer one, and H = min(H_i, H_j).
     """
-    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
+    reaction = contact_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
     return max(
         pair.temperature_i + (heats[0] + reaction) / (pair.mass_i * laws.heat_capacity),
         pair.temperature_j + (heats[1] + reaction) / (pair.mass_j * laws.heat_capacity),
@@ -131,7 +215,7 @@ def higher_temperature(
 @inlined
 def log_pressure_scale(laws: ImpactLaws, pair: ContactPair) -> float:
     """Ln X with X = I(e=0)/(2πb²H₀), dimensionless; −inf without approach."""
-    strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.base
+    strength = 2.0 * math.pi * pair.radius * pair.radius * laws.hardness.hardness
     ratio = force_scale(laws.duration, pair) / strength
     return math.log(ratio) if ratio > 0.0 else -math.inf
 
@@ -191,8 +275,8 @@ def root_free_step(
     top, bottom = math.exp(upper), math.exp(upper - trial)
     heats = impact_heats(laws.heating, laws.friction, pair, top)
     slopes = least_heat_slopes(laws.heating, laws.friction, pair, bottom, top)
-    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, top, pair.radius))
-    rise = reaction_heat(laws.reaction, area_slope(laws.contact_area, pair.radius))
+    reaction = contact_heat(laws.reaction, contact_area(laws.contact_area, top, pair.radius))
+    rise = contact_heat(laws.reaction, area_slope(laws.contact_area, pair.radius))
     capacity_i = pair.mass_i * laws.heat_capacity
     capacity_j = pair.mass_j * laws.heat_capacity
     warm_i = pair.temperature_i + (heats[0] + reaction) / capacity_i

@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.kinetic_theory import enskog_rate, mean_free_path, mixture_rates
-from agglom_mpi.physics.sizes import SizeLaw, size_classes
+from agglom_mpi.physics.size_distributions import SizeLaw, size_classes
 
 LIGHTEST: Final = 1e-100
 HEAVIEST: Final = 1e100
@@ -68,23 +67,21 @@ def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
     return mass
 
 
-def critical_speed(scene: Any, value: Mapping[str, float]) -> float:
+def critical_speed(scene: Any, value: Mapping[str, float], exponent: float | None = None) -> float:
     """Return the approach speed in m/s from which two grains bond at the starting temperature.
 
-    √(6 a_f H β/ρ) of equal grains, where ρv²/(6β) reaches a_f H; the heat of an impact softens
-    them, so that they may bond from a lower speed on. Arguments as for `half_width`; the scene has
-    restitution by pressure.
+    The heat of an impact softens them, so that they may bond from a lower speed on. Arguments as
+    for `half_width`; the scene has restitution by pressure. `exponent` is ln(H/H₀), that of the
+    starting temperature unless it is given.
 
     Raises
     ------
     OverflowError
         If the hardness at the starting temperature is no number.
     """
-    hardness = value["hardness"]
-    if scene.hardness.law == "arrhenius":
-        hardness *= math.exp(value["activation_energy"] / (GAS_CONSTANT * value["temperature"]))
-    square = 6.0 * scene.contact_area.final * hardness * scene.duration.length_ratio
-    return math.sqrt(square / value["density"])
+    exponent = scene.hardness.exponent(value) if exponent is None else exponent
+    hardness = value["hardness"] * math.exp(exponent)
+    return float(scene.duration.bonding_speed(scene.contact_area.final, hardness, value["density"]))
 
 
 def end_time(scene: Any, value: Mapping[str, float]) -> float:
@@ -101,13 +98,12 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
     if not isinstance(scene.end_time, str):
         return float(scene.end_time)
     spacing = 2.0 * half_width(scene, value) / scene.particles ** (1.0 / 3.0)
-    if scene.hardness.law == "arrhenius":
-        exponent = value["activation_energy"] / (GAS_CONSTANT * value["temperature"])
-        if exponent > LARGEST_EXPONENT:
-            raise ValueError(
-                f"the characteristic end time vanishes where U/(R theta) is {exponent:.4g}; must "
-                f"be at most {LARGEST_EXPONENT:g}, or give a time like '10 ms'"
-            )
+    exponent = scene.hardness.exponent(value)
+    if exponent > LARGEST_EXPONENT:
+        raise ValueError(
+            f"the characteristic end time vanishes where {scene.hardness.exponent_symbol} is "
+            f"{exponent:.4g}; must be at most {LARGEST_EXPONENT:g}, or give a time like '10 ms'"
+        )
     speed = critical_speed(scene, value)
     if not 0.0 < speed < math.inf:
         raise ValueError(
@@ -119,26 +115,16 @@ def end_time(scene: Any, value: Mapping[str, float]) -> float:
 
 
 def speed_variance(scene: Any, value: Mapping[str, float]) -> float:
-    """Return ⟨|v − ⟨v⟩|²⟩ of the starting velocities in m²/s²; arguments as for `half_width`.
-
-    A uniform distribution over a width L has the variance L²/12: `uniform_x` has L = v⁰ in x alone,
-    `spread` L = 2v⁰ in x and `transverse` times that in y and z.
-    """
-    if scene.velocities.law == "uniform_x":
-        return value["relative_speed"] ** 2 / 12.0
-    width = 2.0 * value["relative_speed"]
-    return width**2 * (1.0 + 2.0 * scene.velocities.transverse**2) / 12.0
+    """Return ⟨|v − ⟨v⟩|²⟩ of the starting velocities in m²/s²; arguments as for `half_width`."""
+    return float(scene.velocities.variance(value["relative_speed"]))
 
 
 def fastest_approach(scene: Any, value: Mapping[str, float]) -> float:
-    """Return the highest approach speed of two grains at the start in m/s, v⁰ or 2v⁰√(1 + 2t²).
+    """Return the highest approach speed of two grains at the start in m/s.
 
-    The first of `uniform_x`, whose speeds are from 0 to v⁰; the other of `spread` with t the
-    `transverse` spread, whose mean does not matter. Arguments as for `half_width`.
+    Arguments as for `half_width`.
     """
-    if scene.velocities.law == "uniform_x":
-        return value["relative_speed"]
-    return 2.0 * value["relative_speed"] * math.sqrt(1.0 + 2.0 * scene.velocities.transverse**2)
+    return float(scene.velocities.fastest_approach(value["relative_speed"]))
 
 
 def collision_rate(scene: Any, value: Mapping[str, float]) -> float:

@@ -1,253 +1,235 @@
-"""Laws of the grains' sizes at the start: drawing, moments, quantiles, and representative classes.
-
-All of them are for radii b over their mean ⟨b⟩ = b⁰, so that the mean is 1. A law is a distribution
-by number; shares by volume weigh each grain by b³. Laws are immutable, and what is derived from one
-is calculated once.
-"""
+"""Laws of the grains' sizes at the start, as a scene names them by `sizes`."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import cached_property
-from statistics import NormalDist
-from typing import Final, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from agglom_mpi.declaration.components import Component, In, names_of
+from agglom_mpi.declaration.sections import LATER, FieldPath, Line
+from agglom_mpi.formatting import pluralise, value_with_prefix
+from agglom_mpi.physics.size_distributions import (
+    ListedDistribution,
+    LognormalDistribution,
+    SizeLaw,
+    UniformDistribution,
+    VolumeUniformDistribution,
+)
 
-MAX_CLASSES: Final = 64
-"""Maximum number of radii that stand for a law where pairs of sizes are summed over."""
-_MIDDLES: Final = (np.arange(MAX_CLASSES) + 0.5) / MAX_CLASSES
+LENGTH_KEYS: Final = ("median", "smallest", "largest")
+"""Keys of which one in a law says that it is of lengths, and so fixes the size of the grains."""
+
+READ_KEYS: Final = ("diameters", "absolute")
+"""Fields of a law of a file that are read from it."""
+
+Length: TypeAlias = Annotated[float | None, In("m", above=0)]
+"""Metres; None where it is not given."""
+
+Basis: TypeAlias = Annotated[Literal["number", "volume"], LATER]
+"""Whether a distribution counts grains or their volume, as sieves and laser diffraction do."""
+
+_BY: Final[dict[str, str]] = {"number": "", "volume": " by volume"}
+"""Words for each basis in the summary of a law."""
 
 
-class _Law:
-    """Base class of the laws, each of which defines `draw`, `moment` and `quantile`."""
+class Sizes(Component):
+    """Law of the diameters of the grains.
 
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Return b/b⁰ of `count` grains, shape (count,)."""
-        raise NotImplementedError
+    The mean is by number on either basis, as everywhere else in a scene.
 
-    def moment(self, power: int) -> float:
-        """Return ⟨bᵏ⟩/⟨b⟩ᵏ for a power k from 0."""
-        raise NotImplementedError
+    Attributes
+    ----------
+    reads_file
+        Whether diameters are read from a file beside the campaign.
+    """
 
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return b/b⁰ below which a share from 0 to 1 of the grains, or of their volume, lies."""
+    found_in = "agglom_mpi.physics"
+    reads_file: ClassVar[bool] = False
+
+    @classmethod
+    def as_mapping(cls, entry: Any) -> Any:
+        """Return the entry of a file as a mapping; `{file: …}` alone is the law `file`."""
+        if isinstance(entry, dict) and "file" in entry and cls.named_by not in entry:
+            return {cls.named_by: "file", **entry}
+        return super().as_mapping(entry)
+
+    @property
+    def mean_diameter(self) -> float | None:
+        """Mean diameter in m; None where the law is of sizes relative to the mean."""
         raise NotImplementedError
 
     @cached_property
-    def is_equal(self) -> bool:
-        """Whether all grains are equal, so that nothing is drawn."""
+    def size_law(self) -> SizeLaw:
+        """The distribution of radii; one object, which calculates its moments once."""
+        return self.build()
+
+    def build(self) -> SizeLaw:
+        """Return the distribution of radii over their mean."""
+        raise NotImplementedError
+
+
+class LognormalSizes(Sizes):
+    """Lognormal diameters; `spread` is the geometric standard deviation, the same on each basis.
+
+    A `median` by volume is exp(3 ln² spread) times that by number (Hatch and Choate).
+    """
+
+    law: Literal["lognormal"] = "lognormal"
+    spread: Annotated[float, In("1", above=1, at_most=3, meaning="like 1.3")]
+    median: Length = None
+    basis: Basis = "number"
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield a basis without a median."""
+        if self.basis == "volume" and self.median is None:
+            message = (
+                "is 'volume', which says what a median is of; give median, or leave it out, as the "
+                "spread is the same by number and by volume"
+            )
+            yield ("basis",), message
+
+    @property
+    def mean_diameter(self) -> float | None:
+        """Mean diameter in m: median times exp(ln² spread/2), exp(−5 ln² spread/2) by volume."""
+        if self.median is None:
+            return None
+        power = -2.5 if self.basis == "volume" else 0.5
+        return self.median * math.exp(power * math.log(self.spread) ** 2)
+
+    @property
+    def summary(self) -> str:
+        """One line on the law."""
+        median = "" if self.median is None else f", median {value_with_prefix(self.median, 'm')}"
+        return f"lognormal{median}{_BY[self.basis]}, geometric standard deviation {self.spread:g}"
+
+    def build(self) -> SizeLaw:
+        """Return the distribution of radii over their mean."""
+        return LognormalDistribution(math.log(self.spread))
+
+
+class UniformSizes(Sizes):
+    """Diameters uniform from `smallest` to `largest`, or with their `ratio` about the mean."""
+
+    law: Literal["uniform"] = "uniform"
+    smallest: Length = None
+    largest: Length = None
+    ratio: Annotated[float | None, In("1", above=1, at_most=10)] = None
+    basis: Basis = "number"
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield ends that are missing, doubled, or in the wrong order; the first that is wrong."""
+        if self.smallest is None and self.largest is None and self.ratio is None:
+            yield (
+                ("smallest",),
+                "is missing; give smallest and largest, or their ratio like 1.5",
+            )
+        elif self.ratio is not None:
+            if self.smallest is not None or self.largest is not None:
+                yield (
+                    ("ratio",),
+                    "is given beside lengths; give smallest and largest, or their ratio",
+                )
+        elif self.smallest is None or self.largest is None:
+            missing = "smallest" if self.smallest is None else "largest"
+            yield (missing,), "is missing; a diameter like '50 um'"
+        elif not self.smallest < self.largest:
+            message = f"is {self.largest:g} m; must be greater than smallest, {self.smallest:g} m"
+            yield ("largest",), message
+        elif self.largest > 10.0 * self.smallest:
+            yield ("largest",), f"is {self.largest:g} m; must be at most 10 times smallest"
+
+    @property
+    def _smallest(self) -> float:
+        return 1.0 if self.smallest is None else self.smallest
+
+    @property
+    def _largest(self) -> float:
+        return (self.ratio or 1.0) if self.largest is None else self.largest
+
+    @property
+    def _mean(self) -> float:
+        """Mean of the ends, the harmonic one where sizes are uniform by volume."""
+        total = self._smallest + self._largest
+        if self.basis == "volume":
+            return 2.0 * self._smallest * self._largest / total
+        return 0.5 * total
+
+    @property
+    def mean_diameter(self) -> float | None:
+        """Mean diameter in m."""
+        return None if self.smallest is None else self._mean
+
+    @property
+    def summary(self) -> str:
+        """One line on the law."""
+        if self.ratio is not None:
+            return f"uniform{_BY[self.basis]}, the largest {self.ratio:g} times the smallest"
+        ends = (value_with_prefix(end, "m") for end in (self._smallest, self._largest))
+        return f"uniform{_BY[self.basis]}, {' to '.join(ends)}"
+
+    def build(self) -> SizeLaw:
+        """Return the distribution of radii over their mean."""
+        law = VolumeUniformDistribution if self.basis == "volume" else UniformDistribution
+        return law(self._smallest / self._mean, self._largest / self._mean)
+
+
+class FileSizes(Sizes):
+    """Diameters drawn from the rows of a file, which was read when the campaign was.
+
+    `diameters` are in m, or relative to each other where the file gives no unit. All rows are as
+    likely by number, or stand for the same volume of grains.
+    """
+
+    reads_file = True
+    law: Literal["file"] = "file"
+    file: Line
+    diameters: tuple[float, ...] = ()
+    absolute: bool = False
+    basis: Basis = "number"
+
+    @cached_property
+    def _mean(self) -> float:
+        """Mean diameter by number, in the unit of `diameters`."""
+        if self.basis == "volume":  # a row has d⁻³ of the grains
+            numbers = (np.array(self.diameters) / min(self.diameters)) ** -3
+            return math.fsum(numbers * self.diameters) / math.fsum(numbers)
+        return math.fsum(self.diameters) / len(self.diameters)
+
+    @property
+    def mean_diameter(self) -> float | None:
+        """Mean diameter in m."""
+        return self._mean if self.absolute else None
+
+    @property
+    def summary(self) -> str:
+        """One line on the law."""
+        rows = pluralise(len(self.diameters), "row")
+        alike = ", each with the same volume of grains" if self.basis == "volume" else ""
+        return f"drawn from the {rows} of {self.file}{alike}"
+
+    def build(self) -> SizeLaw:
+        """Return the distribution of radii over their mean."""
+        return ListedDistribution(np.array(self.diameters) / self._mean, self.basis == "volume")
+
+    def entries(self) -> dict[str, Any]:
+        """Return the diameters as one text, without the name of the file."""
+        unit = "m" if self.absolute else "1"
+        entries = {"law": self.law, "unit": unit, "diameters": " ".join(map(repr, self.diameters))}
+        return entries if self.basis == "number" else {**entries, "basis": self.basis}
+
+
+def are_lengths(data: Any) -> bool:
+    """Return whether an entry `sizes`, not validated yet, says how large grains are."""
+    if not isinstance(data, dict):
         return False
-
-    @cached_property
-    def third_moment(self) -> float:
-        """⟨b³⟩/⟨b⟩³: the mean volume over that of the mean radius."""
-        return self.moment(3)
-
-    @cached_property
-    def volume_mean(self) -> float:
-        """⟨b⁴⟩/⟨b³⟩ over the mean: the mean radius by volume, D[4,3] over the mean diameter."""
-        return self.moment(4) / self.third_moment
-
-    def volume_deviation(self, count: int) -> float:
-        """Return the relative standard deviation of the volume of `count` drawn grains.
-
-        √((⟨b⁶⟩/⟨b³⟩² − 1)/count), as their volumes are independent.
-        """
-        spread = self.moment(6) / self.third_moment**2 - 1.0
-        return math.sqrt(max(spread, 0.0) / count)
-
-    @cached_property
-    def classes(self) -> tuple[Floats, Floats]:
-        """Radii b/b⁰ that stand for the law, and the share of the grains of each, (n,) each."""
-        radii = np.array([self.quantile(share) for share in _MIDDLES.tolist()])
-        return radii, np.full(MAX_CLASSES, 1.0 / MAX_CLASSES)
+    return any(key in data for key in LENGTH_KEYS) or data.get("absolute") is True
 
 
-@dataclass(frozen=True)
-class LognormalSizes(_Law):
-    """ln b is normal with the standard deviation `log_spread`, by number and by volume.
-
-    The medians by volume and by number differ by the factor exp(3 log_spread²) (Hatch and Choate).
-    """
-
-    log_spread: float
-
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Return b/b⁰ of `count` grains, shape (count,)."""
-        spread = self.log_spread
-        return np.exp(spread * random.standard_normal(count) - 0.5 * spread**2)
-
-    def moment(self, power: int) -> float:
-        """Return ⟨bᵏ⟩/⟨b⟩ᵏ = exp((k² − k)/2 · log_spread²)."""
-        return math.exp(0.5 * (power * power - power) * self.log_spread**2)
-
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return b/b⁰ below which a share of the grains, or of their volume, lies."""
-        centre = (3.0 if by_volume else 0.0) - 0.5
-        logarithm = self.log_spread * NormalDist().inv_cdf(share) + centre * self.log_spread**2
-        return math.exp(logarithm)
-
-    @cached_property
-    def classes(self) -> tuple[Floats, Floats]:
-        """Radii b/b⁰ that stand for the law, and the share of the grains of each, (n,) each."""
-        points = np.array([NormalDist().inv_cdf(share) for share in _MIDDLES.tolist()])
-        radii = np.exp(self.log_spread * points - 0.5 * self.log_spread**2)
-        return radii, np.full(MAX_CLASSES, 1.0 / MAX_CLASSES)
-
-
-@dataclass(frozen=True)
-class UniformSizes(_Law):
-    """b is uniform by number from `smallest` to `largest`, whose mean is 1."""
-
-    smallest: float
-    largest: float
-
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Return b/b⁰ of `count` grains, shape (count,)."""
-        return random.uniform(self.smallest, self.largest, count)
-
-    def moment(self, power: int) -> float:
-        """Return ⟨bᵏ⟩/⟨b⟩ᵏ: the sum over even j of C(k, j) δʲ/(j + 1), δ half of the width."""
-        half = 0.5 * (self.largest - self.smallest)
-        return sum(math.comb(power, j) / (j + 1) * half**j for j in range(0, power + 1, 2))
-
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return b/b⁰ below which a share of the grains, or of their volume, lies."""
-        power = 4 if by_volume else 1
-        low, high = self.smallest**power, self.largest**power
-        return float((low + share * (high - low)) ** (1.0 / power))
-
-
-@dataclass(frozen=True)
-class VolumeUniformSizes(_Law):
-    """b is uniform by volume from `smallest` to `largest`, so that ∝ b⁻³ by number.
-
-    The mean by number is the harmonic mean of both ends, here 1.
-    """
-
-    smallest: float
-    largest: float
-
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Return b/b⁰ of `count` grains, shape (count,), by the inverse of their distribution."""
-        low, high = self.smallest**-2, self.largest**-2
-        return np.asarray((low - random.random(count) * (low - high)) ** -0.5)
-
-    def moment(self, power: int) -> float:
-        """Return ⟨bᵏ⟩/⟨b⟩ᵏ = ∫bᵏ⁻³ db/∫b⁻³ db."""
-        return self._integral(power - 3) / self._integral(-3)
-
-    def _integral(self, power: int) -> float:
-        """Return the integral of bᵖ from the smallest to the largest b."""
-        if power == -1:
-            return math.log(self.largest / self.smallest)
-        return float(self.largest ** (power + 1) - self.smallest ** (power + 1)) / (power + 1)
-
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return b/b⁰ below which a share of the grains, or of their volume, lies."""
-        if by_volume:
-            return self.smallest + share * (self.largest - self.smallest)
-        low, high = self.smallest**-2, self.largest**-2
-        return float((low - share * (low - high)) ** -0.5)
-
-
-@dataclass(frozen=True, eq=False)
-class ListedSizes(_Law):
-    """b is one of `ratios`, shape (n,), whose mean by number is 1.
-
-    All are as likely by number, or by volume where `by_volume`: then a row has b⁻³ of the grains.
-    """
-
-    ratios: Floats
-    by_volume: bool = False
-
-    @cached_property
-    def is_equal(self) -> bool:
-        """Whether all grains are equal, so that nothing is drawn."""
-        return bool(self.ratios.min() == self.ratios.max())
-
-    @cached_property
-    def _shares(self) -> Floats:
-        """Share of the grains of each row, (n,)."""
-        weights = self.ratios**-3 if self.by_volume else np.ones(len(self.ratios))
-        return np.asarray(weights / weights.sum())
-
-    @cached_property
-    def _sums(self) -> Floats:
-        """Share of the grains up to each row, (n,)."""
-        return np.cumsum(self._shares)
-
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Return b/b⁰ of `count` grains, shape (count,)."""
-        last = len(self.ratios) - 1
-        if not self.by_volume:
-            return self.ratios[random.integers(last + 1, size=count)]
-        rows = np.searchsorted(self._sums, random.random(count), side="right")
-        return self.ratios[np.minimum(rows, last)]
-
-    def moment(self, power: int) -> float:
-        """Return ⟨bᵏ⟩/⟨b⟩ᵏ."""
-        powers = self.ratios**power
-        return float(self._shares @ powers if self.by_volume else np.mean(powers))
-
-    @cached_property
-    def _cumulative(self) -> tuple[Floats, tuple[Floats, Floats]]:
-        """Radii in order, (n,), and the cumulative shares by number and by volume, (n,) each."""
-        order = np.argsort(self.ratios)
-        radii, shares = self.ratios[order], self._shares[order]
-        sums = [np.cumsum(weights) / np.sum(weights) for weights in (shares, shares * radii**3)]
-        return radii, (sums[0], sums[1])
-
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return the smallest b/b⁰ up to which a share of the grains, or of their volume, lies."""
-        radii, sums = self._cumulative
-        row = np.searchsorted(sums[by_volume], share * (1.0 - 1e-12))
-        return float(radii[min(int(row), len(radii) - 1)])
-
-    @cached_property
-    def classes(self) -> tuple[Floats, Floats]:
-        """Radii b/b⁰ that stand for the law, and the share of the grains of each, (n,) each.
-
-        Up to `MAX_CLASSES` different radii are exact.
-        """
-        radii, rows, counts = np.unique(self.ratios, return_inverse=True, return_counts=True)
-        if len(radii) <= MAX_CLASSES:
-            if self.by_volume:
-                return radii, np.asarray(np.bincount(rows, self._shares), np.float64)
-            return radii, counts / len(self.ratios)
-        if self.by_volume:
-            return super().classes
-        return np.quantile(self.ratios, _MIDDLES), np.full(MAX_CLASSES, 1.0 / MAX_CLASSES)
-
-
-AnySizeLaw: TypeAlias = LognormalSizes | UniformSizes | VolumeUniformSizes | ListedSizes
-SizeLaw: TypeAlias = AnySizeLaw | None
-"""A law of sizes; None: all grains are equal."""
-
-_ONE_CLASS: Final = (np.ones(1), np.ones(1))
-
-
-def draw_radii(law: SizeLaw, random: np.random.Generator, count: int) -> Floats:
-    """Return b/b⁰ of `count` grains, shape (count,), the largest first; equal grains draw nothing.
-
-    The largest are placed first, which jams less.
-    """
-    if law is None or law.is_equal:
-        return np.ones(count)
-    return np.sort(law.draw(random, count))[::-1].copy()
-
-
-def third_moment(law: SizeLaw) -> float:
-    """Return ⟨b³⟩/⟨b⟩³: the mean volume over that of the mean radius."""
-    return 1.0 if law is None else law.third_moment
-
-
-def size_classes(law: SizeLaw) -> tuple[Floats, Floats]:
-    """Return radii b/b⁰ that stand for a law, and the share of the grains of each, (n,) each.
-
-    Those of a list are exact; of other laws, the middles of `MAX_CLASSES` classes as likely.
-    """
-    return _ONE_CLASS if law is None else law.classes
+def reads_file(data: Any) -> bool:
+    """Return whether an entry `sizes`, not validated yet, names a file with diameters."""
+    if not isinstance(data, dict) or not isinstance(data.get("file"), str):
+        return False
+    law = Sizes.components().get(data.get("law", *names_of(FileSizes)))
+    return law is not None and law.reads_file

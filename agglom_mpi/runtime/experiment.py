@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
-from agglom_mpi.config.scene import Engine
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.decisions import SET_KNOWN, TARGET_REACHED
 from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.storage.room import TableSizes, table_sizes
 from agglom_mpi.storage.schema import INVERSION
 

@@ -97,6 +97,8 @@ NOT_DECIDING: Final = (
 _ERROR_CLASSES: Final = ("Problem",)
 _MESSAGES: Final = ("message",)
 """Classes whose texts are those of errors, and names of variables that hold such texts."""
+_TEXT_METHODS: Final = ("problems", "summary")
+"""Methods and attributes of components that give texts."""
 _NO_MEANING: Final = ("ctx", "kind", "type_comment")
 
 
@@ -140,9 +142,13 @@ def _words(node: Any, in_error: bool = False) -> Iterator[str]:
 
 
 def _makes_error(node: ast.AST) -> bool:
-    """Return whether a statement raises, or an expression is the text of an error."""
-    if isinstance(node, ast.Assign):
-        return any(isinstance(to, ast.Name) and to.id in _MESSAGES for to in node.targets)
+    """Return whether a node raises an error, or makes the text of one or of a summary."""
+    if isinstance(node, ast.FunctionDef):
+        return node.name in _TEXT_METHODS
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        names = {to.id for to in targets if isinstance(to, ast.Name)}
+        return not names.isdisjoint((*_MESSAGES, *_TEXT_METHODS))
     called = node.func if isinstance(node, ast.Call) else None
     return isinstance(node, ast.Raise) or (
         isinstance(called, ast.Name) and called.id in _ERROR_CLASSES

@@ -1,135 +1,146 @@
 """The cube −D ≤ r ≤ D: periodic images, re-entry, and the sorting of particles into cells."""
 
 import math
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, inlined, inlined_allocating
+from agglom_mpi.compilation.stages import formula, inlined, inlined_allocating
+from agglom_mpi.declaration.laws import Law
 
 Vector: TypeAlias = tuple[float, float, float]
 
 
-class Periodic(NamedTuple):
+class Boundary(Law):
+    """What happens at the faces of the box; a file names it by `escape`."""
+
+    found_in = ""
+
+    def entries(self) -> Any:
+        """Return the name alone."""
+        return self.name
+
+    def separation(self, difference: float, half_width: float) -> float:
+        """Signed component in m of the vector between two particles in the box."""
+        raise NotImplementedError
+
+    def distance_along(self, difference: float, half_width: float) -> float:
+        """Magnitude in m of `separation`, without a branch."""
+        raise NotImplementedError
+
+    def wrapped(self, coordinate: float, half_width: float) -> float:
+        """Coordinate in m at which a particle that may have left the box is put."""
+        raise NotImplementedError
+
+    def nearest_image(self, difference: float, side: float, per_side: float) -> float:
+        """`separation` in m of particles that may be outside the box, without a branch.
+
+        `side` is the edge of the box in m, `per_side` its inverse.
+        """
+        raise NotImplementedError
+
+    def clamped_position(self, scene: Any, position: Vector) -> Vector:
+        """Place in m of a particle whose leaving the box is an event of its own, three components.
+
+        With real faces it can be outside by rounding only, and must not re-enter before its event.
+        """
+        raise NotImplementedError
+
+    def is_periodic(self) -> bool:
+        """Whether contacts reach across faces."""
+        raise NotImplementedError
+
+
+class Periodic(Boundary):
     """A true periodic box: contacts by minimum image."""
 
+    law: Literal["periodic"] = "periodic"
+    summary: ClassVar[str] = "true periodic box, contacts across faces"
 
-class Reentry(NamedTuple):
+    def separation(self, difference, half_width):
+        """Minimum image of the difference."""
+        if difference > half_width:
+            return difference - 2.0 * half_width
+        if difference < -half_width:
+            return difference + 2.0 * half_width
+        return difference
+
+    def distance_along(self, difference, half_width):
+        """Smaller of the ways inside and across the face."""
+        plain = abs(difference)
+        return min(plain, abs(2.0 * half_width - plain))
+
+    def wrapped(self, coordinate, half_width):
+        """Coordinate shifted by whole edges into the box."""
+        if abs(coordinate) <= half_width:
+            return coordinate
+        side = 2.0 * half_width
+        return coordinate - side * math.floor((coordinate + half_width) / side)
+
+    def nearest_image(self, difference, side, per_side):
+        """Difference less whole edges."""
+        return difference - side * np.rint(difference * per_side)
+
+    def clamped_position(self, scene, position):
+        """Place shifted by whole edges into the box."""
+        return wrapped_position(scene, position)
+
+    def is_periodic(self):
+        """Return True."""
+        return True
+
+
+class Reentry(Boundary):
     """As published: who leaves re-enters at the opposite face; no contacts across faces  [A, B].
 
     It is put on the face [A]; [B] prints r → −r, which can leave it outside after a long step.
     """
 
+    law: Literal["reentry"] = "reentry"
+    summary: ClassVar[str] = "re-entry at the opposite face, no contacts across faces, as published"
 
-@dispatch
-def separation(escape: Submodel, difference: float, half_width: float) -> float:
-    """Signed component in m of the vector between two particles in the box; `difference` in m."""
+    def separation(self, difference, half_width):
+        """Return the difference."""
+        return difference
 
+    def distance_along(self, difference, half_width):
+        """Magnitude of the difference."""
+        return abs(difference)
 
-@dispatch
-def distance_along(escape: Submodel, difference: float, half_width: float) -> float:
-    """Magnitude in m of `separation`, without a branch."""
+    def wrapped(self, coordinate, half_width):
+        """Return the opposite face for a particle outside."""
+        if abs(coordinate) <= half_width:
+            return coordinate
+        return -half_width if coordinate > 0.0 else half_width
 
+    def nearest_image(self, difference, side, per_side):
+        """Return the difference."""
+        return difference
 
-@dispatch
-def wrapped(escape: Submodel, coordinate: float, half_width: float) -> float:
-    """Coordinate in m at which a particle that may have left the box is put."""
+    def clamped_position(self, scene, position):
+        """Place within the faces."""
+        half_width = scene.half_width
+        return (
+            min(max(position[0], -half_width), half_width),
+            min(max(position[1], -half_width), half_width),
+            min(max(position[2], -half_width), half_width),
+        )
 
+    def is_periodic(self):
+        """Return False."""
+        return False
 
-@dispatch
-def nearest_image(escape: Submodel, difference: float, side: float, per_side: float) -> float:
-    """`separation` in m of particles that may be outside the box, without a branch.
-
-    `side` is the edge of the box in m, `per_side` its inverse.
-    """
-
-
-@dispatch
-def clamped_position(escape: Submodel, scene: Any, position: Vector) -> Vector:
-    """Place in m of a particle whose leaving the box is an event of its own, three components.
-
-    With real faces it can be outside by rounding only, and must not re-enter before its event.
-    """
-
-
-@dispatch
-def is_periodic(escape: Submodel) -> bool:
-    """Whether contacts reach across faces."""
-
-
-@separation.register(Periodic)
-def _minimum_image(escape, difference, half_width):
-    if difference > half_width:
-        return difference - 2.0 * half_width
-    if difference < -half_width:
-        return difference + 2.0 * half_width
-    return difference
+    def is_frame_dependent(self):
+        """Return True: faces are real, and at rest in one frame alone."""
+        return True
 
 
-@separation.register(Reentry)
-def _plain(escape, difference, half_width):
-    return difference
-
-
-@distance_along.register(Periodic)
-def _minimum_image_distance(escape, difference, half_width):
-    plain = abs(difference)
-    return min(plain, abs(2.0 * half_width - plain))
-
-
-@distance_along.register(Reentry)
-def _plain_distance(escape, difference, half_width):
-    return abs(difference)
-
-
-@wrapped.register(Periodic)
-def _wrapped_periodically(escape, coordinate, half_width):
-    if abs(coordinate) <= half_width:
-        return coordinate
-    side = 2.0 * half_width
-    return coordinate - side * math.floor((coordinate + half_width) / side)
-
-
-@wrapped.register(Reentry)
-def _opposite_face(escape, coordinate, half_width):
-    if abs(coordinate) <= half_width:
-        return coordinate
-    return -half_width if coordinate > 0.0 else half_width
-
-
-@nearest_image.register(Periodic)
-def _rounded_image(escape, difference, side, per_side):
-    return difference - side * np.rint(difference * per_side)
-
-
-@nearest_image.register(Reentry)
-def _no_image(escape, difference, side, per_side):
-    return difference
-
-
-@clamped_position.register(Periodic)
-def _wrapped_position(escape, scene, position):
-    return wrapped_position(scene, position)
-
-
-@clamped_position.register(Reentry)
-def _between_faces(escape, scene, position):
-    half_width = scene.half_width
-    return (
-        min(max(position[0], -half_width), half_width),
-        min(max(position[1], -half_width), half_width),
-        min(max(position[2], -half_width), half_width),
-    )
-
-
-@is_periodic.register(Periodic)
-def _has_images(escape):
-    return True
-
-
-@is_periodic.register(Reentry)
-def _has_no_images(escape):
-    return False
+separation = formula(Boundary, Boundary.separation)
+distance_along = formula(Boundary, Boundary.distance_along)
+wrapped = formula(Boundary, Boundary.wrapped)
+nearest_image = formula(Boundary, Boundary.nearest_image)
+clamped_position = formula(Boundary, Boundary.clamped_position)
+is_periodic = formula(Boundary, Boundary.is_periodic)
 
 
 @inlined

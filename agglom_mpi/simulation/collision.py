@@ -12,11 +12,11 @@ from agglom_mpi.physics.heating import (
     merge_dissipation,
     merge_heat,
     own_energy_loss,
-    reaction_heat,
 )
-from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.reaction import contact_heat
 from agglom_mpi.simulation.boundary import separation, wrapped_position
+from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
     CAPPED,
@@ -313,7 +313,7 @@ def merge(scene, particles, ledger, i, j, time):
     share = pair.mass_j / mass
     laws = scene.laws
     area = contact_area(laws.contact_area, 1.0, pair.radius)
-    reaction = 2.0 * reaction_heat(laws.reaction, area)
+    reaction = 2.0 * contact_heat(laws.reaction, area)
     ledger.counts[COLLISIONS] += 1
     ledger.counts[MERGES] += 1
     ledger.energy[REACTION] += reaction

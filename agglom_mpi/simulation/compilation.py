@@ -21,15 +21,16 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead, runs_compiled
+from agglom_mpi.compilation.stages import law_of
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import OUTCOME
-from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import initial_state, sample, trajectory
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
+from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.particles import new_ledger, new_particles
-from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state
+from agglom_mpi.simulation.scene import Scene, new_engine_state
 
 PLACEMENT: Final = "placement"
 MEASUREMENT: Final = "measurement"
@@ -59,7 +60,7 @@ def kind_of(scene: Scene) -> str:
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
     parts += [] if scene.sizes is None else [True]
     names = [f"{type(part).__module__}.{type(part).__name__}" for part in parts]
-    prefetches = isinstance(scene.engine, EventDriven) and new_winners(scene.particles) is not None
+    prefetches = law_of(scene.engine).uses_linked_cells and new_winners(scene.particles) is not None
     return " ".join([*names, "prefetching"] if prefetches else names)
 
 
@@ -128,7 +129,7 @@ READY: Final[set[tuple[str, bool]]] = set()
 
 def _called(scene: Scene) -> list[str]:
     """Return the names of the kernels that the engine of a scene calls, in the order of need."""
-    return [CONTACT, CELLS] if isinstance(scene.engine, EventDriven) else [CONTACT]
+    return [CONTACT, CELLS] if law_of(scene.engine).uses_linked_cells else [CONTACT]
 
 
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
@@ -136,7 +137,7 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     count, scene = scene.particles, sample.without_law(scene._replace(particles=1))
     particles, ledger, initial = new_particles(scene, 1), new_ledger(), np.zeros(1, sample.INITIAL)
     state: Any = new_engine_state(scene.engine, scene, 1)
-    if isinstance(scene.engine, EventDriven):
+    if law_of(scene.engine).uses_linked_cells:
         state = state._replace(winners=new_winners(count))
     if name == ENGINE:
         run = scene, particles, ledger, state, initial

@@ -17,6 +17,7 @@ from agglom_mpi.compilation.stages import (
     inlined_allocating,
     not_inlined,
 )
+from agglom_mpi.physics.velocities import draw_velocities
 from agglom_mpi.simulation.boundary import (
     cell_of,
     distance_along,
@@ -25,42 +26,6 @@ from agglom_mpi.simulation.boundary import (
     wrapped_cell,
 )
 from agglom_mpi.simulation.scene import is_aborted
-
-
-class UniformX(NamedTuple):
-    """v_x = v⁰ r with r ~ U[0, 1), v_y = v_z = 0, m/s  [A 28]."""
-
-    speed: float
-
-
-class SpreadVelocities(NamedTuple):
-    """Mean plus v⁰λ in x and `transverse`·v⁰λ in y and z, λ ~ U[−1, 1) each, m/s  [B 7.3]."""
-
-    speed: float
-    mean: tuple[float, float, float]
-    transverse: float
-
-
-@dispatch
-def draw_velocities(law: Submodel, random: np.random.Generator, velocity: np.ndarray) -> None:
-    """Fill `velocity`, shape (3, N), m/s, with random starting velocities."""
-
-
-@draw_velocities.register(UniformX)
-def _uniform_x(law, random, velocity):
-    for i in range(velocity.shape[1]):
-        velocity[0, i] = law.speed * random.random()
-        velocity[1, i] = 0.0
-        velocity[2, i] = 0.0
-
-
-@draw_velocities.register(SpreadVelocities)
-def _spread(law, random, velocity):
-    for i in range(velocity.shape[1]):
-        for axis in range(3):
-            scale = law.speed if axis == 0 else law.speed * law.transverse
-            velocity[axis, i] = law.mean[axis] + scale * (2.0 * random.random() - 1.0)
-
 
 ATTEMPTS: Final = 100_000
 """Trials per sphere before the others move; at φ = 0.268 about 70 are the rule."""

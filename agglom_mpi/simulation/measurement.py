@@ -10,10 +10,8 @@ import math
 import numpy as np
 
 from agglom_mpi.compilation.stages import inlined, inlined_allocating
-from agglom_mpi.physics.pair import is_frame_dependent
+from agglom_mpi.declaration.laws import is_frame_dependent
 from agglom_mpi.simulation.boundary import (
-    Periodic,
-    Reentry,
     cells_of,
     sort_into_cells,
     wrapped_cell,
@@ -38,19 +36,7 @@ from agglom_mpi.simulation.particles import (
     set_position,
     temperature_or,
 )
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.time_driven.neighbours import squared_distance
-
-
-@is_frame_dependent.register(Periodic, EventDriven)
-def _in_every_frame(model):
-    return False
-
-
-# Time steps shift overlapping spheres along their velocities [A 8].
-@is_frame_dependent.register(Reentry, FixedSteps, AdaptiveSteps)
-def _in_one_frame(model):
-    return True
 
 
 @inlined

@@ -6,9 +6,14 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.compilation.stages import inlined, inlined_allocating, not_inlined, optional_field
+from agglom_mpi.compilation.stages import (
+    inlined,
+    inlined_allocating,
+    law_of,
+    not_inlined,
+    optional_field,
+)
 from agglom_mpi.physics.cooling import ExactCooling
-from agglom_mpi.physics.restitution import ContactTimeRestitution
 
 Floats: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -245,7 +250,7 @@ def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:
     return particle_type(
         temperature=shown or laws.heating is not None or scene.cooling is not None,
         cooled_to=isinstance(scene.cooling, ExactCooling),
-        last_impact=isinstance(laws.restitution, ContactTimeRestitution),
+        last_impact=law_of(laws.restitution).contacts_last,
         grains=shown or laws.fragmentation is not None or scene.sizes is not None,
     )
 

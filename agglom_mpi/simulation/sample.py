@@ -17,7 +17,7 @@ from agglom_mpi import outcome as result
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.physics.sizes import draw_radii
+from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter

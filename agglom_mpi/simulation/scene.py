@@ -9,25 +9,6 @@ from agglom_mpi.physics.restitution import ImpactLaws
 from agglom_mpi.simulation.particles import Ledger, Particles
 
 
-class FixedSteps(NamedTuple):
-    """`steps` equal time steps over the run  [A]."""
-
-    steps: int
-
-
-class AdaptiveSteps(NamedTuple):
-    """Steps of the smallest gap over approach speed within [floor, ceiling] in s  [B 6.14]."""
-
-    floor: float
-    ceiling: float
-
-
-class EventDriven(NamedTuple):
-    """Collisions at exact times; at most `budget` events per grain, cell crossings included."""
-
-    budget: int
-
-
 class Scene(NamedTuple):
     """All that one sample is a function of, apart from its random numbers.
 

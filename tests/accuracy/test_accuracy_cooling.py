@@ -19,23 +19,26 @@ from agglom_mpi.accuracy.cooling_methods import (
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
+from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import UniformX
-from agglom_mpi.simulation.scene import EventDriven, Scene
+from agglom_mpi.simulation.engines import EventDriven
+from agglom_mpi.simulation.scene import Scene
 
 B = 5.670374419e-8
-RADIATION = RadiativeCooling(0.5, 300.0, 0.0, 300.0, 300.0)
-QUARTIC = QuarticCooling(5000.0, 1000.0, 300.0)
+RADIATION = RadiativeCooling.Numbers(0.5, 300.0, 0.0, 300.0, 300.0)
+QUARTIC = QuarticCooling.Numbers(5000.0, 1000.0, 300.0)
 
 
 def scene(cooling, capacity=1000.0, temperature=500.0, end_time=0.01):
-    laws = ImpactLaws(ConstantRestitution(0.5), None, ContactArea(0.0, 1.0), *[None] * 6, capacity)
+    laws = ImpactLaws(
+        ConstantRestitution.Numbers(0.5), None, ContactArea.Numbers(0.0, 1.0), *[None] * 6, capacity
+    )
     return Scene(
-        escape=Periodic(),
-        velocities=UniformX(1.0),
+        escape=Periodic.Numbers(),
+        velocities=UniformX.Numbers(1.0),
         laws=laws,
         cooling=cooling,
-        engine=EventDriven(1000),
+        engine=EventDriven.Numbers(1000),
         particles=10,
         half_width=0.01,
         radius=1e-3,

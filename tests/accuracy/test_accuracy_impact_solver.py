@@ -119,7 +119,7 @@ def test_the_figures_and_the_table_can_be_drawn(section):
 @pytest.mark.parametrize("cap", [10, 137])
 def test_the_counted_iteration_is_the_packages(mean_speed, cap):
     for material in (Material(mean_speed, 0.01, 0.0, 0.0), Material(mean_speed, 0.1, 20.0, 1.0)):
-        laws = impact_laws(material, FixedPointIteration(1e-6, cap))
+        laws = impact_laws(material, FixedPointIteration.Numbers(1e-6, cap))
         hardness = hardness_of(material, X)
         found = solve_all(laws, hardness)
         deficits, counts = np.empty(len(X)), np.empty(len(X), np.int64)
@@ -158,7 +158,7 @@ def test_two_roots_that_nearly_touch_are_told_from_none(mean_speed):
     for gap in (-1e-9, 1e-9):
         x = math.exp(-float(top.max()) + gap)
         exact = exact_impact(material, x)
-        laws = impact_laws(material, BracketedRoot())
+        laws = impact_laws(material, BracketedRoot.Numbers())
         found = solve_all(laws, hardness_of(material, np.array([x])))
         assert (math.log(exact.deficit) > fold - 1e-3) == (gap > 0.0)
         # At a fold e moves with the square root of what r is rounded by.

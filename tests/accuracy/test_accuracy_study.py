@@ -21,11 +21,11 @@ from agglom_mpi.accuracy.study import (
     with_scene,
 )
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.scene import FixedEngine
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.simulation.engines import FixedSteps
 
 JOB = "jobs/quickstart.yaml"
 
@@ -105,7 +105,7 @@ def test_whatever_decides_samples_is_part_of_the_identity(campaign):
     setup = Setup(campaign, parameters, 5)
     changed = [
         setup._replace(samples=6),
-        setup._replace(engine=FixedEngine(steps=7)),
+        setup._replace(engine=FixedSteps(steps=7)),
         setup._replace(first_sample=1),
         setup._replace(parameters=parameters * 1.001),
         setup._replace(campaign=with_scene(campaign, particles=99)),
@@ -118,7 +118,7 @@ def test_whatever_decides_samples_is_part_of_the_identity(campaign):
 
 def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     parameters = campaign.parameters()
-    engine = FixedEngine(steps=20)
+    engine = FixedSteps(steps=20)
     setups = {"a": Setup(campaign, parameters, 3), "b": Setup(campaign, parameters, 3, engine, 40)}
     simulator = SampleRunner(Study(campaign, setups, 1e9), 0)
     tasks = np.zeros(2, TASK)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.scene import AdaptiveEngine, EventEngine, FixedEngine
+from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.variables import NAMES
 
 JOBS = Path(__file__).parents[2] / "jobs"
@@ -50,12 +50,12 @@ CEILINGS = (1, 10, 1000)
 def engines(end_time):
     """Engines to measure: a name, the shortest step in s, the engine."""
     for steps in STEPS:
-        yield "fixed", end_time / steps, FixedEngine(steps=steps)
+        yield "fixed", end_time / steps, FixedSteps(steps=steps)
     for ceiling in CEILINGS:
         for steps in STEPS:
             floor = end_time / steps
             name = f"adaptive, to {ceiling}"
-            yield name, floor, AdaptiveEngine(floor=floor, ceiling=ceiling * floor)
+            yield name, floor, AdaptiveSteps(floor=floor, ceiling=ceiling * floor)
 
 
 def growth(campaign, values, samples, engine):
@@ -77,7 +77,7 @@ def print_bias(job, samples=None):
     samples = samples or usual
     values = dict(zip(NAMES, row, strict=False))
     end_time = campaign.scene.build(campaign.parameters(values)).end_time
-    exact, cost = growth(campaign, values, samples, EventEngine())
+    exact, cost = growth(campaign, values, samples, EventDriven())
     mean, error = mean_and_error(exact)
     print(f"\n{job}, row 1, {samples} samples, end time {end_time:.4g} s")
     print(f"event engine: b/b0 = {mean:.4f} ± {error:.4f}, {cost:.2f} ms per sample")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from agglom_mpi import load_campaign
-from agglom_mpi.config.scene import EventEngine
+from agglom_mpi.simulation.engines import EventDriven
 
 SCENE = Path(__file__).parents[2] / "jobs" / "extremes" / "elastic.yaml"
 
@@ -17,7 +17,7 @@ SCENE = Path(__file__).parents[2] / "jobs" / "extremes" / "elastic.yaml"
 @pytest.mark.benchmark
 def test_ten_million_elastic_collisions_keep_the_kinetic_energy():
     campaign = load_campaign(SCENE)
-    longer = {"end_time": 10.5 * campaign.scene.end_time, "engine": EventEngine(budget=10**7)}
+    longer = {"end_time": 10.5 * campaign.scene.end_time, "engine": EventDriven(budget=10**7)}
     longer = replace(campaign, scene=campaign.scene.model_copy(update=longer))
     outcome = longer.simulate({})
     error, drift = outcome.ledger["energy_error"], outcome.ledger["momentum_error"]

@@ -19,9 +19,10 @@ from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
+from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation import sample  # noqa: F401  (registers the engines)
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import SpreadVelocities
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.particles import (
     COLLISIONS,
     EXHAUSTED,
@@ -31,10 +32,10 @@ from agglom_mpi.simulation.particles import (
     new_particles,
 )
 from agglom_mpi.simulation.sample import place_grains
-from agglom_mpi.simulation.scene import EventDriven, Scene, new_engine_state, run_to_end
+from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.variables import NAMES
 
-ENGINE = EventDriven(100_000)
+ENGINE = EventDriven.Numbers(100_000)
 HALF = 0.01
 SPEED = 4.0
 REPEATS = 5
@@ -80,15 +81,15 @@ SPARSE = 1e-4
 
 def make_scene(count, radius, restitution, end_time, half=HALF):
     laws = ImpactLaws(
-        ConstantRestitution(restitution),
+        ConstantRestitution.Numbers(restitution),
         None,
-        ContactArea(0.0, 1.0),
+        ContactArea.Numbers(0.0, 1.0),
         *[None] * 6,
         heat_capacity=math.inf,
     )
     return Scene(
-        escape=Periodic(),
-        velocities=SpreadVelocities(SPEED, (0.0, 0.0, 0.0), 1.0),
+        escape=Periodic.Numbers(),
+        velocities=SpreadVelocities.Numbers((0.0, 0.0, 0.0), 1.0, SPEED),
         laws=laws,
         cooling=None,
         engine=ENGINE,

@@ -23,12 +23,13 @@ from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCool
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import ContactAreaReaction, PairSplit
+from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
-from agglom_mpi.physics.restitution import ContactTimeRestitution, PressureRestitution
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import LastingContact, PressureRestitution
+from agglom_mpi.simulation.engines import FixedSteps
 from agglom_mpi.simulation.event_driven.state import new_events
 from agglom_mpi.simulation.particles import COLLISIONS
-from agglom_mpi.simulation.scene import FixedSteps
 from agglom_mpi.simulation.time_driven.neighbours import new_neighbour_list
 
 COUNT = 1000
@@ -40,7 +41,7 @@ STEP = 0.02
 """Fixed steps: way of the fastest component over the spacing of the particles."""
 
 REPEATS = 41
-SHADOW = RadiativeCooling(0.0, 300.0, 0.0, 300.0, 300.0)
+SHADOW = RadiativeCooling.Numbers(0.0, 300.0, 0.0, 300.0, 300.0)
 
 
 def gas(packing):
@@ -51,7 +52,7 @@ def stepped(scene):
     """Return a scene with fixed steps to a quarter of its end time."""
     end_time = 0.25 * scene.end_time
     step = STEP * 2.0 * HALF / COUNT ** (1.0 / 3.0) / SPEED
-    return scene._replace(engine=FixedSteps(int(end_time / step)), end_time=end_time)
+    return scene._replace(engine=FixedSteps.Numbers(int(end_time / step)), end_time=end_time)
 
 
 def changed(scene, cooling=None, **laws):
@@ -61,31 +62,35 @@ def changed(scene, cooling=None, **laws):
 def pairs():
     """Return what is added without effect, a scene without it and the scene with it."""
     lean = gas(0.2)
-    warm = changed(lean, heating=PairSplit(), heat_capacity=500.0)
+    warm = changed(lean, heating=PairSplit.Numbers(), heat_capacity=500.0)
     steps = stepped(warm)
     hard = changed(
         warm,
-        restitution=PressureRestitution(),
-        duration=CompressionRecoveryDuration(1.0),
-        hardness=ConstantHardness(1e9),
-        solver=BracketedRoot(),
+        restitution=PressureRestitution.Numbers(),
+        duration=CompressionRecoveryDuration.Numbers(1.0),
+        hardness=ConstantHardness.Numbers(1e9),
+        solver=BracketedRoot.Numbers(),
     )
-    frail = PairEnergyFragmentation(1e300)
+    frail = PairEnergyFragmentation.Numbers(1e300)
     everything = {
-        "restitution": ContactTimeRestitution(RESTITUTION, 0.0),
-        "friction": ConstantFriction(0.0),
-        "reaction": ContactAreaReaction(0.0),
+        "restitution": LastingContact.Numbers(RESTITUTION, 0.0),
+        "friction": ConstantFriction.Numbers(0.0),
+        "reaction": ContactAreaReaction.Numbers(0.0),
         "fragmentation": frail,
     }
     return [
-        ("friction, mu = 0", lean, changed(lean, friction=ConstantFriction(0.0))),
+        ("friction, mu = 0", lean, changed(lean, friction=ConstantFriction.Numbers(0.0))),
         ("contact time 0", lean, changed(lean, restitution=everything["restitution"])),
         ("heating", lean, warm),
-        ("reaction, kappa = 0", warm, changed(warm, reaction=ContactAreaReaction(0.0))),
+        ("reaction, kappa = 0", warm, changed(warm, reaction=ContactAreaReaction.Numbers(0.0))),
         ("fragmentation, gamma = 1e300", warm, changed(warm, fragmentation=frail)),
         ("cooling, emissivity 0", warm, changed(warm, ExactCooling(SHADOW))),
         ("the same in fixed Euler steps", steps, changed(steps, EulerCooling(SHADOW))),
-        ("arrhenius hardness, U = 0", hard, changed(hard, hardness=ArrheniusHardness(1e9, 0.0))),
+        (
+            "arrhenius hardness, U = 0",
+            hard,
+            changed(hard, hardness=ArrheniusHardness.Numbers(1e9, 0.0)),
+        ),
         ("all but the last two", lean, changed(warm, ExactCooling(SHADOW), **everything)),
     ]
 
@@ -103,7 +108,7 @@ def bare(kernel):
 def room_for(scene):
     """Return what an engine keeps beside the particles of a scene."""
     count = scene.particles
-    if isinstance(scene.engine, FixedSteps):
+    if isinstance(scene.engine, FixedSteps.Numbers):
         return new_neighbour_list(count)
     return new_events(count, count)
 

@@ -13,13 +13,12 @@ import pytest
 
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
+from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import (
-    SpreadVelocities,
-)
+from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
 from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.sample import place_grains, simulate_scene
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, Scene
+from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.simulation.time_driven.neighbours import (
     AGE,
     MIN_LIFETIME,
@@ -38,15 +37,19 @@ SHARES = (0.005, 0.02)
 REPEATS = 5
 SPEED = 4.0
 LAWS = ImpactLaws(
-    ConstantRestitution(1.0), None, ContactArea(0.0, 1.0), *[None] * 6, heat_capacity=math.inf
+    ConstantRestitution.Numbers(1.0),
+    None,
+    ContactArea.Numbers(0.0, 1.0),
+    *[None] * 6,
+    heat_capacity=math.inf,
 )
 
 
 def make_scene(count, engine, end_time):
     radius = 0.633 * 0.01 / count ** (1.0 / 3.0)
     return Scene(
-        escape=Periodic(),
-        velocities=SpreadVelocities(SPEED, (0.0, 0.0, 0.0), 1.0),
+        escape=Periodic.Numbers(),
+        velocities=SpreadVelocities.Numbers((0.0, 0.0, 0.0), 1.0, SPEED),
         laws=LAWS,
         cooling=None,
         engine=engine,
@@ -68,7 +71,7 @@ def stepping(law, count, share):
     steps = max(50, 2_000_000 // count)
     end_time = steps * step_of(count, share)
     step = step_of(count, share)
-    engine = FixedSteps(steps) if law == "fixed" else AdaptiveSteps(step, step)
+    engine = FixedSteps.Numbers(steps) if law == "fixed" else AdaptiveSteps.Numbers(step, step)
     return make_scene(count, engine, end_time)
 
 
@@ -120,7 +123,7 @@ STAGES = ("find_partners", "rebuild_lists", "move_particles", "contacts", "is_ou
 
 def stage_times(count):
     """Median ns per particle of each stage, on a fresh placement."""
-    scene = make_scene(count, FixedSteps(1), 1.0)
+    scene = make_scene(count, FixedSteps.Numbers(1), 1.0)
     particles, ledger, neighbours = prepare(scene, np.random.default_rng(1))
     arguments = (scene, particles, ledger, neighbours, np.empty(count, np.int64), np.empty(count))
     repeat(1, 1, *arguments)

@@ -7,10 +7,11 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
-    ContactTimeRestitution,
+    LastingContact,
     PressureRestitution,
 )
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps, Scene
+from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
+from agglom_mpi.simulation.scene import Scene
 
 
 def built(loaded: Campaign, engine: str | None = None) -> Scene:
@@ -19,11 +20,11 @@ def built(loaded: Campaign, engine: str | None = None) -> Scene:
 
 def test_the_scene_has_the_engine_of_the_campaign_or_another() -> None:
     own = campaign(("  engine", "  engine: {law: event, budget: 7}"))
-    assert built(own).engine == EventDriven(7)
-    assert built(own, "fixed:20").engine == FixedSteps(20)
-    assert built(own, "adaptive").engine == AdaptiveSteps(1e-6, 1e-3)
-    assert built(campaign(), "event").engine == EventDriven(20_000)
-    assert own.scene.build(own.parameters()).engine == EventDriven(7)
+    assert built(own).engine == EventDriven.Numbers(7)
+    assert built(own, "fixed:20").engine == FixedSteps.Numbers(20)
+    assert built(own, "adaptive").engine == AdaptiveSteps.Numbers(1e-6, 1e-3)
+    assert built(campaign(), "event").engine == EventDriven.Numbers(20_000)
+    assert own.scene.build(own.parameters()).engine == EventDriven.Numbers(7)
 
 
 LAWS = {
@@ -49,7 +50,7 @@ def test_steppers_cool_as_the_campaign_says_and_the_event_engine_exactly(law: st
     for (loaded, engine), integration in wanted.items():
         cooling = built(loaded, engine).cooling
         assert type(cooling) is integration
-        assert type(cooling.law) is LAWS[law]
+        assert type(cooling.law) is LAWS[law].Numbers
 
 
 def test_without_cooling_no_engine_cools() -> None:
@@ -59,13 +60,13 @@ def test_without_cooling_no_engine_cools() -> None:
 
 def test_restitution_has_a_contact_time_only_where_the_campaign_gives_one() -> None:
     wanted = {
-        campaign(): PressureRestitution(),
-        constant(): ConstantRestitution(0.9),
-        constant("0 s"): ConstantRestitution(0.9),
-        constant(value=0): ConstantRestitution(0.0),
-        constant("0", value=0): ConstantRestitution(0.0),
-        constant("2 us"): ContactTimeRestitution(0.9, 2e-6),
-        constant("2 us", value=1): ContactTimeRestitution(1.0, 2e-6),
+        campaign(): PressureRestitution.Numbers(),
+        constant(): ConstantRestitution.Numbers(0.9),
+        constant("0 s"): ConstantRestitution.Numbers(0.9),
+        constant(value=0): ConstantRestitution.Numbers(0.0),
+        constant("0", value=0): ConstantRestitution.Numbers(0.0),
+        constant("2 us"): LastingContact.Numbers(0.9, 2e-6),
+        constant("2 us", value=1): LastingContact.Numbers(1.0, 2e-6),
     }
     for loaded, restitution in wanted.items():
         found = built(loaded).laws.restitution

@@ -11,7 +11,7 @@ from campaign_text import campaign, edited
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign, recorded_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.physics.sizes import size_classes
+from agglom_mpi.physics.size_distributions import size_classes
 from agglom_mpi.variables import volume_fraction
 
 LOGNORMAL = "  sizes: {law: lognormal, median: 50 um, spread: 1.3}"

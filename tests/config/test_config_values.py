@@ -73,7 +73,7 @@ def test_short_and_long_forms_are_the_same() -> None:
 
 def test_defaults_fill_what_is_left_out() -> None:
     scene = campaign().scene
-    assert scene.escape == "periodic"
+    assert scene.escape.name == "periodic"
     assert campaign(("  engine", "")).scene.engine.model_dump() == EVENT
     assert scene.fragmentation.law == "none"
     assert scene.solver.law == "root"

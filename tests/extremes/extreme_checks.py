@@ -9,8 +9,8 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.heating import OwnEnergy
 from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.particles import EXCHANGED, REACTION, SURFACE
-from agglom_mpi.simulation.scene import EventDriven
 
 ROUNDING = 2.0**-52
 VANISHING = 1e-200
@@ -70,7 +70,7 @@ def assert_sound(scene, before, record, particles, ledger=None):
         share = warmth(scene, before, particles, record) / flows if flows > 0.0 else 0.0
     assert_moves_on(scene, start, record, motion(particles), share)
     assert_temperatures(scene, before, record, particles)
-    if isinstance(scene.engine, EventDriven):
+    if isinstance(scene.engine, EventDriven.Numbers):
         assert len(closing_overlaps(scene, particles)) == 0
 
 
@@ -109,7 +109,7 @@ def assert_moves_on(scene, start, record, end, share):
     told = record["momentum_error"] * (start.impetus if start.impetus > 0.0 else 1.0)
     summing = ROUNDING * scene.particles * start.fastest
     assert told <= 1e-12 * start.impetus + (blur + summing) * start.mass
-    if start.energy == 0.0 or isinstance(scene.laws.heating, OwnEnergy):
+    if start.energy == 0.0 or isinstance(scene.laws.heating, OwnEnergy.Numbers):
         return
     jitter = (blur * start.impetus + 0.5 * start.mass * blur**2) / start.energy
     assert abs(record["energy_error"]) <= 1e-9 + 2.0 * jitter + share
@@ -122,7 +122,9 @@ def assert_temperatures(scene, before, record, particles):
     assert np.all(np.isfinite(theta))
     assert np.all(theta >= 0.0)
     assert theta.min() <= record["mean_temperature"] <= theta.max()
-    if isinstance(scene.laws.heating, OwnEnergy) or not isinstance(scene.cooling, ExactCooling):
+    if isinstance(scene.laws.heating, OwnEnergy.Numbers) or not isinstance(
+        scene.cooling, ExactCooling
+    ):
         return
     assert record["floored_temperatures"] == 0
     coldest = min(before.temperature[:start].min(), scene.cooling.law.equilibrium)
@@ -138,7 +140,7 @@ def closing_overlaps(scene, particles):
     low, high = np.triu_indices(n, 1)
     r, v, half = particles.position[:, :n].T, particles.velocity[:, :n].T, scene.half_width
     d = r[high] - r[low]
-    if isinstance(scene.escape, Periodic):
+    if isinstance(scene.escape, Periodic.Numbers):
         d -= 2.0 * half * np.rint(d / (2.0 * half))
     distance = np.linalg.norm(d, axis=1)
     reach = particles.radius[low] + particles.radius[high]

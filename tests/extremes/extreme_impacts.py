@@ -38,11 +38,11 @@ def make_2003(**options):
 
 
 def make_2004(**options):
-    return laws_2004(**options)._replace(heating=PairSplit())
+    return laws_2004(**options)._replace(heating=PairSplit.Numbers())
 
 
 def make_own_energy(**options):
-    return laws_2004(**options)._replace(heating=OwnEnergy())
+    return laws_2004(**options)._replace(heating=OwnEnergy.Numbers())
 
 
 CLOSED = [make_2003, make_2004]
@@ -85,7 +85,9 @@ def impacts(draw, make, softening=(-6.0, 6.0)):
     )
     if w > 0.0 and draw(st.booleans()):
         short = draw(st.sampled_from([-1.0, 1.0])) * draw(decades(-16, 2))
-        logarithm = float(plain_log_ratio(laws, pair, 1.0)) + math.log(laws.hardness.base) + short
+        logarithm = (
+            float(plain_log_ratio(laws, pair, 1.0)) + math.log(laws.hardness.hardness) + short
+        )
         if abs(logarithm) < 690.0:
             hardness = laws.hardness._replace(base=math.exp(logarithm))
             laws = laws._replace(hardness=hardness)

@@ -8,10 +8,10 @@ from extreme_scenes import decades
 from hypothesis import strategies as st
 
 from agglom_mpi.outcome import FAILED, OUTCOME
-from agglom_mpi.physics.restitution import ContactTimeRestitution
+from agglom_mpi.physics.restitution import LastingContact
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.particles import empty_particles, particle_type
 from agglom_mpi.simulation.sample import carry_to_end
-from agglom_mpi.simulation.scene import EventDriven
 
 PLENTY = 10**6
 """Events per particle: a light sphere meets two heavy ones √(mass ratio) times and more."""
@@ -43,7 +43,7 @@ class Arranged(NamedTuple):
         """Return the state, with room for all grains to lie apart, and for as many gaps."""
         count, capacity = len(self.radii), 2 * int(self.grains.sum())
         density = self.drawn.values["density"]
-        remembers = isinstance(self.scene.laws.restitution, ContactTimeRestitution)
+        remembers = isinstance(self.scene.laws.restitution, LastingContact.Numbers)
         particles = empty_particles(particle_type(True, True, remembers, True), capacity)
         particles.size[0] = particles.labels_given[0] = count
         particles.label[:] = np.arange(capacity)
@@ -117,7 +117,7 @@ def arranged(draw, kind, periodic, most=24):
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     campaign = drawn.campaign()
     scene = campaign.scene.build(campaign.parameters())
-    half, speed = scene.half_width, scene.velocities.speed
+    half, speed = scene.half_width, scene.velocities.relative_speed
     number, layout = draw(st.integers(2, most)), draw(st.sampled_from(LAYOUTS))
     spread, largest = draw(st.sampled_from([0, 0, 1, 3])), 0.49 * half * draw(decades(-2, 0))
     # A light sphere among heavy ones that touch it is hit millions of times.
@@ -142,13 +142,13 @@ def arranged(draw, kind, periodic, most=24):
         end_time = draw(st.sampled_from([0.0, 0.03, 0.3, 1.0, 3.0, 10.0])) * half / speed
     laws = scene.laws
     budget = PLENTY
-    if isinstance(laws.restitution, ContactTimeRestitution):
+    if isinstance(laws.restitution, LastingContact.Numbers):
         lasting = draw(st.sampled_from([0.0, 1e-6, 1e-3])) * end_time
         laws = laws._replace(restitution=laws.restitution._replace(contact_time=lasting))
         budget = PLENTY if lasting > 0.0 or laws.restitution.value == 1.0 else 2000
     scene = scene._replace(
         laws=laws,
-        engine=EventDriven(budget),
+        engine=EventDriven.Numbers(budget),
         particles=int(grains.sum()),
         radius=float(radii.min()),
         end_time=end_time,

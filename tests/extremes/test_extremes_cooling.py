@@ -40,7 +40,7 @@ def exact(law, temperature, time):
 
 def radiative(emissivity=0.5, surroundings=300.0, convection=0.0, ambient=300.0):
     rest = equilibrium_temperature(emissivity, surroundings, convection, ambient)
-    return RadiativeCooling(emissivity, surroundings, convection, ambient, rest)
+    return RadiativeCooling.Numbers(emissivity, surroundings, convection, ambient, rest)
 
 
 def flux(law, temperature):
@@ -230,7 +230,7 @@ def test_the_way_to_equilibrium_is_a_bounded_number_of_panels(start, rest):
     assert exact(law, start, math.inf) == rest
 
 
-QUARTIC = [QuarticCooling(density, 10.0, 300.0) for density in (1e-3, 1e3, 1e9)]
+QUARTIC = [QuarticCooling.Numbers(density, 10.0, 300.0) for density in (1e-3, 1e3, 1e9)]
 
 
 @pytest.mark.parametrize("law", QUARTIC)

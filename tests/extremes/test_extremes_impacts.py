@@ -28,12 +28,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
-from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.simulation.impact import solve_impact
 
 KINDS = pytest.mark.parametrize("make", CLOSED)
 ALL_KINDS = pytest.mark.parametrize("make", [*CLOSED, make_own_energy])
 DURATIONS = pytest.mark.parametrize(
-    "duration", [MeanSpeedDuration(1e-6), CompressionRecoveryDuration(1.0)], ids=["2003", "2004"]
+    "duration",
+    [MeanSpeedDuration.Numbers(1e-6), CompressionRecoveryDuration.Numbers(1.0)],
+    ids=["2003", "2004"],
 )
 SHARES = pytest.mark.parametrize("share", [0.1, pytest.param(1, marks=pytest.mark.slow)])
 """Of the examples that the slow tier draws."""
@@ -50,7 +52,7 @@ def exact_pressure(laws, pair):
     """X = m*w²/(2εb)/(2πb²H) of these floats, π as the float, without any rounding."""
     w, b, ratio = map(Fraction, (pair.approach_speed, pair.radius, laws.duration.length_ratio))
     force = Fraction(pair.reduced_mass) * w * w / (2 * ratio * b)
-    return force / (2 * Fraction(math.pi) * b * b * Fraction(laws.hardness.base))
+    return force / (2 * Fraction(math.pi) * b * b * Fraction(laws.hardness.hardness))
 
 
 @DURATIONS
@@ -59,7 +61,7 @@ def exact_pressure(laws, pair):
 def test_beside_the_marginal_pressure_bonding_is_decided_as_by_exact_numbers(
     duration, radii, hardness
 ):
-    laws = isothermal_laws(duration, ContactArea(0.0, 1.0), hardness)
+    laws = isothermal_laws(duration, ContactArea.Numbers(0.0, 1.0), hardness)
     critical = 1.0 / math.sqrt(pressure_scale(laws, contact_pair(1.0, radii=radii)))
     rounding = 4 * Fraction(EPSILON)  # eight products and quotients, half an ulp each
     decided = []
@@ -80,10 +82,10 @@ def exact_log_ratio(laws, pair):
     m, w, slip, b = map(
         np.longdouble, (pair.reduced_mass, pair.approach_speed, pair.slip_speed, pair.radius)
     )
-    rubbing = min(np.longdouble(laws.friction.base) * m * w, m * slip)
+    rubbing = min(np.longdouble(laws.friction.friction) * m * w, m * slip)
     area = np.longdouble(math.pi) * b * b
     loss = m * w * w / 2 + slip * rubbing - rubbing * rubbing / (2 * m)
-    heat = loss / 2 + np.longdouble(laws.reaction.heat) * area
+    heat = loss / 2 + np.longdouble(laws.reaction.reaction_heat) * area
     capacity = np.longdouble(laws.heat_capacity)
     temperature = max(
         np.longdouble(pair.temperature_i) + heat / (np.longdouble(pair.mass_i) * capacity),
@@ -91,7 +93,7 @@ def exact_log_ratio(laws, pair):
     )
     force = m * w * w / (2 * np.longdouble(laws.duration.length_ratio) * b)
     hardening = np.longdouble(laws.hardness.activation_energy) / (np.longdouble(R) * temperature)
-    return np.log(force / (2 * area * np.longdouble(laws.hardness.base))) - hardening
+    return np.log(force / (2 * area * np.longdouble(laws.hardness.hardness))) - hardening
 
 
 @KINDS
@@ -121,12 +123,12 @@ def test_beside_the_marginal_pressure_softened_bonding_is_decided_as_by_finer_nu
 @DURATIONS
 @pytest.mark.parametrize("initial", [0.0, 0.01])
 def test_just_short_of_bonding_restitution_goes_to_zero_with_its_closed_form(duration, initial):
-    laws = isothermal_laws(duration, ContactArea(initial, 1.0))
+    laws = isothermal_laws(duration, ContactArea.Numbers(initial, 1.0))
     scale = pressure_scale(laws, contact_pair(1.0))
     for short in np.logspace(-15, -1, 57):
         impact = solve_impact(laws, contact_pair(math.sqrt((1.0 - short) / scale)))
         x = 1.0 - short
-        if isinstance(duration, MeanSpeedDuration):
+        if isinstance(duration, MeanSpeedDuration.Numbers):
             square = initial**2 - 8.0 * initial * x + 16.0 * x
             exact = 8.0 * x / (initial + 4.0 * x + math.sqrt(square))
         else:
@@ -294,10 +296,10 @@ def in_units(laws, pair, length, mass, time, kelvin):
     speed, energy = length / time, mass * length**2 / time**2
     laws = laws._replace(
         hardness=laws.hardness._replace(
-            base=laws.hardness.base * energy / length**3,
+            base=laws.hardness.hardness * energy / length**3,
             activation_energy=laws.hardness.activation_energy * kelvin,  # U/R is a temperature
         ),
-        reaction=laws.reaction._replace(heat=laws.reaction.heat * energy / length**2),
+        reaction=laws.reaction._replace(heat=laws.reaction.reaction_heat * energy / length**2),
         heat_capacity=laws.heat_capacity * energy / (mass * kelvin),
     )
     factors = {

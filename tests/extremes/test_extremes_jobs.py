@@ -12,13 +12,13 @@ from plain_python import PLAIN
 
 from agglom_mpi import load_campaign
 from agglom_mpi.cli import main
-from agglom_mpi.config.submodels import ConstantRestitution
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.physics.constants import GAS_CONSTANT, STEFAN_BOLTZMANN
 from agglom_mpi.physics.hardness import ArrheniusHardness
-from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.variables import volume_fraction
 
@@ -252,7 +252,7 @@ def test_next_to_absolute_zero_slow_grains_bounce_and_fast_ones_warm_enough_to_b
 def test_at_a_million_kelvin_hardness_is_its_limit():
     assert exponent("hot") == pytest.approx(1e-6, rel=1e-12)
     laws = built("hot").laws
-    limit = laws._replace(hardness=ArrheniusHardness(laws.hardness.base, 0.0))
+    limit = laws._replace(hardness=ArrheniusHardness.Numbers(laws.hardness.hardness, 0.0))
     for speed in (1e-6, 1e-3, 0.1, 0.25):
         found, expected = head_on("hot", speed), head_on("hot", speed, limit)
         assert found.deficit == pytest.approx(expected.deficit, rel=2e-5)
@@ -434,7 +434,7 @@ def test_collapse_ends_if_contacts_last_and_else_exhausts_the_budget():
         assert outcome.particles == 300
         assert outcome.steps < 0.5 * 500 * 300
     lasting = campaign("collapse").scene.restitution
-    restitution = ConstantRestitution(law="constant", value=lasting.value)
+    restitution = ConstantRestitution.Numbers(law="constant", value=lasting.value)
     with pytest.raises(RuntimeError, match="sample 0 failed: budget of steps or events exceeded"):
         simulated("collapse", restitution=restitution)
 

@@ -16,10 +16,10 @@ from agglom_mpi.physics.scales import grain_mass
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import merged_radius
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.initial_state import EqualSizes, place_randomly
 from agglom_mpi.simulation.particles import BREAKUPS, EXHAUSTED, STEPS
 from agglom_mpi.simulation.sample import carry_to_end, simulate_scene
-from agglom_mpi.simulation.scene import EventDriven
 
 SLOW = pytest.mark.slow
 HARD = 1e15
@@ -90,7 +90,7 @@ def state_of(positions, velocities, radii, grains=None, budget=100_000, **change
     grains = np.ones(count, np.int64) if grains is None else np.asarray(grains)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), (count,))
     scene = scene._replace(
-        engine=EventDriven(budget), particles=int(grains.sum()), radius=float(radii.min())
+        engine=EventDriven.Numbers(budget), particles=int(grains.sum()), radius=float(radii.min())
     )
     places = np.array(positions, dtype=float) * scene.half_width
     temperatures = np.full(count, scene.temperature)
@@ -260,9 +260,9 @@ COUNTS = [2, 3, 4, 5, 8, 9, 10, 12, 30, 100, 300]
 @pytest.mark.parametrize(
     ("count", "escape"),
     [
-        *((count, Periodic()) for count in COUNTS),
-        *(pytest.param(count, Reentry(), marks=PLAIN) for count in COUNTS[:8]),
-        *(pytest.param(count, Reentry(), marks=SLOW) for count in COUNTS[8:]),
+        *((count, Periodic.Numbers()) for count in COUNTS),
+        *(pytest.param(count, Reentry.Numbers(), marks=PLAIN) for count in COUNTS[:8]),
+        *(pytest.param(count, Reentry.Numbers(), marks=SLOW) for count in COUNTS[8:]),
     ],
 )
 def test_a_place_is_found_for_all_up_to_the_largest_size_ratio(count, escape):
@@ -275,7 +275,7 @@ def test_a_place_is_found_for_all_up_to_the_largest_size_ratio(count, escape):
         assert np.all(np.abs(position) <= 1.0)
         low, high = np.triu_indices(count, 1)
         away = position[:, high] - position[:, low]
-        if isinstance(escape, Periodic):
+        if isinstance(escape, Periodic.Numbers):
             away -= 2.0 * np.rint(away / 2.0)
         assert np.linalg.norm(away, axis=0).min() >= diameter * (1.0 - 1e-14)
 

@@ -8,9 +8,10 @@ from scipy.optimize import brentq
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws, PressureRestitution
 
 R = 8.314462618
@@ -45,15 +46,15 @@ def contact_pair(
 
 def isothermal_laws(duration, area, hardness=1e8, solver=None):
     return ImpactLaws(
-        restitution=PressureRestitution(),
+        restitution=PressureRestitution.Numbers(),
         duration=duration,
         contact_area=area,
-        hardness=ConstantHardness(hardness),
+        hardness=ConstantHardness.Numbers(hardness),
         friction=None,
         heating=None,
         reaction=None,
         fragmentation=None,
-        solver=solver or BracketedRoot(),
+        solver=solver or BracketedRoot.Numbers(),
         heat_capacity=math.inf,
     )
 
@@ -61,15 +62,15 @@ def isothermal_laws(duration, area, hardness=1e8, solver=None):
 def laws_2003(hardness=6e7, energy=700.0, friction=0.3, heat=1e6, capacity=1000.0, initial=0.01):
     """Return the laws of [A] with its heat."""
     return ImpactLaws(
-        restitution=PressureRestitution(),
-        duration=MeanSpeedDuration(1e-6),
-        contact_area=ContactArea(initial, 1.0),
-        hardness=ArrheniusHardness(hardness, energy),
-        friction=RestitutionScaledFriction(friction),
-        heating=PairSplit(),
-        reaction=ContactAreaReaction(heat),
+        restitution=PressureRestitution.Numbers(),
+        duration=MeanSpeedDuration.Numbers(1e-6),
+        contact_area=ContactArea.Numbers(initial, 1.0),
+        hardness=ArrheniusHardness.Numbers(hardness, energy),
+        friction=RestitutionScaledFriction.Numbers(friction),
+        heating=PairSplit.Numbers(),
+        reaction=ContactAreaReaction.Numbers(heat),
         fragmentation=None,
-        solver=BracketedRoot(),
+        solver=BracketedRoot.Numbers(),
         heat_capacity=capacity,
     )
 
@@ -77,24 +78,24 @@ def laws_2003(hardness=6e7, energy=700.0, friction=0.3, heat=1e6, capacity=1000.
 def laws_2004(hardness=3e5, energy=300.0, friction=0.1, heat=1e6, capacity=1000.0, initial=0.0):
     """Return the laws of [B] with its own-energy heat."""
     return ImpactLaws(
-        restitution=PressureRestitution(),
-        duration=CompressionRecoveryDuration(1.0),
-        contact_area=ContactArea(initial, 1.0),
-        hardness=ArrheniusHardness(hardness, energy),
-        friction=ConstantFriction(friction),
-        heating=OwnEnergy(),
-        reaction=ContactAreaReaction(heat),
+        restitution=PressureRestitution.Numbers(),
+        duration=CompressionRecoveryDuration.Numbers(1.0),
+        contact_area=ContactArea.Numbers(initial, 1.0),
+        hardness=ArrheniusHardness.Numbers(hardness, energy),
+        friction=ConstantFriction.Numbers(friction),
+        heating=OwnEnergy.Numbers(),
+        reaction=ContactAreaReaction.Numbers(heat),
         fragmentation=None,
-        solver=BracketedRoot(),
+        solver=BracketedRoot.Numbers(),
         heat_capacity=capacity,
     )
 
 
 def constant_laws(restitution, heating, friction):
     return ImpactLaws(
-        restitution=ConstantRestitution(restitution),
+        restitution=ConstantRestitution.Numbers(restitution),
         duration=None,
-        contact_area=ContactArea(0.0, 1.0),
+        contact_area=ContactArea.Numbers(0.0, 1.0),
         hardness=None,
         friction=friction,
         heating=heating,
@@ -109,7 +110,7 @@ def pressure_scale(laws, pair):
     """X = I(e=0)/(2πb²H₀) of MODEL §2."""
     force = pair.reduced_mass * pair.approach_speed**2 / 2.0
     force /= laws.duration.length_ratio * pair.radius
-    return force / (2.0 * math.pi * pair.radius**2 * laws.hardness.base)
+    return force / (2.0 * math.pi * pair.radius**2 * laws.hardness.hardness)
 
 
 def plain_heats(laws, pair, d):
@@ -117,11 +118,11 @@ def plain_heats(laws, pair, d):
     e = 1.0 - d
     m, w, slip = pair.reduced_mass, pair.approach_speed, pair.slip_speed
     normal = m * (1.0 + e) * w
-    coefficient = laws.friction.base
-    if isinstance(laws.friction, RestitutionScaledFriction):
+    coefficient = laws.friction.friction
+    if isinstance(laws.friction, RestitutionScaledFriction.Numbers):
         coefficient = coefficient * d
     rubbing = np.minimum(coefficient * normal, m * slip)
-    if isinstance(laws.heating, PairSplit):
+    if isinstance(laws.heating, PairSplit.Numbers):
         loss = 0.5 * m * w * w * d * (1.0 + e) + slip * rubbing - rubbing**2 / (2.0 * m)
         return 0.5 * loss, 0.5 * loss
     work = m * w * w * d * (1.0 + e) / 3.0
@@ -138,12 +139,12 @@ def plain_log_ratio(laws, pair, d):
     e = 1.0 - d
     m, w, b = pair.reduced_mass, pair.approach_speed, pair.radius
     log_force = math.log(m) + 2.0 * math.log(w) - math.log(2.0 * laws.duration.length_ratio * b)
-    if isinstance(laws.duration, MeanSpeedDuration):
+    if isinstance(laws.duration, MeanSpeedDuration.Numbers):
         log_force = log_force + 2.0 * np.log1p(e)
     span = laws.contact_area.final - laws.contact_area.initial
     area = (laws.contact_area.initial + span * d) * math.pi * b * b
     heats = plain_heats(laws, pair, d)
-    reaction = laws.reaction.heat * area
+    reaction = laws.reaction.reaction_heat * area
     temperatures = [
         before + (heat + reaction) / (mass * laws.heat_capacity)
         for before, heat, mass in zip(
@@ -155,7 +156,7 @@ def plain_log_ratio(laws, pair, d):
         hardening = np.where(
             warmest > 0.0, laws.hardness.activation_energy / (R * np.abs(warmest)), np.inf
         )
-    return log_force - np.log(2.0 * area) - math.log(laws.hardness.base) - hardening
+    return log_force - np.log(2.0 * area) - math.log(laws.hardness.hardness) - hardening
 
 
 def scanned_root(laws, pair, lowest=-60.0, points=60_001):

@@ -8,25 +8,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
-from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
-from agglom_mpi.physics.impact import solve_impact
-from agglom_mpi.physics.restitution import ContactTimeRestitution
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import LastingContact
+from agglom_mpi.simulation.impact import solve_impact
 
 SETTINGS = settings(max_examples=100, deadline=None, derandomize=True)
 SPEEDS = st.floats(1e-3, 1e3)
 RADII = st.tuples(st.floats(1e-4, 1e-2), st.floats(1e-4, 1e-2))
 CONTACT_TIME = 1e-6
-HEATINGS = pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()], ids=["pair", "own"])
+HEATINGS = pytest.mark.parametrize(
+    "heating", [PairSplit.Numbers(), OwnEnergy.Numbers()], ids=["pair", "own"]
+)
 FRICTIONS = pytest.mark.parametrize(
-    "friction", [None, ConstantFriction(0.3), RestitutionScaledFriction(0.3)], ids=["no", "c", "s"]
+    "friction",
+    [None, ConstantFriction.Numbers(0.3), RestitutionScaledFriction.Numbers(0.3)],
+    ids=["no", "c", "s"],
 )
 
 
 def plain_and_lasting(restitution, heating, friction):
     """Laws with everything that can lose or heat, without and with a contact time."""
     plain = constant_laws(restitution, heating, friction)
-    plain = plain._replace(reaction=ContactAreaReaction(1e6))
-    return plain, plain._replace(restitution=ContactTimeRestitution(restitution, CONTACT_TIME))
+    plain = plain._replace(reaction=ContactAreaReaction.Numbers(1e6))
+    return plain, plain._replace(restitution=LastingContact.Numbers(restitution, CONTACT_TIME))
 
 
 def after(since, *pair):
@@ -72,7 +77,7 @@ def test_after_the_contact_time_an_impact_is_that_of_constant_restitution(since,
 
 
 def test_without_a_contact_time_the_last_impact_does_not_matter():
-    plain, _ = plain_and_lasting(0.5, PairSplit(), ConstantFriction(0.3))
+    plain, _ = plain_and_lasting(0.5, PairSplit.Numbers(), ConstantFriction.Numbers(0.3))
     first = solve_impact(plain, after(math.inf, 2.0, 1.0))
     assert first.loss > 0.0
     assert solve_impact(plain, after(0.0, 2.0, 1.0)) == first

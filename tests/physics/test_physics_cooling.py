@@ -39,7 +39,7 @@ def euler(law, temperature, step):
 
 def radiative(emissivity=0.5, surroundings=300.0, convection=0.0, ambient=300.0):
     rest = equilibrium_temperature(emissivity, surroundings, convection, ambient)
-    return RadiativeCooling(emissivity, surroundings, convection, ambient, rest)
+    return RadiativeCooling.Numbers(emissivity, surroundings, convection, ambient, rest)
 
 
 def time_from(start, end, law):
@@ -210,7 +210,7 @@ def errors_of_euler(law, start, time):
 
 
 @pytest.mark.parametrize(
-    ("law", "time"), [(radiative(), 60.0), (QuarticCooling(5000.0, 1000.0, 300.0), 1e5)]
+    ("law", "time"), [(radiative(), 60.0), (QuarticCooling.Numbers(5000.0, 1000.0, 300.0), 1e5)]
 )
 def test_euler_steps_converge_to_the_exact_solution_with_first_order(law, time):
     errors = errors_of_euler(law, 900.0, time)
@@ -236,7 +236,7 @@ def test_the_published_step_goes_below_zero_beyond_a_few_times_the_limit():
 
 @pytest.mark.parametrize("start", [301.0, 500.0, 2000.0])
 def test_the_quartic_law_follows_a_numerical_solution(start):
-    law = QuarticCooling(5000.0, 1000.0, 300.0)
+    law = QuarticCooling.Numbers(5000.0, 1000.0, 300.0)
     rate = B / (5000.0 * 1000.0)
     times = np.array([1e-3, 0.1, 1.0, 10.0, 100.0]) / (rate * (start - 300.0) ** 3)
     reference = solve_ivp(
@@ -255,12 +255,12 @@ def test_the_quartic_law_follows_a_numerical_solution(start):
 @SETTINGS
 @given(st.floats(300.0, 1e6), st.floats(-10.0, 30.0))
 def test_neither_the_quartic_solution_nor_its_euler_step_crosses_the_start(temperature, power):
-    law = QuarticCooling(5000.0, 1000.0, 300.0)
+    law = QuarticCooling.Numbers(5000.0, 1000.0, 300.0)
     assert 300.0 <= exact(law, temperature, 10.0**power) <= temperature
     assert 300.0 <= euler(law, temperature, 10.0**power) <= temperature
 
 
 def test_below_the_start_the_quartic_law_does_nothing():
-    law = QuarticCooling(5000.0, 1000.0, 300.0)
+    law = QuarticCooling.Numbers(5000.0, 1000.0, 300.0)
     assert exact(law, 250.0, 1e9) == 250.0
     assert euler(law, 250.0, 1e9) == 250.0

@@ -52,7 +52,7 @@ def test_nothing_breaks_into_more_pieces_than_it_has_grains(grains):
 
 def test_a_single_grain_never_breaks():
     assert tuple(pieces_of(5.0, 1e300, 1e-3, 1)) == (1, 0.0)
-    assert tuple(broken(PairEnergyFragmentation(5.0), 1e300, 1e300, 1e-3, 1)) == (1, 0.0)
+    assert tuple(broken(PairEnergyFragmentation.Numbers(5.0), 1e300, 1e300, 1e-3, 1)) == (1, 0.0)
 
 
 @SETTINGS
@@ -74,7 +74,7 @@ def test_pieces_take_the_energy_of_their_new_surface_and_never_more_than_is_abso
 
 def test_the_two_laws_absorb_half_the_pair_loss_or_the_size_of_the_own_change():
     threshold = energy_for(4, 5.0, 1e-3) * 1.0001
-    pair, own = PairEnergyFragmentation(5.0), OwnEnergyFragmentation(5.0)
+    pair, own = PairEnergyFragmentation.Numbers(5.0), OwnEnergyFragmentation.Numbers(5.0)
     assert broken(pair, 2.0 * threshold, 0.0, 1e-3, 99).pieces == 4
     assert broken(pair, 1.99 * threshold, 1e9, 1e-3, 99).pieces == 3
     assert broken(own, 1e9, threshold, 1e-3, 99).pieces == 4

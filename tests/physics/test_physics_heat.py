@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit, impact_heats, merge_heat
-from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.simulation.impact import solve_impact
 
 SETTINGS = settings(max_examples=150, deadline=None, derandomize=True)
 SPEEDS = st.floats(1e-3, 1e3)
@@ -42,9 +42,9 @@ def kinetic_energy_before(pair):
 def test_friction_never_reverses_the_slip_and_never_makes_energy(
     w, slip, radii, coefficient, restitution, scaled
 ):
-    friction = (RestitutionScaledFriction if scaled else ConstantFriction)(coefficient)
+    friction = (RestitutionScaledFriction if scaled else ConstantFriction).Numbers(coefficient)
     pair = contact_pair(w, slip, radii)
-    impact = solve_impact(constant_laws(restitution, PairSplit(), friction), pair)
+    impact = solve_impact(constant_laws(restitution, PairSplit.Numbers(), friction), pair)
     factor = 1.0 - restitution if scaled else 1.0
     coulomb = coefficient * factor * impact.normal_impulse
     stop = pair.reduced_mass * slip
@@ -61,7 +61,9 @@ def test_the_normal_impulse_reverses_the_approach_by_the_restitution(
     w, slip, radii, coefficient, restitution
 ):
     pair = contact_pair(w, slip, radii)
-    impact = solve_impact(constant_laws(restitution, None, ConstantFriction(coefficient)), pair)
+    impact = solve_impact(
+        constant_laws(restitution, None, ConstantFriction.Numbers(coefficient)), pair
+    )
     (n_i, _), (n_j, _) = after(pair, impact)
     assert n_j - n_i == pytest.approx(restitution * w, rel=1e-11)
 
@@ -92,14 +94,14 @@ def test_own_energy_books_seven_thirds_of_a_frictionless_loss_in_any_frame(
     w, radii, frame, restitution
 ):
     pair = contact_pair(w, 0.0, radii, frame=(frame[0] * w, frame[1] * w))
-    impact = solve_impact(constant_laws(restitution, OwnEnergy(), None), pair)
+    impact = solve_impact(constant_laws(restitution, OwnEnergy.Numbers(), None), pair)
     scale = kinetic_energy_before(pair)
     expected = 7.0 / 3.0 * impact.loss
     assert impact.heat_i + impact.heat_j == pytest.approx(expected, abs=1e-12 * scale)
 
 
 def test_own_energy_of_one_sphere_depends_on_the_frame():
-    laws = constant_laws(0.5, OwnEnergy(), None)
+    laws = constant_laws(0.5, OwnEnergy.Numbers(), None)
     rest, moving = (
         solve_impact(laws, contact_pair(2.0, 0.0, (1e-3, 2e-3), frame=(shift, 0.0)))
         for shift in (0.0, 10.0)
@@ -114,7 +116,9 @@ def test_own_energy_of_one_sphere_depends_on_the_frame():
 def test_own_energy_heats_are_those_of_the_paper(frame):
     """½m(v² − v'²) + δW of each sphere, δW = m*w²(1−e²)/3 [B 4.7–4.9, 6.5–6.10]."""
     pair = contact_pair(2.0, 1.0, (1e-3, 2e-3), frame=frame)
-    impact = solve_impact(constant_laws(0.5, OwnEnergy(), ConstantFriction(0.1)), pair)
+    impact = solve_impact(
+        constant_laws(0.5, OwnEnergy.Numbers(), ConstantFriction.Numbers(0.1)), pair
+    )
     work = pair.reduced_mass * 4.0 * 0.75 / 3.0
     (n_i, t_i), (n_j, t_j) = after(pair, impact)
     own_i = 0.5 * pair.mass_i * (pair.normal_i**2 + pair.tangent_i**2 - n_i**2 - t_i**2)
@@ -133,7 +137,7 @@ def heat_of_merge(heating, pair):
     return merge_heat(heating, pair)
 
 
-@pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
+@pytest.mark.parametrize("heating", [PairSplit.Numbers(), OwnEnergy.Numbers()])
 def test_restitution_one_loses_nothing(heating):
     for radii in ((1e-3, 1e-3), (1e-5, 1e-2)):
         pair = contact_pair(7.0, 3.0, radii)
@@ -159,14 +163,16 @@ def test_the_2004_laws_conserve_momentum_and_only_lose_kinetic_energy(w, slip, r
     assert impact.loss >= 0.0
 
 
-@pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
+@pytest.mark.parametrize("heating", [PairSplit.Numbers(), OwnEnergy.Numbers()])
 @SETTINGS
 @given(SPEEDS, SPEEDS, RADII, FRAMES)
 def test_a_merge_heats_like_a_bounce_after_which_nothing_moves_apart(
     heating, w, slip, radii, frame
 ):
     pair = contact_pair(w, slip, radii, frame=frame)
-    sticks = ConstantFriction(1.01 * slip / w)  # at e = 0 the Coulomb impulse just stops the slip
+    sticks = ConstantFriction.Numbers(
+        1.01 * slip / w
+    )  # at e = 0 the Coulomb impulse just stops the slip
     bounce = sum(bounce_heats(heating, sticks, pair))
     # A sphere's own loss is a difference of kinetic energies, which grow with the frame's speed.
     rounding = 1e-13 * max(pair.mass_i, pair.mass_j) * sum(map(abs, (w, slip, *frame))) ** 2

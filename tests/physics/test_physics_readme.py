@@ -31,8 +31,8 @@ from agglom_mpi.physics.restitution import SpeedRestitution, solve_restitution
 
 pair = ContactPair(16.0, *[1.0] * 11)
 print(agglom_mpi.__file__)
-print(1.0 - solve_restitution(SpeedRestitution(1.0), None, pair).deficit)
-print(1.0 - solve_restitution(SpeedRestitution(20.0), None, pair).deficit)
+print(1.0 - solve_restitution(SpeedRestitution.Numbers(1.0), None, pair).deficit)
+print(1.0 - solve_restitution(SpeedRestitution.Numbers(20.0), None, pair).deficit)
 campaign = Campaign.from_text(sys.argv[1])
 print("restitution: speed" in campaign.describe(), "fourth root" in campaign.describe())
 outcome = campaign.simulate({}, sample=0)
@@ -41,20 +41,11 @@ print(outcome.collisions, outcome.merges, bool(outcome.record["momentum_error"] 
 
 
 def follow(package):
-    """Make the edits of the page in a copy of the package."""
+    """Add the law of the page to a copy of the package."""
     text = (package / "physics" / "README.md").read_text()
-    law, section, imported = re.findall(r"```python\n(.*?)```", text, re.S)
-    edit(package / "physics" / "restitution.py", r"\Z", f"\n\n{law}")
-    submodels = package / "config" / "submodels.py"
-    edit(submodels, r"AnyRestitution = Annotated\[\n.*?\n\]\n", "")
-    edit(submodels, r"\Z", f"\n\n{section}")
-    edit(submodels, r"from agglom_mpi\.config\.units import [^\n]*\n", imported)
-
-
-def edit(path, pattern, new):
-    text, count = re.subn(pattern, new, path.read_text(), count=1, flags=re.S)
-    assert count == 1, (path, pattern)
-    path.write_text(text)
+    (law,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    path = package / "physics" / "restitution.py"
+    path.write_text(f"{path.read_text()}\n\n{law}")
 
 
 def test_the_page_on_adding_a_submodel_works_word_for_word(tmp_path):

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy
-from agglom_mpi.physics.impact import solve_impact
 from agglom_mpi.physics.impact_solvers import STEP_CAP, first_root, unique_root
 from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scale
+from agglom_mpi.simulation.impact import solve_impact
 
 SETTINGS = settings(
     max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -186,7 +186,9 @@ def test_at_zero_kelvin_nothing_bonds_unless_the_impact_warms_it():
 
 def test_constant_restitution_loses_nothing_at_one_and_bonds_at_zero():
     pair = contact_pair(3.0, 2.0, (1e-3, 2e-3))
-    elastic = solve_impact(constant_laws(1.0, OwnEnergy(), None), pair)
+    elastic = solve_impact(constant_laws(1.0, OwnEnergy.Numbers(), None), pair)
     assert elastic.loss == 0.0
     assert elastic.normal_impulse == pytest.approx(2.0 * pair.reduced_mass * 3.0, rel=1e-15)
-    assert solve_impact(constant_laws(0.0, OwnEnergy(), ConstantFriction(0.1)), pair).bonds
+    assert solve_impact(
+        constant_laws(0.0, OwnEnergy.Numbers(), ConstantFriction.Numbers(0.1)), pair
+    ).bonds

@@ -8,7 +8,7 @@ import pytest
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.kinetic_theory import contact_value
-from agglom_mpi.simulation.initial_state import draw_velocities
+from agglom_mpi.physics.velocities import draw_velocities
 from agglom_mpi.variables import values_by_name
 
 SPREAD = "{law: spread, mean: [10, 0, 3], transverse: 0.4}"

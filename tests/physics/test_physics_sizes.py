@@ -12,22 +12,22 @@ from agglom_mpi.physics.kinetic_theory import (
     mixture_rates,
     volume_fraction,
 )
-from agglom_mpi.physics.sizes import (
-    ListedSizes,
-    LognormalSizes,
-    UniformSizes,
-    VolumeUniformSizes,
+from agglom_mpi.physics.size_distributions import (
+    ListedDistribution,
+    LognormalDistribution,
+    UniformDistribution,
+    VolumeUniformDistribution,
     draw_radii,
     size_classes,
     third_moment,
 )
 
 LAWS = {
-    "lognormal": LognormalSizes(math.log(1.3)),
-    "uniform": UniformSizes(0.5, 1.5),
-    "list": ListedSizes(np.array([0.5, 0.75, 1.0, 1.75])),
-    "uniform by volume": VolumeUniformSizes(2 / 3, 2.0),
-    "list by volume": ListedSizes(np.array([1.0, 1.0, 2.0]) * (17 / 18), by_volume=True),
+    "lognormal": LognormalDistribution(math.log(1.3)),
+    "uniform": UniformDistribution(0.5, 1.5),
+    "list": ListedDistribution(np.array([0.5, 0.75, 1.0, 1.75])),
+    "uniform by volume": VolumeUniformDistribution(2 / 3, 2.0),
+    "list by volume": ListedDistribution(np.array([1.0, 1.0, 2.0]) * (17 / 18), by_volume=True),
 }
 DRAWS = 100_000
 
@@ -70,14 +70,16 @@ def test_the_volume_of_a_sample_varies_as_the_sixth_moment_says(law):
     relative = np.std(volumes) / law.third_moment
     # Relative standard error of a standard deviation of heavy tails, generously.
     assert relative == pytest.approx(law.volume_deviation(count), rel=0.15)
-    assert ListedSizes(np.ones(3)).volume_deviation(10) == 0.0
+    assert ListedDistribution(np.ones(3)).volume_deviation(10) == 0.0
 
 
 def test_classes_by_volume_of_a_long_list_stand_for_it():
     rows = np.linspace(1.0, 3.0, 1001)
-    law = ListedSizes(rows / (np.sum(rows**-2) / np.sum(rows**-3.0)), by_volume=True)
+    law = ListedDistribution(rows / (np.sum(rows**-2) / np.sum(rows**-3.0)), by_volume=True)
     assert law.moment(1) == pytest.approx(1.0, rel=1e-14)
-    assert law.third_moment == pytest.approx(VolumeUniformSizes(2 / 3, 2).third_moment, rel=1e-2)
+    assert law.third_moment == pytest.approx(
+        VolumeUniformDistribution(2 / 3, 2).third_moment, rel=1e-2
+    )
     ratios, shares = size_classes(law)
     assert shares @ ratios == pytest.approx(1.0, rel=1e-2)
     assert shares @ ratios**3 == pytest.approx(law.third_moment, rel=2e-2)
@@ -89,7 +91,7 @@ def test_a_lognormal_law_has_its_geometric_standard_deviation():
     assert np.std(logarithms) == pytest.approx(math.log(1.3), abs=4.0 * error)
 
 
-@pytest.mark.parametrize("law", [None, ListedSizes(np.ones(3))], ids=["none", "one size"])
+@pytest.mark.parametrize("law", [None, ListedDistribution(np.ones(3))], ids=["none", "one size"])
 def test_equal_grains_draw_nothing(law):
     random = np.random.default_rng(3)
     assert draw_radii(law, random, 5).tolist() == [1.0] * 5

@@ -47,7 +47,7 @@ def bounds_of_heats(heating, friction, pair, lower, upper):
 
 
 def law(kind, coefficient):
-    return None if kind is None else kind(coefficient)
+    return None if kind is None else kind.Numbers(coefficient)
 
 
 @pytest.mark.parametrize("kind", FRICTION)
@@ -66,7 +66,7 @@ def test_the_tangential_impulse_changes_as_its_slopes_allow(
 
 
 @pytest.mark.parametrize("kind", FRICTION)
-@pytest.mark.parametrize("heating", [PairSplit(), OwnEnergy()])
+@pytest.mark.parametrize("heating", [PairSplit.Numbers(), OwnEnergy.Numbers()])
 @SETTINGS
 @given(SPEEDS, SPEEDS, RADII, FRAMES, st.floats(0.0, 2.0), DEFICITS)
 def test_heats_rise_with_the_deficit_at_least_as_fast_as_their_slopes_say(

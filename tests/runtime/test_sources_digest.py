@@ -23,7 +23,7 @@ SAME = [
     ("config/estimate.py", "result of 1 sample", "result of one sample"),
     ("config/campaign.py", "allow {share} of the box; a narrower", "allow {share}; a narrower"),
     ("config/campaign.py", "must be event, fixed", "must be one of event, fixed"),
-    ("config/sizes.py", "must ", "has to "),
+    ("physics/sizes.py", "must ", "has to "),
     ("report/page.py", "def ", "def other_"),
 ]
 OTHER = [

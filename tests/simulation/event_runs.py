@@ -10,6 +10,7 @@ from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import BONDED, BOUNCED
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.engine import (
     entry,
@@ -22,10 +23,9 @@ from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact, new_ledger
-from agglom_mpi.simulation.scene import EventDriven
 
 BUDGET = 20_000
-ESCAPES = {"periodic": Periodic(), "reentry": Reentry()}
+ESCAPES = {"periodic": Periodic.Numbers(), "reentry": Reentry.Numbers()}
 
 
 class Recorded(NamedTuple):
@@ -113,9 +113,9 @@ def recorded(scene, particles, most=100_000, start=0.0):
 def bouncing(e, escape="periodic", friction=0.0, budget=BUDGET, **options):
     """Return a scene of constant restitution; 0 bonds."""
     laws = CONSTANT._replace(
-        restitution=ConstantRestitution(e), friction=ConstantFriction(friction)
+        restitution=ConstantRestitution.Numbers(e), friction=ConstantFriction.Numbers(friction)
     )
-    return make_scene(laws, EventDriven(budget), ESCAPES[escape], **options)
+    return make_scene(laws, EventDriven.Numbers(budget), ESCAPES[escape], **options)
 
 
 def size_ratio(fraction):

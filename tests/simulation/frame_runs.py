@@ -14,11 +14,11 @@ from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.friction import RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.restitution import ConstantRestitution
+from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.engines import FixedSteps
 from agglom_mpi.simulation.frames import Frames, new_frames
-from agglom_mpi.simulation.initial_state import UniformX
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.scene import FixedSteps
 
 CROWD = {"particles": 50, "size_ratio": 0.7, "end_time": 2.0**-9}
 STEPS = 128
@@ -26,22 +26,25 @@ STEPS = 128
 
 
 def stepping(restitution, steps=STEPS, **options):
-    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
-    return make_scene(laws, FixedSteps(steps), Periodic(), **(CROWD | options))
+    laws = CONSTANT._replace(restitution=ConstantRestitution.Numbers(restitution))
+    return make_scene(laws, FixedSteps.Numbers(steps), Periodic.Numbers(), **(CROWD | options))
 
 
 def quickstart(hardness=1e7, **options):
     """Return a scene of the type that `jobs/quickstart.yaml` has, which is compiled anyway."""
     scene = flying(hardness, **options)
-    laws = scene.laws._replace(duration=MeanSpeedDuration(1e-6), fragmentation=None)
-    return scene._replace(velocities=UniformX(scene.velocities.speed), laws=laws, cooling=None)
+    laws = scene.laws._replace(duration=MeanSpeedDuration.Numbers(1e-6), fragmentation=None)
+    return scene._replace(
+        velocities=UniformX.Numbers(scene.velocities.relative_speed), laws=laws, cooling=None
+    )
 
 
 def flying(hardness, **options):
     """Return a scene of the event engine without friction; the hard bounce elastically."""
     scene = breaking_event_periodic(**(CROWD | options))
     laws = scene.laws._replace(
-        hardness=ArrheniusHardness(hardness, 0.0), friction=RestitutionScaledFriction(0.0)
+        hardness=ArrheniusHardness.Numbers(hardness, 0.0),
+        friction=RestitutionScaledFriction.Numbers(0.0),
     )
     return scene._replace(laws=laws)
 

@@ -15,7 +15,7 @@ from scenes import temperatures_in
 from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.scene import FixedSteps
+from agglom_mpi.simulation.engines import FixedSteps
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Reference:
     def __init__(self, scene, particles):
         self.scene = scene
         self.D = scene.half_width
-        self.periodic = isinstance(scene.escape, Periodic)
+        self.periodic = isinstance(scene.escape, Periodic.Numbers)
         temperatures = temperatures_in(scene, particles)
         self.balls = [
             Ball(
@@ -47,7 +47,7 @@ class Reference:
         self.collisions = self.merges = self.steps = 0
 
     def run(self):
-        if isinstance(self.scene.engine, FixedSteps):
+        if isinstance(self.scene.engine, FixedSteps.Numbers):
             step = self.scene.end_time / self.scene.engine.steps
             for _ in range(self.scene.engine.steps):
                 self.resolve_in_turn()
@@ -120,20 +120,20 @@ class Reference:
         a, c, laws = self.balls[i], self.balls[j], self.scene.laws
         m, b = a.m * c.m / (a.m + c.m), min(a.b, c.b)
         force = m * self.approach(i, j) ** 2 / (2.0 * laws.duration.length_ratio * b)
-        return force / (2.0 * math.pi * b * b * laws.hardness.base)
+        return force / (2.0 * math.pi * b * b * laws.hardness.hardness)
 
     def bonds(self, i, j):
         laws = self.scene.laws
-        if isinstance(laws.restitution, ConstantRestitution):
+        if isinstance(laws.restitution, ConstantRestitution.Numbers):
             return laws.restitution.value == 0.0
         return self.pressure(i, j) >= 1.0
 
     def restitution(self, i, j):
         laws = self.scene.laws
-        if isinstance(laws.restitution, ConstantRestitution):
+        if isinstance(laws.restitution, ConstantRestitution.Numbers):
             return laws.restitution.value
         root = math.sqrt(self.pressure(i, j))
-        if isinstance(laws.duration, MeanSpeedDuration):
+        if isinstance(laws.duration, MeanSpeedDuration.Numbers):
             return (1.0 - root) / (1.0 + root)
         return 1.0 - root
 
@@ -147,7 +147,7 @@ class Reference:
         slip = a.v - c.v - w * n
         speed = np.linalg.norm(slip)
         if laws.friction is not None and speed > 0.0:
-            rubbing = min(laws.friction.base * m * (1.0 + e) * w, m * speed)
+            rubbing = min(laws.friction.friction * m * (1.0 + e) * w, m * speed)
             impulse = impulse + rubbing * slip / speed
         a.v = a.v - impulse / a.m
         c.v = c.v + impulse / c.m
@@ -155,7 +155,7 @@ class Reference:
             loss = before - 0.5 * a.m * a.v @ a.v - 0.5 * c.m * c.v @ c.v
             area = (1.0 - e) * math.pi * min(a.b, c.b) ** 2  # a₀ = 0, a_f = 1
             for ball in (a, c):
-                heat = 0.5 * loss + laws.reaction.heat * area
+                heat = 0.5 * loss + laws.reaction.reaction_heat * area
                 ball.T += heat / (ball.m * laws.heat_capacity)
         overlap = 1.0 - distance / (a.b + c.b)
         if overlap > 0.0:  # [A 8]
@@ -176,7 +176,7 @@ class Reference:
         self.put_inside(a)
         a.v = (a.m * a.v + c.m * c.v) / m
         if laws.heating is not None:
-            heat = loss + 2.0 * laws.reaction.heat * math.pi * min(a.b, c.b) ** 2
+            heat = loss + 2.0 * laws.reaction.reaction_heat * math.pi * min(a.b, c.b) ** 2
             a.T = (a.m * a.T + c.m * c.T) / m + heat / (m * laws.heat_capacity)
         a.m = m
         a.b = (a.b**3 + c.b**3) ** (1.0 / 3.0)

@@ -16,25 +16,21 @@ from agglom_mpi.physics.cooling import (
 from agglom_mpi.physics.fragmentation import OwnEnergyFragmentation, PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import ContactAreaReaction, OwnEnergy, PairSplit
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
+from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
     ImpactLaws,
     PressureRestitution,
 )
+from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.boundary import Periodic, Reentry
-from agglom_mpi.simulation.initial_state import EqualSizes, SpreadVelocities, place_randomly
+from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
+from agglom_mpi.simulation.initial_state import EqualSizes, place_randomly
 from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import new_ledger, new_particles
-from agglom_mpi.simulation.scene import (
-    AdaptiveSteps,
-    EventDriven,
-    FixedSteps,
-    Scene,
-    new_engine_state,
-    run_to_end,
-)
+from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.simulation.time_driven import steppers as fixed  # noqa: F401  (register their engines)
 
 HALF = 0.01
@@ -43,9 +39,9 @@ FLOOR, CEILING = 1e-6, 1e-3
 BUDGET = 20_000
 
 CONSTANT = ImpactLaws(
-    restitution=ConstantRestitution(1.0),
+    restitution=ConstantRestitution.Numbers(1.0),
     duration=None,
-    contact_area=ContactArea(0.0, 1.0),
+    contact_area=ContactArea.Numbers(0.0, 1.0),
     hardness=None,
     friction=None,
     heating=None,
@@ -56,23 +52,23 @@ CONSTANT = ImpactLaws(
 )
 
 MERGING = ImpactLaws(
-    restitution=PressureRestitution(),
+    restitution=PressureRestitution.Numbers(),
     duration=None,
-    contact_area=ContactArea(0.0, 1.0),
-    hardness=ConstantHardness(1e7),
-    friction=ConstantFriction(0.2),
-    heating=PairSplit(),
-    reaction=ContactAreaReaction(100.0),
+    contact_area=ContactArea.Numbers(0.0, 1.0),
+    hardness=ConstantHardness.Numbers(1e7),
+    friction=ConstantFriction.Numbers(0.2),
+    heating=PairSplit.Numbers(),
+    reaction=ContactAreaReaction.Numbers(100.0),
     fragmentation=None,
-    solver=BracketedRoot(),
+    solver=BracketedRoot.Numbers(),
     heat_capacity=500.0,
 )
 """A closed form gives e, and everything else of an impact is at work; duration is added."""
 
 BREAKING = MERGING._replace(
-    hardness=ArrheniusHardness(1e10, 700.0),
-    friction=RestitutionScaledFriction(0.2),
-    fragmentation=PairEnergyFragmentation(3.0),
+    hardness=ArrheniusHardness.Numbers(1e10, 700.0),
+    friction=RestitutionScaledFriction.Numbers(0.2),
+    fragmentation=PairEnergyFragmentation.Numbers(3.0),
 )
 
 
@@ -84,7 +80,7 @@ def make_scene(laws, engine, escape, particles, size_ratio, end_time, cooling=No
     radius = size_ratio * HALF / particles ** (1.0 / 3.0)
     return Scene(
         escape=escape,
-        velocities=SpreadVelocities(speed, (0.0, 0.0, 0.0), 1.0),
+        velocities=SpreadVelocities.Numbers((0.0, 0.0, 0.0), 1.0, speed),
         laws=laws,
         cooling=cooling,
         engine=engine,
@@ -98,96 +94,108 @@ def make_scene(laws, engine, escape, particles, size_ratio, end_time, cooling=No
 
 
 def fixed_periodic(restitution, steps, **options):
-    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
-    return make_scene(laws, FixedSteps(steps), Periodic(), **options)
+    laws = CONSTANT._replace(restitution=ConstantRestitution.Numbers(restitution))
+    return make_scene(laws, FixedSteps.Numbers(steps), Periodic.Numbers(), **options)
 
 
 def adaptive_reentry(restitution, floor=FLOOR, ceiling=CEILING, **options):
-    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
-    return make_scene(laws, AdaptiveSteps(floor, ceiling), Reentry(), **options)
+    laws = CONSTANT._replace(restitution=ConstantRestitution.Numbers(restitution))
+    return make_scene(laws, AdaptiveSteps.Numbers(floor, ceiling), Reentry.Numbers(), **options)
 
 
 def event_periodic(restitution, budget=BUDGET, **options):
-    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
-    return make_scene(laws, EventDriven(budget), Periodic(), **options)
+    laws = CONSTANT._replace(restitution=ConstantRestitution.Numbers(restitution))
+    return make_scene(laws, EventDriven.Numbers(budget), Periodic.Numbers(), **options)
 
 
 def event_reentry(restitution, budget=BUDGET, **options):
-    laws = CONSTANT._replace(restitution=ConstantRestitution(restitution))
-    return make_scene(laws, EventDriven(budget), Reentry(), **options)
+    laws = CONSTANT._replace(restitution=ConstantRestitution.Numbers(restitution))
+    return make_scene(laws, EventDriven.Numbers(budget), Reentry.Numbers(), **options)
 
 
 def merging_fixed_reentry(hardness, steps, **options):
-    laws = MERGING._replace(duration=MeanSpeedDuration(1e-6), hardness=ConstantHardness(hardness))
-    return make_scene(laws, FixedSteps(steps), Reentry(), **options)
+    laws = MERGING._replace(
+        duration=MeanSpeedDuration.Numbers(1e-6), hardness=ConstantHardness.Numbers(hardness)
+    )
+    return make_scene(laws, FixedSteps.Numbers(steps), Reentry.Numbers(), **options)
 
 
 def merging_adaptive_periodic(hardness, floor=FLOOR, ceiling=CEILING, **options):
     laws = MERGING._replace(
-        duration=CompressionRecoveryDuration(1.0), hardness=ConstantHardness(hardness)
+        duration=CompressionRecoveryDuration.Numbers(1.0),
+        hardness=ConstantHardness.Numbers(hardness),
     )
-    return make_scene(laws, AdaptiveSteps(floor, ceiling), Periodic(), **options)
+    return make_scene(laws, AdaptiveSteps.Numbers(floor, ceiling), Periodic.Numbers(), **options)
 
 
 def merging_event_periodic(hardness, **options):
     laws = MERGING._replace(
-        duration=CompressionRecoveryDuration(1.0), hardness=ConstantHardness(hardness)
+        duration=CompressionRecoveryDuration.Numbers(1.0),
+        hardness=ConstantHardness.Numbers(hardness),
     )
-    return make_scene(laws, EventDriven(BUDGET), Periodic(), **options)
+    return make_scene(laws, EventDriven.Numbers(BUDGET), Periodic.Numbers(), **options)
 
 
 def merging_event_reentry(hardness, **options):
-    laws = MERGING._replace(duration=MeanSpeedDuration(1e-6), hardness=ConstantHardness(hardness))
-    return make_scene(laws, EventDriven(BUDGET), Reentry(), **options)
+    laws = MERGING._replace(
+        duration=MeanSpeedDuration.Numbers(1e-6), hardness=ConstantHardness.Numbers(hardness)
+    )
+    return make_scene(laws, EventDriven.Numbers(BUDGET), Reentry.Numbers(), **options)
 
 
 def radiation():
     rest = equilibrium_temperature(0.5, 300.0, 20.0, 350.0)
-    return RadiativeCooling(0.5, 300.0, 20.0, 350.0, rest)
+    return RadiativeCooling.Numbers(0.5, 300.0, 20.0, 350.0, rest)
 
 
 def breaking_fixed_periodic(steps, **options):
     """Return a scene of [A] that also breaks and cools exactly."""
-    laws = BREAKING._replace(duration=MeanSpeedDuration(1e-6))
+    laws = BREAKING._replace(duration=MeanSpeedDuration.Numbers(1e-6))
     return make_scene(
-        laws, FixedSteps(steps), Periodic(), cooling=ExactCooling(radiation()), **options
+        laws,
+        FixedSteps.Numbers(steps),
+        Periodic.Numbers(),
+        cooling=ExactCooling(radiation()),
+        **options,
     )
 
 
 def breaking_adaptive_reentry(floor=FLOOR, ceiling=CEILING, **options):
     """Return a scene of [B] that breaks and cools by Euler steps."""
-    laws = BREAKING._replace(duration=CompressionRecoveryDuration(1e-6))
-    engine = AdaptiveSteps(floor, ceiling)
+    laws = BREAKING._replace(duration=CompressionRecoveryDuration.Numbers(1e-6))
+    engine = AdaptiveSteps.Numbers(floor, ceiling)
     cooling = EulerCooling(radiation())
-    return make_scene(laws, engine, Reentry(), cooling=cooling, **options)
+    return make_scene(laws, engine, Reentry.Numbers(), cooling=cooling, **options)
 
 
 def breaking_event_periodic(**options):
     """Return a scene of the type that `jobs/agglomeration_2004.yaml` has."""
     scene = breaking_fixed_periodic(1, **options)
     laws = scene.laws._replace(
-        duration=CompressionRecoveryDuration(1e-6), friction=ConstantFriction(0.2)
+        duration=CompressionRecoveryDuration.Numbers(1e-6), friction=ConstantFriction.Numbers(0.2)
     )
-    return scene._replace(engine=EventDriven(BUDGET), laws=laws)
+    return scene._replace(engine=EventDriven.Numbers(BUDGET), laws=laws)
 
 
 def breaking_event_reentry(**options):
     """Return the scene of `breaking_fixed_periodic` without its steps, and with real faces."""
     scene = breaking_fixed_periodic(1, **options)
-    return scene._replace(engine=EventDriven(BUDGET), escape=Reentry())
+    return scene._replace(engine=EventDriven.Numbers(BUDGET), escape=Reentry.Numbers())
 
 
 def with_own_energies(scene, surface_energy):
     """Return a scene as [B] prints it: each sphere by its own kinetic energy, and no cooling."""
     laws = scene.laws._replace(
-        heating=OwnEnergy(), fragmentation=OwnEnergyFragmentation(surface_energy)
+        heating=OwnEnergy.Numbers(), fragmentation=OwnEnergyFragmentation.Numbers(surface_energy)
     )
     return scene._replace(laws=laws, cooling=None)
 
 
 def with_published_iteration(scene, tolerance, cap):
     """Return a scene whose restitution is iterated as published."""
-    return scene._replace(laws=scene.laws._replace(solver=FixedPointIteration(tolerance, cap)))
+    return scene._replace(
+        laws=scene.laws._replace(solver=FixedPointIteration.Numbers(tolerance, cap))
+    )
 
 
 def image(difference, periodic):
@@ -199,7 +207,7 @@ def image(difference, periodic):
 def placed(scene, seed, velocities=None):
     """Place and launch the grains of a scene; written here, not by the simulator."""
     random = np.random.default_rng(seed)
-    periodic = isinstance(scene.escape, Periodic)
+    periodic = isinstance(scene.escape, Periodic.Numbers)
     positions = np.empty((0, 3))
     while len(positions) < scene.particles:
         trial = random.uniform(-HALF, HALF, 3)
@@ -207,7 +215,9 @@ def placed(scene, seed, velocities=None):
         if np.all(distances >= 2.0 * scene.radius):
             positions = np.vstack((positions, trial))
     if velocities is None:
-        velocities = scene.velocities.speed * random.uniform(-1.0, 1.0, (scene.particles, 3))
+        velocities = scene.velocities.relative_speed * random.uniform(
+            -1.0, 1.0, (scene.particles, 3)
+        )
     return state(scene, positions, velocities)
 
 

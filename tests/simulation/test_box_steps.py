@@ -10,7 +10,7 @@ from box_runs import BOXES, GAS, QUICKSTART, bits, make
 from plain_python import cases
 
 from agglom_mpi import Box
-from agglom_mpi.config.scene import EventEngine
+from agglom_mpi.simulation.engines import EventDriven
 
 INSTANTANEOUS = (
     "time",
@@ -156,7 +156,7 @@ def test_setting_what_is_there_changes_nothing_but_roundings():
 
 
 def test_a_budget_that_is_used_up_is_an_error_and_the_box_can_go_on():
-    box = Box(GAS, engine=EventEngine(budget=2))
+    box = Box(GAS, engine=EventDriven(budget=2))
     with pytest.raises(RuntimeError, match="budget was used up at 0"):
         box.advance(0.1)
     reached = box.time

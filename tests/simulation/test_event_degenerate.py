@@ -12,7 +12,7 @@ from plain_python import cases
 from scenes import HALF, ball_mass, grains_in, kinetic_energy, momentum, placed, state
 
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
-from agglom_mpi.physics.restitution import ConstantRestitution, ContactTimeRestitution
+from agglom_mpi.physics.restitution import ConstantRestitution, LastingContact
 from agglom_mpi.simulation.particles import COLLISIONS, EXHAUSTED, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
 
@@ -451,7 +451,7 @@ SEEDS = pytest.mark.parametrize("seed", cases(range(3), [0], pytest.mark.slow))
 @pytest.mark.parametrize("e", [0.1, 0.2])
 def test_collapse_ends_at_rounding_and_much_sooner_if_contacts_last(e):
     collisions = []
-    for restitution in (ConstantRestitution(e), ContactTimeRestitution(e, 1e-6)):
+    for restitution in (ConstantRestitution.Numbers(e), LastingContact.Numbers(e, 1e-6)):
         for seed in range(6):
             record, particles = simulated(restitution, seed)
             assert (record["state"], record["reason"]) == (COMPLETED, 0)
@@ -467,10 +467,10 @@ def test_collapse_ends_at_rounding_and_much_sooner_if_contacts_last(e):
 
 @SEEDS
 def test_collapse_may_exhaust_the_budget_unless_contacts_last(seed):
-    record, _ = simulated(ConstantRestitution(0.1), seed, budget=100)
+    record, _ = simulated(ConstantRestitution.Numbers(0.1), seed, budget=100)
     assert (record["state"], record["reason"]) == (FAILED, FailureReason.BUDGET_EXCEEDED)
     assert 0.0 < record["end_time"] < 1.0
-    record, _ = simulated(ContactTimeRestitution(0.1, 1e-6), seed, budget=100)
+    record, _ = simulated(LastingContact.Numbers(0.1, 1e-6), seed, budget=100)
     assert (record["state"], record["reason"]) == (COMPLETED, 0)
 
 
@@ -491,9 +491,12 @@ def test_a_contact_time_far_below_the_flights_changes_nothing():
         assert record["collisions"] > 2 * 500
         return kinetic_energy(particles), int(record["collisions"])
 
-    assert ended(ContactTimeRestitution(0.8, 1e-14), 5) == ended(ConstantRestitution(0.8), 5)
+    assert ended(LastingContact.Numbers(0.8, 1e-14), 5) == ended(
+        ConstantRestitution.Numbers(0.8), 5
+    )
     ratios = [
-        ended(ContactTimeRestitution(0.8, 1e-6), seed)[0] / ended(ConstantRestitution(0.8), seed)[0]
+        ended(LastingContact.Numbers(0.8, 1e-6), seed)[0]
+        / ended(ConstantRestitution.Numbers(0.8), seed)[0]
         for seed in range(40)
     ]
     mean, error = np.mean(ratios), np.std(ratios, ddof=1) / np.sqrt(40)

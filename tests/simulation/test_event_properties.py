@@ -27,6 +27,7 @@ from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.cooling import ExactCooling
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
 from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
     COLLISIONS,
@@ -37,7 +38,6 @@ from agglom_mpi.simulation.particles import (
     REACTION,
     SURFACE,
 )
-from agglom_mpi.simulation.scene import EventDriven
 
 few = settings(
     max_examples=25,
@@ -111,7 +111,7 @@ def overlapping_and_approaching(scene, particles):
     low, high = np.triu_indices(n, 1)
     r, v = particles.position.T, particles.velocity.T
     d = r[high] - r[low]
-    if isinstance(scene.escape, Periodic):
+    if isinstance(scene.escape, Periodic.Numbers):
         d -= 2.0 * HALF * np.rint(d / (2.0 * HALF))
     distance = np.linalg.norm(d, axis=1)
     reach = particles.radius[low] + particles.radius[high]
@@ -160,16 +160,18 @@ def assert_books_what_it_loses(gas):
 def aggregating(draw):
     """Draw a scene that merges, and perhaps breaks and cools, and its grains."""
     breaks = draw(st.booleans())
-    laws = (BREAKING if breaks else MERGING)._replace(duration=MeanSpeedDuration(1e-6))
+    laws = (BREAKING if breaks else MERGING)._replace(duration=MeanSpeedDuration.Numbers(1e-6))
     if breaks:
-        laws = laws._replace(hardness=ArrheniusHardness(10.0 ** draw(st.floats(8, 11)), 700.0))
+        laws = laws._replace(
+            hardness=ArrheniusHardness.Numbers(10.0 ** draw(st.floats(8, 11)), 700.0)
+        )
     else:
-        laws = laws._replace(hardness=ConstantHardness(10.0 ** draw(st.floats(4, 11))))
+        laws = laws._replace(hardness=ConstantHardness.Numbers(10.0 ** draw(st.floats(4, 11))))
     number = draw(NUMBERS)
     speed = 10.0 ** draw(st.floats(-1.0, 2.0))
     scene = make_scene(
         laws,
-        EventDriven(BUDGET),
+        EventDriven.Numbers(BUDGET),
         ESCAPES["periodic"] if breaks else ESCAPES[draw(ESCAPE)],
         number,
         size_ratio(min(draw(FRACTIONS), 0.2)),

@@ -149,8 +149,8 @@ def test_no_two_overlap_in_a_frame_between_events():
         assert 1.0 - 1e-12 <= closest / (2.0 * scene.radius) < 1.01
 
 
-CONVECTION = RadiativeCooling(0.0, 300.0, 20.0, 350.0, 350.0)
-INTO_THE_COLD = RadiativeCooling(0.5, 0.0, 0.0, 0.0, 0.0)
+CONVECTION = RadiativeCooling.Numbers(0.0, 300.0, 20.0, 350.0, 350.0)
+INTO_THE_COLD = RadiativeCooling.Numbers(0.5, 0.0, 0.0, 0.0, 0.0)
 
 
 def relaxed(scene, times):

@@ -30,6 +30,7 @@ from processes import output_of, program
 from scenes import HALF
 
 from agglom_mpi.outcome import COMPLETED, OUTCOME, FailureReason, final_particles
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.initial_state import scatter
 from agglom_mpi.simulation.particles import new_particles
@@ -40,7 +41,6 @@ from agglom_mpi.simulation.sample import (
     run_engine,
     without_law,
 )
-from agglom_mpi.simulation.scene import EventDriven
 
 SHARES = st.lists(
     st.one_of(st.sampled_from([0.0, 0.5, 1.0]), st.floats(0.0, 1.0)), max_size=12
@@ -157,8 +157,8 @@ def test_the_first_frame_shows_the_grains_as_they_are_placed(name):
     assert np.all(frame.temperatures == scene.temperature)
     _, at_once = unseen(scene._replace(end_time=0.0), 3)
     assert at_once.position.T[: scene.particles].tobytes() == frame.positions.tobytes()
-    assert np.all(np.abs(frame.velocities) <= scene.velocities.speed)
-    rounding = 4e-16 * scene.velocities.speed * 4
+    assert np.all(np.abs(frame.velocities) <= scene.velocities.relative_speed)
+    rounding = 4e-16 * scene.velocities.relative_speed * 4
     np.testing.assert_allclose(
         at_once.velocity.T[: scene.particles], frame.velocities, rtol=0, atol=rounding
     )
@@ -192,7 +192,7 @@ def test_places_that_nobody_is_in_are_empty():
 
 @pytest.mark.plain
 def test_a_sample_that_fails_has_the_frames_up_to_there():
-    scene = SCENES["event, all bounce"]._replace(engine=EventDriven(2))
+    scene = SCENES["event, all bounce"]._replace(engine=EventDriven.Numbers(2))
     times = np.linspace(0.0, scene.end_time, 50)
     record, _, frames = looked_at(scene, 1, times)
     assert record["reason"] == FailureReason.BUDGET_EXCEEDED

@@ -19,7 +19,7 @@ IMPACT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
 from contact_pairs import constant_laws, contact_pair
-from agglom_mpi.physics.impact import solve_impact as used
+from agglom_mpi.simulation.impact import solve_impact as used
 impact = used(constant_laws(0.5, None, None), contact_pair(3.0))
 result = [float(number).hex() for number in impact]
 """

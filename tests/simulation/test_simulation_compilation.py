@@ -13,10 +13,10 @@ from scenes import event_periodic
 
 from agglom_mpi.simulation import compilation
 from agglom_mpi.simulation.compilation import compile_kernels, ensure_compiled, is_compiled, kind_of
+from agglom_mpi.simulation.engines import EventDriven, FixedSteps
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.initial_state import scatter
 from agglom_mpi.simulation.sample import measure_sample, run_engine, simulate_scene
-from agglom_mpi.simulation.scene import EventDriven, FixedSteps
 from agglom_mpi.simulation.trajectory import observe_particles
 
 pytestmark = pytest.mark.skipif(
@@ -32,7 +32,7 @@ import os, sys
 if sys.argv[2] == "one process":
     os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
 from agglom_mpi import load_campaign
-from agglom_mpi.physics.impact import solve_impact
+from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.event_driven.state import rebuild
 campaign = load_campaign(sys.argv[1])
 string = campaign.parameters({}, fill="centre")
@@ -57,10 +57,10 @@ def test_nothing_is_compiled_after_kernels_were_compiled_ahead():
 
 
 def test_a_kind_of_scene_is_what_its_parts_are_and_not_their_numbers():
-    other = SCENE._replace(radius=1.0, end_time=1.0, engine=EventDriven(7))
+    other = SCENE._replace(radius=1.0, end_time=1.0, engine=EventDriven.Numbers(7))
     assert kind_of(other) == kind_of(SCENE)
-    assert kind_of(SCENE._replace(engine=FixedSteps(7))) != kind_of(SCENE)
-    laws = SCENE.laws._replace(friction=EventDriven(7))
+    assert kind_of(SCENE._replace(engine=FixedSteps.Numbers(7))) != kind_of(SCENE)
+    laws = SCENE.laws._replace(friction=EventDriven.Numbers(7))
     assert kind_of(SCENE._replace(laws=laws)) != kind_of(SCENE)
 
 

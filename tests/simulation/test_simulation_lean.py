@@ -25,18 +25,19 @@ from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, RadiativeCool
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
-from agglom_mpi.physics.heating import ContactAreaReaction, PairSplit
+from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
+from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import (
     ConstantRestitution,
-    ContactTimeRestitution,
+    LastingContact,
     PressureRestitution,
 )
 from agglom_mpi.simulation.boundary import Periodic
+from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.event_driven.flights import NEXT_EVENT, TRAJECTORY
 from agglom_mpi.simulation.particles import particle_type, particle_type_of
 from agglom_mpi.simulation.sample import INITIAL, simulate_scene
-from agglom_mpi.simulation.scene import AdaptiveSteps, EventDriven, FixedSteps
 
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
 LEAN = event_periodic(0.9, **FEW)
@@ -44,7 +45,7 @@ ALWAYS = {"x", "y", "z", "u", "v", "w", "radius", "mass", "label"}
 FIELDS = {
     "constant restitution": (LEAN, set()),
     "contact time": (
-        LEAN._replace(laws=LEAN.laws._replace(restitution=ContactTimeRestitution(0.9, 1e-6))),
+        LEAN._replace(laws=LEAN.laws._replace(restitution=LastingContact.Numbers(0.9, 1e-6))),
         {"last_impact"},
     ),
     "heat": (merging_event_periodic(2e4, **FEW), {"temperature"}),
@@ -96,15 +97,15 @@ def test_what_a_campaign_says_it_does_not_know_of_a_particle_is_not_allocated(jo
 
 CROWD = {"particles": 120, "size_ratio": 0.8, "end_time": 1e-3}
 SOME = {"particles": 30, "size_ratio": 0.8, "end_time": 3e-3}
-SHADOW = RadiativeCooling(0.0, 300.0, 0.0, 300.0, 300.0)
+SHADOW = RadiativeCooling.Numbers(0.0, 300.0, 0.0, 300.0, 300.0)
 """Radiation of what neither emits nor absorbs."""
 
-CONSTANT_RESTITUTION = CONSTANT._replace(restitution=ConstantRestitution(0.9))
+CONSTANT_RESTITUTION = CONSTANT._replace(restitution=ConstantRestitution.Numbers(0.9))
 PRESSURE = CONSTANT._replace(
-    restitution=PressureRestitution(),
-    duration=CompressionRecoveryDuration(1.0),
-    hardness=ConstantHardness(2e5),
-    solver=BracketedRoot(),
+    restitution=PressureRestitution.Numbers(),
+    duration=CompressionRecoveryDuration.Numbers(1.0),
+    hardness=ConstantHardness.Numbers(2e5),
+    solver=BracketedRoot.Numbers(),
 )
 """Some bond, most bounce."""
 
@@ -112,29 +113,29 @@ PRESSURE = CONSTANT._replace(
 def with_inert_parts(scene):
     """Add every submodel that the scene has left out, so that it has no effect on motion."""
     laws = scene.laws._replace(
-        friction=ConstantFriction(0.0),
-        heating=PairSplit(),
-        reaction=ContactAreaReaction(0.0),
-        fragmentation=PairEnergyFragmentation(1e300),
+        friction=ConstantFriction.Numbers(0.0),
+        heating=PairSplit.Numbers(),
+        reaction=ContactAreaReaction.Numbers(0.0),
+        fragmentation=PairEnergyFragmentation.Numbers(1e300),
         heat_capacity=500.0,
     )
     if laws.hardness is None:
-        laws = laws._replace(restitution=ContactTimeRestitution(laws.restitution.value, 0.0))
+        laws = laws._replace(restitution=LastingContact.Numbers(laws.restitution.value, 0.0))
     else:
-        laws = laws._replace(hardness=ArrheniusHardness(laws.hardness.base, 0.0))
-    cooling = EulerCooling if isinstance(scene.engine, AdaptiveSteps) else ExactCooling
+        laws = laws._replace(hardness=ArrheniusHardness.Numbers(laws.hardness.hardness, 0.0))
+    cooling = EulerCooling if isinstance(scene.engine, AdaptiveSteps.Numbers) else ExactCooling
     return scene._replace(laws=laws, cooling=cooling(SHADOW))
 
 
 LAWS_AND_ENGINES = {
-    "event": (CONSTANT_RESTITUTION, EventDriven(20_000)),
+    "event": (CONSTANT_RESTITUTION, EventDriven.Numbers(20_000)),
     "event, all bond": (
-        CONSTANT_RESTITUTION._replace(restitution=ConstantRestitution(0.0)),
-        EventDriven(20_000),
+        CONSTANT_RESTITUTION._replace(restitution=ConstantRestitution.Numbers(0.0)),
+        EventDriven.Numbers(20_000),
     ),
-    "event, pressure": (PRESSURE, EventDriven(20_000)),
-    "fixed": (CONSTANT_RESTITUTION, FixedSteps(200)),
-    "adaptive": (CONSTANT_RESTITUTION, AdaptiveSteps(FLOOR, CEILING)),
+    "event, pressure": (PRESSURE, EventDriven.Numbers(20_000)),
+    "fixed": (CONSTANT_RESTITUTION, FixedSteps.Numbers(200)),
+    "adaptive": (CONSTANT_RESTITUTION, AdaptiveSteps.Numbers(FLOOR, CEILING)),
 }
 
 
@@ -154,7 +155,7 @@ SLOW = pytest.mark.slow
     ],
 )
 def test_submodels_without_effect_do_not_change_a_bit(name, crowd, seed):
-    lean = make_scene(*LAWS_AND_ENGINES[name], Periodic(), **crowd)
+    lean = make_scene(*LAWS_AND_ENGINES[name], Periodic.Numbers(), **crowd)
     record, particles = simulate_scene(lean, np.random.default_rng(seed))
     general, others = simulate_scene(with_inert_parts(lean), np.random.default_rng(seed))
     assert record["collisions"] > 100 or record["merges"] > 20

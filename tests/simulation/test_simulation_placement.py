@@ -26,15 +26,15 @@ SIZES = [(2, 0.8), (9, 0.8), (30, 0.85), (100, 0.8), (1000, 0.8), (300, 0.05)]
 @pytest.mark.parametrize(
     ("count", "size_ratio", "escape"),
     [
-        *((*size, Periodic()) for size in SIZES),
-        *(pytest.param(*size, Reentry(), marks=PLAIN) for size in SIZES[:3]),
-        *(pytest.param(*size, Reentry(), marks=pytest.mark.slow) for size in SIZES[3:]),
+        *((*size, Periodic.Numbers()) for size in SIZES),
+        *(pytest.param(*size, Reentry.Numbers(), marks=PLAIN) for size in SIZES[:3]),
+        *(pytest.param(*size, Reentry.Numbers(), marks=pytest.mark.slow) for size in SIZES[3:]),
     ],
 )
 def test_no_two_spheres_overlap_and_all_are_inside(escape, count, size_ratio):
     position, diameter = placement(3, escape, count, size_ratio)
     assert np.all(np.abs(position) <= HALF)
-    periodic = isinstance(escape, Periodic)
+    periodic = isinstance(escape, Periodic.Numbers)
     for i in range(count - 1):
         away = image(position[:, i + 1 :] - position[:, [i]], periodic)
         assert np.min(np.linalg.norm(away, axis=0)) >= diameter * (1.0 - 1e-12)
@@ -52,7 +52,7 @@ def test_a_run_that_is_to_end_looks_for_no_place():
 def test_the_centres_fill_the_box_evenly():
     """Exclusion only narrows the binomial spread, of which four standard deviations are allowed."""
     count = 4000
-    position, _ = placement(5, Periodic(), count, 0.5)
+    position, _ = placement(5, Periodic.Numbers(), count, 0.5)
     mean_error = 2.0 * HALF / math.sqrt(12.0 * count)
     assert np.all(np.abs(position.mean(axis=1)) <= 4.0 * mean_error)
     octant = (position > 0.0).T @ np.array([1, 2, 4])
@@ -63,7 +63,7 @@ def test_the_centres_fill_the_box_evenly():
 def test_points_are_as_near_to_each_other_as_independent_ones():
     """Of independent points a share (4/3)πr³/V of all pairs is within r by minimum image."""
     count, reach = 1500, 0.5 * HALF
-    position, _ = placement(7, Periodic(), count, 1e-6)
+    position, _ = placement(7, Periodic.Numbers(), count, 1e-6)
     near = 0
     for i in range(count - 1):
         away = np.linalg.norm(image(position[:, i + 1 :] - position[:, [i]], True), axis=0)
@@ -75,7 +75,7 @@ def test_points_are_as_near_to_each_other_as_independent_ones():
 
 
 def test_spheres_may_lie_across_the_faces():
-    position, diameter = placement(11, Periodic(), 500, 0.6)
+    position, diameter = placement(11, Periodic.Numbers(), 500, 0.6)
     assert np.count_nonzero(np.abs(position) > HALF - 0.5 * diameter) > 50
     assert pdist(position.T).min() >= diameter * (1.0 - 1e-12)
 

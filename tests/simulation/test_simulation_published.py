@@ -15,7 +15,7 @@ from processes import output_of, program
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.scene import AdaptiveEngine
+from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.variables import NAMES
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
@@ -98,7 +98,7 @@ def adaptive(share):
     """Steps of at least, and at most ten times, this share of the run."""
     campaign = load_campaign(JOB)
     end_time = campaign.scene.build(campaign.parameters(named(TABLE_1[0]))).end_time
-    return AdaptiveEngine(floor=share * end_time, ceiling=10.0 * share * end_time)
+    return AdaptiveSteps(floor=share * end_time, ceiling=10.0 * share * end_time)
 
 
 @pytest.mark.slow

@@ -15,9 +15,14 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.size_warnings import MOST_FILLED
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.physics.kinetic_theory import mixture_rates
-from agglom_mpi.physics.sizes import ListedSizes, LognormalSizes, draw_radii
+from agglom_mpi.physics.size_distributions import (
+    ListedDistribution,
+    LognormalDistribution,
+    draw_radii,
+)
+from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import Sizes, UniformX, scatter
+from agglom_mpi.simulation.initial_state import Sizes, scatter
 from agglom_mpi.simulation.sample import simulate_scene
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
@@ -41,7 +46,7 @@ def test_grains_of_one_size_are_equal_grains_to_the_bit(engine):
     campaign = quickstart()
     chosen = campaign.engine(ENGINES[engine])
     scene = campaign.scene.build(campaign.parameters(), chosen)
-    one = scene._replace(sizes=ListedSizes(np.ones(3)))
+    one = scene._replace(sizes=ListedDistribution(np.ones(3)))
     records = [simulate_scene(s, np.random.default_rng(5))[0] for s in (scene, one)]
     assert records[0].tobytes() == records[1].tobytes()
     assert records[0]["merges"] > 10
@@ -122,7 +127,7 @@ def test_grains_find_their_places_up_to_the_fraction_that_is_allowed(spread):
 
 def test_a_grain_larger_than_the_box_finds_no_place():
     scene = quickstart().scene.build(quickstart().parameters())
-    wide = scene._replace(sizes=LognormalSizes(2.5))
+    wide = scene._replace(sizes=LognormalDistribution(2.5))
     found = [simulate_scene(wide, np.random.default_rng(seed))[0]["reason"] for seed in range(40)]
     assert {REASONS[reason] for reason in found if reason} == {
         "placement: no free place was found for every sphere"
@@ -195,7 +200,7 @@ def test_pairs_of_each_kind_collide_at_the_rates_of_kinetic_theory(fraction):
     ratio, share = MIXTURES[fraction]
     large = round(10 * share)
     ratios = np.array([1.0] * (10 - large) + [ratio] * large)
-    law = ListedSizes(ratios / ratios.mean())
+    law = ListedDistribution(ratios / ratios.mean())
     runs = RUNS_OF_PAIRS[fraction]
     found = np.array([measured_over_expected(law, fraction, seed) for seed in range(runs)])
     mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / math.sqrt(runs)
@@ -241,7 +246,7 @@ def mixture(law, fraction, seed):
 
 def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
     """The rule by which a wide law is warned of before a run: see `plausibility.MOST_FILLED`."""
-    law, count, half = LognormalSizes(math.log(2.0)), 50, 1.0
+    law, count, half = LognormalDistribution(math.log(2.0)), 50, 1.0
     unit = half * (0.2 * 6.0 / math.pi / math.exp(3.0 * math.log(2.0) ** 2)) ** (1 / 3)
     places = np.empty((3, count))
     outcomes = {}
@@ -251,7 +256,7 @@ def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
         filled = 4.0 / 3.0 * math.pi * (radii**3).sum() / (2.0 * half) ** 3
         if filled > 0.45 and radii[0] < half:
             sizes = Sizes(radii, float(radii[0]))
-            laws, drawn = (Periodic(), UniformX(1.0)), places.copy()
+            laws, drawn = (Periodic.Numbers(), UniformX.Numbers(1.0)), places.copy()
             placed = scatter(*laws, random, sizes, half, places, drawn, NEVER)
             outcomes[filled] = placed
     assert len(outcomes) > 5

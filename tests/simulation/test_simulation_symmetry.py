@@ -30,11 +30,11 @@ from scenes import (
 )
 
 from agglom_mpi.physics.hardness import ConstantHardness
-from agglom_mpi.physics.heating import ContactAreaReaction
+from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.simulation.scene import AdaptiveSteps
 
 DENSE = {"particles": 24, "size_ratio": 0.7}
 BREAKING = [
@@ -99,8 +99,8 @@ def test_units_by_powers_of_two_do_not_change_a_bit(name, length, time):
 
 
 def in_other_units(engine, time):
-    if isinstance(engine, AdaptiveSteps):
-        return AdaptiveSteps(engine.floor * time, engine.ceiling * time)
+    if isinstance(engine, AdaptiveSteps.Numbers):
+        return AdaptiveSteps.Numbers(engine.floor * time, engine.ceiling * time)
     return engine
 
 
@@ -122,8 +122,8 @@ def test_units_do_not_matter_to_merges_heat_and_friction(scene, length, time, ma
     """Not bit by bit, since cube roots and logarithms of scaled numbers round otherwise."""
     particles = placed(scene, 2)
     laws = scene.laws._replace(
-        hardness=ConstantHardness(2e4 * mass / (length * time**2)),
-        reaction=ContactAreaReaction(scene.laws.reaction.heat * mass / time**2),
+        hardness=ConstantHardness.Numbers(2e4 * mass / (length * time**2)),
+        reaction=ContactAreaReaction.Numbers(scene.laws.reaction.reaction_heat * mass / time**2),
         heat_capacity=scene.laws.heat_capacity * (length / time) ** 2,
     )
     other = scene._replace(

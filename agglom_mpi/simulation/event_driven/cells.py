@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation.stages import ANY, Submodel, dispatch, inlined, not_inlined
-from agglom_mpi.physics.restitution import ConstantRestitution, ContactTimeRestitution
+from agglom_mpi.compilation.stages import inlined, not_inlined
+from agglom_mpi.physics.restitution import lets_particles_bond
 from agglom_mpi.simulation.boundary import cell_of, is_periodic
 
 MAX_OVERSIZE: Final = 128
@@ -294,19 +294,10 @@ def find_largest_radii(particles, largest_radii, count):
     return total / count
 
 
-@dispatch
-def max_all_pairs(restitution: Submodel) -> int:
-    """Particles up to which all pairs are compared, by the law that says whether they merge."""
-
-
-@max_all_pairs.register(ConstantRestitution, ContactTimeRestitution)
-def _of_lasting_particles(restitution):
-    return MAX_ALL_PAIRS
-
-
-@max_all_pairs.register(ANY)
-def _of_merging_particles(restitution):
-    return MAX_ALL_PAIRS_MERGING
+@inlined
+def max_all_pairs(restitution):
+    """Particles up to which all pairs are compared, by whether the law lets them merge."""
+    return MAX_ALL_PAIRS_MERGING if lets_particles_bond(restitution) else MAX_ALL_PAIRS
 
 
 @not_inlined

@@ -11,6 +11,7 @@ import numpy as np
 from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.boundary import clamped_position
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
+from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import copy_if_oversize, insert, remove
 from agglom_mpi.simulation.event_driven.event_queue import (
@@ -45,7 +46,6 @@ from agglom_mpi.simulation.particles import (
     velocity_of,
 )
 from agglom_mpi.simulation.scene import (
-    EventDriven,
     advance_to,
     begin,
     copy_at,

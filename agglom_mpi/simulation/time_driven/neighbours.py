@@ -20,6 +20,9 @@ from agglom_mpi.simulation.boundary import (
 )
 from agglom_mpi.simulation.particles import velocity_of
 
+PERIODIC: Final = Periodic().build({})
+"""A periodic box as kernels see it, for distances by minimum image."""
+
 MAX_ALL_PAIRS: Final = 40
 """Particles up to which it is faster to look at all; by measurement."""
 
@@ -237,7 +240,7 @@ def add_candidates(x, y, z, order, low, high, i, half, reach, candidates, found)
     limit = reach * reach
     for k in range(low, high):
         j = order[k]
-        square = square_of(Periodic(), x[i] - x[j], y[i] - y[j], z[i] - z[j], half)
+        square = square_of(PERIODIC, x[i] - x[j], y[i] - y[j], z[i] - z[j], half)
         candidates[i, min(found, MAX_CANDIDATES - 1)] = j
         found += int((square < limit) & (j != i))
     return found

@@ -19,8 +19,9 @@ from agglom_mpi.simulation.collision import (
     resolve_contact,
     separation_vector,
 )
+from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, compact, largest_radius
-from agglom_mpi.simulation.scene import AdaptiveSteps, FixedSteps, advance_to, is_aborted
+from agglom_mpi.simulation.scene import advance_to, is_aborted
 from agglom_mpi.simulation.time_driven.neighbours import (
     CHANGED,
     find_partners,

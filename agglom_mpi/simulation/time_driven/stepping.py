@@ -11,6 +11,7 @@ import numpy as np
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import wrapped_position
 from agglom_mpi.simulation.collision import dot
+from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
 from agglom_mpi.simulation.particles import (
     PARTICLE_STEPS,
     STEPS,
@@ -19,8 +20,6 @@ from agglom_mpi.simulation.particles import (
     velocity_of,
 )
 from agglom_mpi.simulation.scene import (
-    AdaptiveSteps,
-    FixedSteps,
     begin,
     copy_at,
     finish,

@@ -5,8 +5,9 @@ from typing import NamedTuple
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.contact import contact_area
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
-from agglom_mpi.physics.heating import impact_heats, reaction_heat
+from agglom_mpi.physics.heating import impact_heats
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.physics.reaction import contact_heat
 from agglom_mpi.physics.restitution import ImpactLaws, is_still_in_contact, solve_restitution
 
 
@@ -54,7 +55,7 @@ def solve_impact(laws: ImpactLaws, pair: ContactPair) -> ImpactResult:
     deficit = solution.deficit
     if solution.bonds:
         return ImpactResult(True, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
-    reaction = reaction_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
+    reaction = contact_heat(laws.reaction, contact_area(laws.contact_area, deficit, pair.radius))
     normal_impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     friction_impulse = tangential_impulse(laws.friction, pair, deficit)
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
