@@ -11,12 +11,36 @@ from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
-WORDS: Final = ("derived", "volume_fraction", "grain_diameter", "grain_radius", "sizes")
-"""Keys of which a campaign's text has one if it has derived columns."""
+DERIVING_KEYS: Final = ("derived", "volume_fraction", "grain_diameter", "grain_radius", "sizes")
+"""Keys of a campaign file; a campaign with derived columns has at least one of them."""
+
+
+def may_have_key(data: "CampaignData", key: str) -> bool:
+    """Return False only if the text of a campaign cannot have a key, at any level.
+
+    A comment may contain the word, and a quoted key may spell it by escapes. The caller reads the
+    campaign where the answer is True; to read every campaign would double the time of a report.
+    """
+    return key in data.campaign_text or "\\" in data.campaign_text
+
+
+def recorded_inversion(data: "CampaignData") -> "Campaign | None":
+    """Return the campaign of a file; None for a study, and where the text is damaged."""
+    if data.attributes.get("purpose", INVERSION) != INVERSION:
+        return None
+    # Imported here: most files are reported without what reads a campaign's text.
+    from agglom_mpi.config.yaml_source import CampaignError
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
+
+    try:
+        return recorded_campaign(data)
+    except CampaignError:
+        return None
 
 
 def derived_columns(data: "CampaignData") -> list[DerivedColumn]:
@@ -28,19 +52,10 @@ def derived_columns(data: "CampaignData") -> list[DerivedColumn]:
 
 
 def _columns(data: "CampaignData") -> list[DerivedColumn]:
-    # Most campaigns have none, and need not be read for that.
-    asked = any(word in data.campaign_text for word in WORDS)
-    if not asked or data.attributes.get("purpose", INVERSION) != INVERSION:
+    if not any(may_have_key(data, key) for key in DERIVING_KEYS):
         return []
-    # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.config.yaml_source import CampaignError
-    from agglom_mpi.storage.recorded_campaign import recorded_campaign
-
-    try:
-        campaign = recorded_campaign(data)
-    except CampaignError:
-        return []
-    return columns_of(campaign, parameters_of(data.string_rows()))
+    campaign = recorded_inversion(data)
+    return [] if campaign is None else columns_of(campaign, parameters_of(data.string_rows()))
 
 
 def values_of(data: "CampaignData", strings: Sequence[int] | Floats, name: str) -> Floats:

@@ -1,13 +1,12 @@
 """The order of the best strings of a campaign file."""
 
-import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.analysis.derived import may_have_key, recorded_inversion
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
-from agglom_mpi.storage.schema import INVERSION
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -120,17 +119,8 @@ def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[in
 
 
 def listed_strings(data: "CampaignData") -> int:
-    """Return how many strings tables list: as many as `final` asks for, else `LISTED`."""
-    # Most campaigns do not say it, and need not be read for that.
-    said = re.search(r"^final:.*\bstrings:", data.campaign_text, re.MULTILINE | re.DOTALL)
-    if said is None or data.attributes.get("purpose", INVERSION) != INVERSION:
+    """Return the number of strings in tables: `final.strings` of the campaign, else `LISTED`."""
+    if not (may_have_key(data, "final") and may_have_key(data, "strings")):
         return LISTED
-    # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.config.yaml_source import CampaignError
-    from agglom_mpi.storage.recorded_campaign import recorded_campaign
-
-    try:
-        final = recorded_campaign(data).final
-    except CampaignError:
-        return LISTED
-    return LISTED if final is None else final.strings
+    campaign = recorded_inversion(data)
+    return LISTED if campaign is None or campaign.final is None else campaign.final.strings
