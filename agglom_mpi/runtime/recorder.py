@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.display.progress import Best, Progress, best_of
 from agglom_mpi.display.remaining_time import DurationStatistics
-from agglom_mpi.outcome import FAILED
-from agglom_mpi.runtime.messages import storable
+from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
 from agglom_mpi.search.decisions import (
     Decision,
@@ -107,6 +106,7 @@ class DigestAccumulator:
         samples = concatenated(self._samples, sample_dtype)
         self._samples = [samples[samples["string"] > strings[-1]]]
         used = used_samples(samples, results)
+        used = used[used["reason"] != FailureReason.TIMED_OUT]  # which have no row in the file
         return generation_digest(self._parameters, results, used, self._version)
 
 
@@ -220,7 +220,7 @@ class RunRecorder:
 
     def count(self, results: NDArray[np.void]) -> None:
         """Count samples that decisions are made from, (n,), each once."""
-        self._digest.add_samples(storable(results))
+        self._digest.add_samples(results)
         self._count(results)
 
     def count_fresh(self, results: NDArray[np.void]) -> None:
