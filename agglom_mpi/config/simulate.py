@@ -9,6 +9,7 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.config.user_function import evaluate
 from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
@@ -53,7 +54,7 @@ def simulate(
     vector = np.asarray(parameters, dtype=np.float64)
     scene = campaign.scene.build(vector, engine)
     frames = None if times is None else new_frames(times, scene.particles)
-    random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
+    random = random_numbers(campaign, vector, sample)
     ensure_compiled(scene, frames is not None)
     stopwatch = Stopwatch()
     record, particles = simulate_scene(scene, random, frames=frames)
@@ -103,9 +104,24 @@ def changes_until(
     """
     vector = np.asarray(parameters, dtype=np.float64)
     scene = campaign.scene.build(vector, engine)
-    random = sample_stream(campaign.seed, vector, sample, campaign.common_configurations)
+    random = random_numbers(campaign, vector, sample)
     ensure_compiled(scene)
     return count_changes(scene, random, share * scene.end_time)
+
+
+def random_numbers(
+    campaign: "Campaign", parameters: npt.NDArray[np.float64], sample: int
+) -> np.random.Generator:
+    """Return the random numbers of a sample of a string, (10,), from their beginning."""
+    return sample_stream(campaign.seed, parameters, sample, campaign.common_configurations)
+
+
+def objective_values(campaign: "Campaign", rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+    """Return the objectives of n samples, (n,).
+
+    `rows` have the columns of `OUTCOME`, and, for a user's function, its values as `objective`.
+    """
+    return campaign.objective.build(campaign.scene.equivalent_grains).of_samples(rows)
 
 
 def _objective_value(
@@ -116,12 +132,9 @@ def _objective_value(
     final: FinalParticles,
 ) -> float:
     """Return the objective of one completed sample; nan if its function cannot be called here."""
-    from agglom_mpi.config.user_function import evaluate
-
     function = campaign.user_function
     if campaign.objective.law == "function":
         if function is None or function.source is None:
             return math.nan
         return evaluate(function, finished_sample(scene, parameters, record, final))
-    rows = np.array([record], result.OUTCOME)
-    return float(campaign.objective.build(campaign.scene.equivalent_grains).of_samples(rows)[0])
+    return float(objective_values(campaign, np.array([record], result.OUTCOME))[0])

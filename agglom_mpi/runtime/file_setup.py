@@ -89,7 +89,6 @@ NOT_DECIDING: Final = (
     # What a campaign in Python, its tables and its reports answer.
     "config/derived.py",
     "config/estimate.py",
-    "config/simulate.py",
     # The box for other programs.
     "simulation/stepwise.py",
 )

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.simulate import objective_values, random_numbers
 from agglom_mpi.config.user_function import evaluate
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
-from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
@@ -223,9 +223,8 @@ class Task(ABC):
     def _start(self, sample: int) -> tuple[SampleSetup, Scene, np.random.Generator]:
         setup = self._runner.experiment.setup(self._string)
         scene = self._runner.scene_of(self._string, setup, self._parameters)
-        of, number = setup.campaign, setup.first_sample + sample
-        random = sample_stream(of.seed, self._parameters, number, of.common_configurations)
-        return setup, scene, random
+        number = setup.first_sample + sample
+        return setup, scene, random_numbers(setup.campaign, self._parameters, number)
 
 
 class SampleTask(Task):
@@ -248,8 +247,7 @@ class SampleTask(Task):
         completed = rows["state"] == COMPLETED
         if completed.any():
             campaign = self._runner.experiment.setup(self._string).campaign
-            objective = campaign.objective.build(campaign.scene.equivalent_grains)
-            rows["objective"][completed] = objective.of_samples(rows)[completed]
+            rows["objective"][completed] = objective_values(campaign, rows)[completed]
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None
         return RankMessage(self._runner.rank, rows, final_particles=final)
