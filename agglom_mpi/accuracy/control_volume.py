@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import (
+    Curve,
+    ReportSection,
+    ReportTable,
+    Sentences,
+    TableColumn,
+    draw_curves,
+)
 from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
@@ -75,7 +82,7 @@ def control_volume_section(
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
     quick: bool,
-) -> Section:
+) -> ReportSection:
     """Return the section on number of particles and end time; arguments as for `measure`."""
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
@@ -92,7 +99,7 @@ def control_volume_section(
             row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
         ],
     )
-    return Section(
+    return ReportSection(
         title="Control volume and end time",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -110,8 +117,8 @@ def control_volume_section(
             ),
         ),
         tables=(
-            Table("box_particles", "One row is one number of particles.", sizes, COLUMNS),
-            Table("box_end_time", "One row is one end time.", times, COLUMNS),
+            ReportTable("box_particles", "One row is one number of particles.", sizes, COLUMNS),
+            ReportTable("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),

@@ -16,7 +16,14 @@ from agglom_mpi.accuracy.cooling_methods import (
     times_of_exact,
     times_per_step,
 )
-from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import (
+    Curve,
+    ReportSection,
+    ReportTable,
+    Sentences,
+    TableColumn,
+    draw_curves,
+)
 from agglom_mpi.accuracy.run_times import (
     WALL_OVER_CPU,
     ratio_of_clocks,
@@ -51,7 +58,7 @@ FLOOR: Final = 1e-17
 """Relative error at which a logarithmic axis shows none."""
 
 
-def cooling_section(scene: Scene, quick: bool = False) -> Section:
+def cooling_section(scene: Scene, quick: bool = False) -> ReportSection:
     """Return the section on cooling between impacts.
 
     Parameters
@@ -64,7 +71,7 @@ def cooling_section(scene: Scene, quick: bool = False) -> Section:
     grain = grain_of(scene)
     limits, errors = measure_limits(grain, scene, quick), measure_errors(grain, scene, quick)
     sentences = Sentences("cooling", **_findings(grain, scene, limits, errors))
-    return Section(
+    return ReportSection(
         title="Cooling",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -84,8 +91,10 @@ def cooling_section(scene: Scene, quick: bool = False) -> Section:
             ),
         ),
         tables=(
-            Table("cooling_limits", sentences.paragraph("limits_caption"), limits, LIMIT_COLUMNS),
-            Table("cooling_errors", "One row is a run from one temperature.", errors),
+            ReportTable(
+                "cooling_limits", sentences.paragraph("limits_caption"), limits, LIMIT_COLUMNS
+            ),
+            ReportTable("cooling_errors", "One row is a run from one temperature.", errors),
         ),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),

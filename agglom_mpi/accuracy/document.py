@@ -43,7 +43,7 @@ class TableColumn(NamedTuple):
     text: Callable[[Any], str]
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """Numbers of one study: all of them as `NAME.csv`, some as a table in the document.
 
     Attributes
@@ -64,7 +64,7 @@ class Table(NamedTuple):
     shown: tuple[TableColumn, ...] = ()
 
 
-class Section(NamedTuple):
+class ReportSection(NamedTuple):
     """A study as a document: problem, reference, set-ups, curves, failures, conclusions.
 
     Attributes
@@ -73,7 +73,7 @@ class Section(NamedTuple):
     problem, reference, setups : str
         What is asked, what errors are measured against, and what was run; Markdown paragraphs.
     figures : tuple of Drawing
-    tables : tuple of Table
+    tables : tuple of ReportTable
     failures : tuple of str
         What did not work, one sentence each, computed from the data.
     conclusions : tuple of str
@@ -85,7 +85,7 @@ class Section(NamedTuple):
     reference: str
     setups: str
     figures: tuple[Drawing, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     failures: tuple[str, ...]
     conclusions: tuple[str, ...]
 
@@ -94,7 +94,7 @@ class Chapter(NamedTuple):
     """Sections under a common heading."""
 
     title: str
-    sections: tuple[Section, ...]
+    sections: tuple[ReportSection, ...]
 
 
 class Header(NamedTuple):
@@ -177,7 +177,7 @@ def write_document(directory: Path, header: Header, chapters: Sequence[Chapter])
     return directory / NAME
 
 
-def _rows(table: Table) -> Iterator[str]:
+def _rows(table: ReportTable) -> Iterator[str]:
     """Yield the rows of the document's table as Markdown."""
     for _, row in table.frame.iterrows():
         yield " | ".join(column.text(row).replace("|", "¦") for column in table.shown)

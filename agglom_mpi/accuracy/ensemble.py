@@ -8,9 +8,9 @@ import numpy as np
 
 from agglom_mpi.accuracy.document import (
     Curve,
-    Section,
+    ReportSection,
+    ReportTable,
     Sentences,
-    Table,
     TableColumn,
     draw_curves,
 )
@@ -66,7 +66,7 @@ DIFFERENCES: Final = (1e-3, 1e-5)
 """Tolerances of successive differences that the conclusions speak of."""
 
 
-def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> Section:
+def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> ReportSection:
     """Return the section on the stopping rules, on a pool of samples of one parameter string.
 
     Parameters
@@ -101,7 +101,7 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
         rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
-    return Section(
+    return ReportSection(
         title=TITLE,
         problem=sentences.paragraph("problem"),
         reference=reference,
@@ -125,10 +125,10 @@ def _nothing(
     reference: str,
     failures: tuple[str, ...] = (),
     conclusions: tuple[str, ...] = (),
-) -> Section:
+) -> ReportSection:
     """Return a section without figures and tables."""
     problem, setups = sentences.paragraph("problem"), "nothing was run"
-    return Section(TITLE, problem, reference, setups, (), (), failures, conclusions)
+    return ReportSection(TITLE, problem, reference, setups, (), (), failures, conclusions)
 
 
 def _share(row: Any, name: str) -> str:
@@ -276,13 +276,13 @@ COLUMNS: Final = (
 )
 
 
-def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[Table, ...]:
+def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[ReportTable, ...]:
     import pandas as pd
 
     chosen = pd.concat([at_goal(of_rules(frame), goal), frame[frame["rule"] == OWN]])
     caption = sentences.paragraph("table_caption", goal=goal)
     everything = "Every rule at every tolerance; errors are relative, samples are counts."
     return (
-        Table("ensemble_at_goal", caption, chosen, COLUMNS),
-        Table("ensemble_rules", everything, frame),
+        ReportTable("ensemble_at_goal", caption, chosen, COLUMNS),
+        ReportTable("ensemble_rules", everything, frame),
     )

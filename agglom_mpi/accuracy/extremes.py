@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
+from agglom_mpi.accuracy.document import ReportSection, ReportTable, Sentences, TableColumn
 from agglom_mpi.accuracy.published_method import as_published
 from agglom_mpi.accuracy.run_times import time_columns, time_text
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
@@ -46,7 +46,7 @@ def setups(scenes: Mapping[str, Campaign], samples: int) -> dict[str, Setup]:
     return chosen
 
 
-def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Section:
+def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> ReportSection:
     """Return the section on extreme scenes; `samples` are those of `setups`, by name."""
     import pandas as pd
 
@@ -59,13 +59,13 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
         rows.append(row)
     frame = pd.DataFrame(rows)
     sentences = Sentences("extremes", closed=CLOSED, scenes=len(frame), **_findings(frame))
-    return Section(
+    return ReportSection(
         title="Stiff and extreme scenes",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(),
-        tables=(Table("extremes", "One row is one scene.", frame, COLUMNS),),
+        tables=(ReportTable("extremes", "One row is one scene.", frame, COLUMNS),),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),
     )

@@ -8,9 +8,9 @@ import numpy as np
 
 from agglom_mpi.accuracy.document import (
     Curve,
-    Section,
+    ReportSection,
+    ReportTable,
     Sentences,
-    Table,
     TableColumn,
     draw_curves,
 )
@@ -67,7 +67,7 @@ ERROR: Final = "position error (box edges)"
 TIME: Final = time_name("run")
 
 
-def few_body_section(quick: bool = False) -> Section:
+def few_body_section(quick: bool = False) -> ReportSection:
     """Return the section on the engines in scenes of two to five spheres.
 
     Parameters
@@ -80,7 +80,7 @@ def few_body_section(quick: bool = False) -> Section:
     frame = study(cases, settings, np.random.default_rng(SEED))
     fits = orders(frame)
     sentences = _sentences(cases, settings, frame, fits)
-    return Section(
+    return ReportSection(
         title="Time integration of a few spheres, before chaos sets in",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -228,7 +228,9 @@ def _upper(rows: "pd.DataFrame") -> "pd.Series":
     return rows["position error"] + 1.96 * rows["position error, standard error"]
 
 
-def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences) -> tuple[Table, ...]:
+def _tables(
+    frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences
+) -> tuple[ReportTable, ...]:
     def order(what: str) -> TableColumn:
         return TableColumn(f"order, {what}", lambda row: _order(row, what))
 
@@ -261,9 +263,9 @@ def _tables(frame: "pd.DataFrame", fits: "pd.DataFrame", sentences: Sentences) -
     )
     event = frame[frame["engine"] == "event"]
     return (
-        Table("few_orders", sentences.paragraph("orders_caption"), fits, of_orders),
-        Table("few_event", sentences.paragraph("event_caption"), event, of_event),
-        Table(
+        ReportTable("few_orders", sentences.paragraph("orders_caption"), fits, of_orders),
+        ReportTable("few_event", sentences.paragraph("event_caption"), event, of_event),
+        ReportTable(
             "few_runs", "Every scene, engine and step: errors and processor time per run.", frame
         ),
     )

@@ -9,9 +9,9 @@ import numpy as np
 from agglom_mpi.accuracy.document import (
     MARKERS,
     Curve,
-    Section,
+    ReportSection,
+    ReportTable,
     Sentences,
-    Table,
     TableColumn,
     draw_curves,
 )
@@ -45,12 +45,12 @@ FLOOR: Final = 1e-17
 OUTCOME_COLOURS: Final = ("0.85", "#009E73", "#E69F00", "#D55E00", "#56B4E9")
 
 
-def impact_solver_section(quick: bool = False) -> Section:
+def impact_solver_section(quick: bool = False) -> ReportSection:
     """Return the section on how an impact is solved; `quick` measures fewer materials."""
     impacts = measure(quick)
     frame = summary(impacts)
     sentences = Sentences("impact_solver", **_findings(impacts, frame))
-    return Section(
+    return ReportSection(
         title="Impact solver",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -68,8 +68,10 @@ def impact_solver_section(quick: bool = False) -> Section:
             ),
         ),
         tables=(
-            Table("impact_solver", "One row is one method, over all impacts.", frame, COLUMNS),
-            Table("impact_solver_impacts", "One row is one impact by one method.", impacts),
+            ReportTable(
+                "impact_solver", "One row is one method, over all impacts.", frame, COLUMNS
+            ),
+            ReportTable("impact_solver_impacts", "One row is one impact by one method.", impacts),
         ),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),

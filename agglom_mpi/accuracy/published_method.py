@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Section, Sentences, Table, TableColumn
+from agglom_mpi.accuracy.document import ReportSection, ReportTable, Sentences, TableColumn
 from agglom_mpi.accuracy.run_times import shown_time, time_columns
 from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, event_engine
@@ -72,7 +72,7 @@ def setups(campaign: Campaign, parameters: NDArray[np.float64], samples: int) ->
     return chosen
 
 
-def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
+def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> ReportSection:
     """Return the section on the published method.
 
     Parameters
@@ -89,13 +89,13 @@ def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> Section:
         engine=as_published(campaign.scene).engine,
         rows=[row for _, row in frame.iterrows()],
     )
-    return Section(
+    return ReportSection(
         title="The published method as a whole",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
         setups=sentences.paragraph("setups"),
         figures=(),
-        tables=(Table("whole_method", "One row is one method.", frame, COLUMNS),),
+        tables=(ReportTable("whole_method", "One row is one method.", frame, COLUMNS),),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),
     )

@@ -16,7 +16,7 @@ from agglom_mpi.accuracy import (
     time_integration,
 )
 from agglom_mpi.accuracy.cooling import cooling_section
-from agglom_mpi.accuracy.document import Chapter, Header, Section, write_document
+from agglom_mpi.accuracy.document import Chapter, Header, ReportSection, write_document
 from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.few_body import few_body_section
 from agglom_mpi.accuracy.impact_solver import impact_solver_section
@@ -74,8 +74,8 @@ QUICK: Final = StudySize(samples=60, pool=300, again=60, extreme=4, budget=5e7)
 FULL: Final = StudySize(samples=1000, pool=4000, again=400, extreme=20, budget=4e9)
 
 
-class Options(NamedTuple):
-    """Options of `agglom accuracy`."""
+class AccuracyOptions(NamedTuple):
+    """Options of `agglom accuracy`, as `cli/accuracy.py` declares them."""
 
     sources: tuple[str, ...]
     out: str
@@ -110,7 +110,7 @@ class StudyDisplay(Display):
         """Show nothing."""
 
 
-def accuracy(options: Options, world: "Intracomm | None") -> int:
+def accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:
     """Measure and report on all ranks; return the exit code."""
     display = StudyDisplay(options.quiet)
     plans: list[StudyPlan] = []
@@ -133,7 +133,7 @@ def accuracy(options: Options, world: "Intracomm | None") -> int:
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
 
 
-def make_plan(options: Options) -> StudyPlan:
+def make_plan(options: AccuracyOptions) -> StudyPlan:
     """Read the sources and list the set-ups.
 
     Raises
@@ -196,7 +196,7 @@ def _read_sources(
     return load_campaign(files[0], allow_code) if files else None, scenes
 
 
-def write_report(plan: StudyPlan, options: Options, file: CampaignData) -> Path:
+def write_report(plan: StudyPlan, options: AccuracyOptions, file: CampaignData) -> Path:
     """Write the report of a finished study; return its path."""
     samples = plan.study.collect(file)
     chapters = []
@@ -215,7 +215,7 @@ def write_report(plan: StudyPlan, options: Options, file: CampaignData) -> Path:
     return write_document(Path(options.out), header, chapters)
 
 
-def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Section]:
+def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[ReportSection]:
     """Yield error against run time of one scene, in the order of the report.
 
     The quick study leaves out what would compile further kernels.
@@ -235,7 +235,7 @@ def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Se
         yield search_history.search_history_section(plan.history, samples)
 
 
-def _command(options: Options) -> str:
+def _command(options: AccuracyOptions) -> str:
     """Return the command line that asks for these options."""
     words = ["agglom", "accuracy", *options.sources, "--out", options.out]
     for name, value in options.settings.items():

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglom_mpi.accuracy.document import Section, TableColumn
+from agglom_mpi.accuracy.document import ReportSection, TableColumn
 from agglom_mpi.formatting import format_seconds
 from agglom_mpi.stopwatch import BUSY_RATIO, TimeSpent
 
@@ -59,7 +59,7 @@ def ratio_of_clocks(times: Sequence[TimeSpent]) -> float:
     return float(np.median([spent.wall / spent.cpu for spent in times]))
 
 
-def busy_lines(samples: float, sections: Iterable[Section]) -> list[str]:
+def busy_lines(samples: float, sections: Iterable[ReportSection]) -> list[str]:
     """Return a warning about a machine that was busy with other work; empty if it was not.
 
     Parameters

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import (
+    Curve,
+    ReportSection,
+    ReportTable,
+    Sentences,
+    TableColumn,
+    draw_curves,
+)
 from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
@@ -69,7 +76,7 @@ def setups(
     }
 
 
-def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> Section:
+def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> ReportSection:
     """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
     frame = measure(history, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
@@ -89,7 +96,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         is_bias=abs(optimism.value) > max(CLAIMED_ERRORS * optimism.error, rounding),
         estimate=_again,
     )
-    return Section(
+    return ReportSection(
         title="Inversion",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -102,10 +109,10 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
             ),
         ),
         tables=(
-            Table(
+            ReportTable(
                 "inversion", "One row is one generation that changed the best.", changes, COLUMNS
             ),
-            Table("inversion_history", "One row is one generation.", frame),
+            ReportTable("inversion_history", "One row is one generation.", frame),
         ),
         failures=(),
         conclusions=sentences.items("conclusions"),

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.document import Curve, Section, Sentences, Table, TableColumn, draw_curves
+from agglom_mpi.accuracy.document import (
+    Curve,
+    ReportSection,
+    ReportTable,
+    Sentences,
+    TableColumn,
+    draw_curves,
+)
 from agglom_mpi.accuracy.run_times import (
     quartile_names,
     shown_time,
@@ -95,7 +102,7 @@ def time_integration_section(
     parameters: NDArray[np.float64],
     samples: Mapping[str, Rows],
     quick: bool,
-) -> Section:
+) -> ReportSection:
     """Return the section on the error of time steps.
 
     Parameters
@@ -123,7 +130,7 @@ def time_integration_section(
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
         overlaps=list(_overlaps(frame)),
     )
-    return Section(
+    return ReportSection(
         title="Time integration",
         problem=sentences.paragraph("problem"),
         reference=sentences.paragraph("reference"),
@@ -140,7 +147,7 @@ def time_integration_section(
                 lambda figure: _draw_error(figure, frame, cost[TIME]),
             ),
         ),
-        tables=(Table("time_integration", "One row is one set-up.", frame, COLUMNS),),
+        tables=(ReportTable("time_integration", "One row is one set-up.", frame, COLUMNS),),
         failures=sentences.items("failures"),
         conclusions=sentences.items("conclusions"),
     )

@@ -24,7 +24,7 @@ SHOWN: Final = 12
 """Most differing settings that are listed; more are counted."""
 
 
-class Comparison(NamedTuple):
+class FileComparison(NamedTuple):
     """The results of several campaign files.
 
     Attributes
@@ -43,7 +43,7 @@ class Comparison(NamedTuple):
     comparable: bool
 
 
-def compare(files: Sequence[CampaignData]) -> Comparison:
+def compare(files: Sequence[CampaignData]) -> FileComparison:
     """Compare campaign files, finished or not."""
     identities = [file.identity for file in files]
     names = dict.fromkeys(
@@ -63,7 +63,9 @@ def compare(files: Sequence[CampaignData]) -> Comparison:
     decisive = [
         name for name in differences if name == "scene.particles" or name.startswith("objective")
     ]
-    return Comparison([collect_summary(file, best=1) for file in files], differences, not decisive)
+    return FileComparison(
+        [collect_summary(file, best=1) for file in files], differences, not decisive
+    )
 
 
 def _different_constraints(files: Sequence[CampaignData]) -> list[Any]:
@@ -126,7 +128,7 @@ def _by_volume_fraction(
     return found
 
 
-def best_objectives(comparison: Comparison) -> dict[str, list[float]]:
+def best_objectives(comparison: FileComparison) -> dict[str, list[float]]:
     """Return the objectives of the files' best strings, by the kind of samples.
 
     Those `as searched` are of all files that have a best string, those `re-estimated` of the files
@@ -140,7 +142,7 @@ def best_objectives(comparison: Comparison) -> dict[str, list[float]]:
     }
 
 
-def comparison_table(comparison: Comparison) -> RenderableType:
+def comparison_table(comparison: FileComparison) -> RenderableType:
     """Return a table of the files, the spread of their best strings and differing settings."""
     counts = ("generations", "strings", "samples", "time")
     table = FittedTable("file", "state", *counts, "best as searched", "re-estimate", left=(0, 1))
@@ -165,7 +167,7 @@ def _with_error(entry: dict[str, Any]) -> str:
     return value if math.isnan(error) else f"{value} ± {error:.4f}"
 
 
-def _footer(comparison: Comparison) -> Iterator[str]:
+def _footer(comparison: FileComparison) -> Iterator[str]:
     if not comparison.comparable:
         yield "objectives are not of the same question, and cannot be compared"
     else:
@@ -205,7 +207,7 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def to_json(comparison: Comparison) -> str:
+def to_json(comparison: FileComparison) -> str:
     """Return a comparison as JSON."""
     files = [as_dict(summary) for summary in comparison.summaries]
     more = {"differences": comparison.differences, "comparable": comparison.comparable}

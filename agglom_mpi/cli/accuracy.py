@@ -47,8 +47,8 @@ def accuracy(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.run import Options, accuracy
+        from agglom_mpi.accuracy.run import AccuracyOptions, accuracy
 
-        return accuracy(Options(**options), world)
+        return accuracy(AccuracyOptions(**options), world)
 
     sys.exit(run_connected(run))

@@ -53,8 +53,8 @@ def invert_command(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.runtime.run import Options, invert
+        from agglom_mpi.runtime.run import InvertOptions, invert
 
-        return invert(Options(**options), world)
+        return invert(InvertOptions(**options), world)
 
     sys.exit(run_connected(run))

@@ -73,10 +73,10 @@ def plan(as_json: bool, **options: Any) -> int:
     """
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.display import print_wide
-    from agglom_mpi.planning.forecast import forecast_table, to_json
-    from agglom_mpi.planning.plan import Options, plan
+    from agglom_mpi.planning.forecast_table import forecast_table, to_json
+    from agglom_mpi.planning.plan import PlanOptions, plan
 
-    asked = Options(**options)
+    asked = PlanOptions(**options)
     with blame_damage(*filter(None, [asked.source])):
         report = plan(asked)
     if as_json:

@@ -1,6 +1,6 @@
 """`agglom simulate`: simulate one parameter string, or replay a recorded one."""
 
-from pathlib import Path
+from typing import Any
 
 import click
 
@@ -23,7 +23,7 @@ from agglom_mpi.cli.common import (
         "agglom simulate jobs/accretion_2003.yaml --frames 100 --out run",
     )
 )
-@click.argument("source")
+@click.argument("source", type=PATH)
 @SETTINGS
 @click.option(
     "--samples", type=click.IntRange(1, 10**6), help="Number of samples to average.  [default: 10]"
@@ -50,43 +50,21 @@ from agglom_mpi.cli.common import (
 @STRICT
 @JSON
 @exit_with
-def simulate(
-    source: str,
-    settings: dict[str, float | str],
-    samples: int | None,
-    engine: str | None,
-    string: int | None,
-    sample: int | None,
-    frames: int | None,
-    out: Path | None,
-    allow_code: bool,
-    strict: bool,
-    as_json: bool,
-) -> int:
+def simulate(as_json: bool, samples: int | None, **options: Any) -> int:
     """Simulate one parameter string of CAMPAIGN.yaml, or replay one recorded in FILE.h5.
 
     A range that is not --set takes its middle. --frames and --out write figures of one sample, its
     particles at up to 9 times and its evolution, and all frames for ParaView; no existing file is
     overwritten.
     """
-    if (frames is None) != (out is None):
+    frames = options["frames"]
+    if (frames is None) != (options["out"] is None):
         raise click.UsageError("--frames F and --out DIR belong together")
     if frames is not None and samples is not None:
         raise click.UsageError("--frames shows one sample; choose it with --sample, not --samples")
     from agglom_mpi.report.simulate import SimulationRequest, simulate_string
 
-    request = SimulationRequest(
-        source=Path(source),
-        settings=settings,
-        samples=samples or 10,
-        engine=engine,
-        string=string,
-        sample=sample,
-        allow_code=allow_code,
-        strict=strict,
-        frames=frames,
-        out=out,
-    )
+    request = SimulationRequest(samples=samples or 10, **options)
     text, code = simulate_string(request, as_json, show=lambda line: say(line, error=True))
     say(text)
     return code

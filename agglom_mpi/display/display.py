@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.measure import Measurement
 
 from agglom_mpi.display.plain_console import PlainConsole
-from agglom_mpi.display.progress import Progress, best_of, format_rate, log_line
+from agglom_mpi.display.progress import RunProgress, best_of, format_rate, log_line
 from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import launched_size
@@ -88,7 +88,7 @@ class Display:
         print_wide(content)
 
     def begin(
-        self, what: str, path: str, ranks: int, database: str, judged: int, progress: Progress
+        self, what: str, path: str, ranks: int, database: str, judged: int, progress: RunProgress
     ) -> None:
         """Show what is run, and the first live lines.
 
@@ -118,7 +118,7 @@ class Display:
         if self._live is None and not self._quiet:
             self.message(generation_line(summary, total, samples, rate))
 
-    def tick(self, progress: Progress) -> None:
+    def tick(self, progress: RunProgress) -> None:
         """Update the live lines, or log the progress if nothing was logged for a while."""
         if self._quiet:
             return

@@ -46,7 +46,7 @@ def best_of(summary: "GenerationSummary") -> Best:
     return Best(summary.best, *values, summary.estimated)
 
 
-class Progress(NamedTuple):
+class RunProgress(NamedTuple):
     """The state of a run; None stands for what is not known.
 
     Attributes
@@ -91,12 +91,12 @@ Phrase = tuple[str, str]
 """Some words and their rich style."""
 
 
-def phrases(progress: Progress) -> tuple[list[Phrase], list[Phrase], list[Phrase]]:
+def phrases(progress: RunProgress) -> tuple[list[Phrase], list[Phrase], list[Phrase]]:
     """Return three groups of phrases: progress and time, quality of the best, rate."""
     return _time_phrases(progress), _quality_phrases(progress), _rate_phrases(progress)
 
 
-def _time_phrases(progress: Progress) -> list[Phrase]:
+def _time_phrases(progress: RunProgress) -> list[Phrase]:
     found = [(f"{progress.done}/{progress.total} {progress.unit}", "bold")]
     if progress.elapsed:
         found.append((format_clock(progress.elapsed), ""))
@@ -106,7 +106,7 @@ def _time_phrases(progress: Progress) -> list[Phrase]:
     return found
 
 
-def _quality_phrases(progress: Progress) -> list[Phrase]:
+def _quality_phrases(progress: RunProgress) -> list[Phrase]:
     found: list[Phrase] = []
     if (best := progress.best) is not None:
         found.append((f"best {best}", "green"))
@@ -119,7 +119,7 @@ def _quality_phrases(progress: Progress) -> list[Phrase]:
     return found
 
 
-def _rate_phrases(progress: Progress) -> list[Phrase]:
+def _rate_phrases(progress: RunProgress) -> list[Phrase]:
     found: list[Phrase] = []
     if progress.samples:
         found.append((pluralise(progress.samples, "sample"), ""))
@@ -136,12 +136,12 @@ def _rate_phrases(progress: Progress) -> list[Phrase]:
     return found
 
 
-def log_line(progress: Progress) -> str:
+def log_line(progress: RunProgress) -> str:
     """Return all phrases in one line."""
     return ", ".join(words for words, _ in chain(*phrases(progress)))
 
 
-def terminal_lines(progress: Progress, width: int, encoding: str = "utf-8") -> "list[Text]":
+def terminal_lines(progress: RunProgress, width: int, encoding: str = "utf-8") -> "list[Text]":
     """Return all phrases in lines for a terminal, with a bar where there is room.
 
     Parameters
@@ -163,7 +163,7 @@ def terminal_lines(progress: Progress, width: int, encoding: str = "utf-8") -> "
     return [line for group in (time, quality, rate) for line in _wrapped(group, room)]
 
 
-def _bar(progress: Progress, width: int, encoding: str) -> list[Phrase]:
+def _bar(progress: RunProgress, width: int, encoding: str) -> list[Phrase]:
     """Return a bar whose full part shows the share that is done."""
     full = round(width * min(1.0, progress.done / max(1, progress.total)))
     return [(encodable("━" * full, encoding) + encodable("─" * (width - full), encoding), "cyan")]

@@ -24,7 +24,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from agglom_mpi.display.plain_console import PlainConsole
-from agglom_mpi.display.progress import Progress, terminal_lines
+from agglom_mpi.display.progress import RunProgress, terminal_lines
 from agglom_mpi.formatting import ASCII_REPLACEMENT
 
 LAUNCHERS: Final = {"mpirun", "mpiexec", "mpiexec.hydra", "orterun", "prterun", "prun"}
@@ -154,16 +154,16 @@ EMPTY_LINES: Final = (Text(), Text())
 
 
 class LiveLines:
-    """Lines of a `Progress` on a terminal, drawn in place, and messages above them."""
+    """Lines of a `RunProgress` on a terminal, drawn in place, and messages above them."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
-        self._shown: Progress | None = None
+        self._shown: RunProgress | None = None
         self._console = PlainConsole(
             file=terminal.stream, force_terminal=True, legacy_windows=False
         )
 
-    def draw(self, progress: Progress) -> None:
+    def draw(self, progress: RunProgress) -> None:
         """Draw the lines, unless the process is in the background."""
         self._shown = progress
         if self._terminal.in_foreground():
@@ -185,7 +185,7 @@ class LiveLines:
             self._write(f"\r{ERASE_BELOW}")
         self._shown = None
 
-    def _drawn(self, progress: Progress) -> str:
+    def _drawn(self, progress: RunProgress) -> str:
         """Return the control sequences and texts that draw the lines."""
         columns, rows = self._terminal.size
         encoding = self._terminal.stream.encoding or "utf-8"

@@ -4,28 +4,19 @@ import heapq
 import math
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.planning.forecast import MAX_SIMULATED, Forecast
+from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
 
-LATENCY: Final = 2e-3
-"""Time until a message is read, s: a rank polls every 4 ms, more often while messages arrive."""
 
-MESSAGE_SECONDS: Final = 150e-6
-"""Time of rank 0 to send or to receive a message, s."""
-
-SAMPLE_SECONDS: Final = 40e-6
-"""Time of rank 0 to evaluate and to store a sample, s."""
-
-
-class Sample(NamedTuple):
+class SampleInFlight(NamedTuple):
     """A sample in flight on a simulated rank, with its time in s; `needed`: not withdrawn."""
 
     string: int
@@ -46,9 +37,9 @@ class SimulatedRank:
 
     def __init__(self) -> None:
         self.free_at = 0.0
-        self.batches: deque[tuple[float, list[Sample]]] = deque()
+        self.batches: deque[tuple[float, list[SampleInFlight]]] = deque()
 
-    def put(self, now: float, samples: list[Sample]) -> None:
+    def put(self, now: float, samples: list[SampleInFlight]) -> None:
         """Add a batch that arrives at time `now`, s."""
         self.batches.append((now, samples))
 
@@ -58,7 +49,7 @@ class SimulatedRank:
         received, samples = self.batches[0]
         return max(self.free_at, received) + sum(sample.seconds for sample in samples)
 
-    def take(self) -> list[Sample]:
+    def take(self) -> list[SampleInFlight]:
         """Remove and return the first batch, which is finished."""
         self.free_at = self.end
         return self.batches.popleft()[1]
@@ -71,7 +62,7 @@ class SimulatedRank:
                 spent = max(0.0, now - (end - sample.seconds))
                 samples[place] = sample._replace(seconds=spent, needed=False)
 
-    def schedule(self) -> Iterator[tuple[list[Sample], int, float]]:
+    def schedule(self) -> Iterator[tuple[list[SampleInFlight], int, float]]:
         """Yield batch, index in it, and end time (s) of every sample in flight."""
         end = self.free_at
         for received, samples in self.batches:
@@ -91,28 +82,6 @@ class Workload(Protocol):
 
         Both are always the same for the same sample.
         """
-
-
-class MessageCosts(NamedTuple):
-    """Times of everything but simulating, s.
-
-    Attributes
-    ----------
-    latency
-        From sending a message to reading it.
-    message
-        Of rank 0, to send or to receive a message.
-    sample
-        Of rank 0, to evaluate and to store a sample.
-    """
-
-    latency: float = LATENCY
-    message: float = MESSAGE_SECONDS
-    sample: float = SAMPLE_SECONDS
-
-
-FREE: Final = MessageCosts(0.0, 0.0, 0.0)
-"""No costs of messages and decisions."""
 
 
 class TooManySamples(Exception):  # noqa: N818  (a condition, as StopIteration)
@@ -285,7 +254,7 @@ class ClusterSimulator:
         self._work += spent
         return self._serve(now, self._costs.message + self._costs.sample * len(done))
 
-    def _samples(self, string: int, first: int, count: int) -> list[Sample]:
+    def _samples(self, string: int, first: int, count: int) -> list[SampleInFlight]:
         """Return the next `count` samples of a string, with their outcomes recorded."""
         parameters = self.inversion.parameters(string)
         rows = self._rows.setdefault(string, [])
@@ -297,7 +266,7 @@ class ClusterSimulator:
         self._assigned += count
         if self._assigned > MAX_SIMULATED:
             raise TooManySamples
-        return [Sample(string, duration) for duration in seconds[first : first + count]]
+        return [SampleInFlight(string, duration) for duration in seconds[first : first + count]]
 
     def _count_in_flight(self, end: float) -> None:
         """Count the work done by time `end` on batches that are still in flight."""

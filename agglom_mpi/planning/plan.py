@@ -15,11 +15,10 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
     ClusterSimulator,
-    MessageCosts,
     TooManySamples,
     Workload,
 )
-from agglom_mpi.planning.forecast import ForecastReport, PilotSummary
+from agglom_mpi.planning.forecast import ForecastReport, MessageCosts, PilotSummary
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.search.inversion import Inversion
@@ -28,18 +27,21 @@ LOG: Final = logging.getLogger(__name__)
 """Receives lines on what is compiled, where no terminal shows them."""
 
 
-class Options(NamedTuple):
-    """Options of `agglom plan`; `source` is a campaign file with samples, or None."""
+class PlanOptions(NamedTuple):
+    """Options of `agglom plan`, as `cli/plan.py` declares them.
+
+    `source` is a campaign file with samples; None simulates pilot samples for `seconds`.
+    """
 
     campaign: str
     ranks: tuple[int, ...]
+    seconds: float
     source: str | None = None
-    seconds: float = 20.0
     generations: int | None = None
     allow_code: bool = False
 
 
-def plan(options: Options) -> ForecastReport:
+def plan(options: PlanOptions) -> ForecastReport:
     """Return the forecasts for a campaign; a terminal shows the progress.
 
     Raises
@@ -63,7 +65,7 @@ def plan(options: Options) -> ForecastReport:
 
 def pilot_samples(
     campaign: Campaign,
-    options: Options,
+    options: PlanOptions,
     show: Callable[[str], None],
     announce: Callable[[str], None],
 ) -> PilotSamples:
@@ -80,7 +82,7 @@ def pilot_samples(
 
 
 def forecast_all(
-    experiment: Experiment, samples: PilotSamples, options: Options, show: Callable[[str], None]
+    experiment: Experiment, samples: PilotSamples, options: PlanOptions, show: Callable[[str], None]
 ) -> ForecastReport:
     """Return the forecasts for all numbers of ranks in `options`."""
     campaign = experiment.campaign

@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.display.display import Display
-from agglom_mpi.display.progress import Best, Progress
+from agglom_mpi.display.progress import Best, RunProgress
 from agglom_mpi.display.remaining_time import (
     DurationStatistics,
     RemainingTime,
@@ -98,14 +98,14 @@ class FileProgress:
             for row in new
         ]
 
-    def read(self, now: float) -> Progress:
+    def read(self, now: float) -> RunProgress:
         """Read new rows at the Unix time `now`, s, and return the progress of the run."""
         data = self.data
         data.refresh()
         legs, samples, status = data.legs(), data.all_sample_rows(), data.status()
         if not len(legs):
             note = "the run has not begun"
-            return Progress(0, data.generation_capacity, "generations", 0.0, 0, note=note)
+            return RunProgress(0, data.generation_capacity, "generations", 0.0, 0, note=note)
         leg = legs[-1]
         ours = samples[samples["finished"] >= leg["started"]]
         changed = max(status.updated, leg["started"], samples["finished"].max(initial=0.0))
@@ -113,7 +113,7 @@ class FileProgress:
         ongoing = changed if silent else now
         end = ongoing if status.state == "running" else status.updated
         elapsed = max(1e-9, end - leg["started"])
-        progress = Progress(
+        progress = RunProgress(
             done=0,
             total=0,
             unit="",
@@ -138,7 +138,7 @@ class FileProgress:
         best = Best(*(row[name].item() for name in names))
         return best._replace(estimated=ranks_itself(self.data.identity))
 
-    def _in_phase(self, progress: Progress, ours: np.ndarray, elapsed: float) -> Progress:
+    def _in_phase(self, progress: RunProgress, ours: np.ndarray, elapsed: float) -> RunProgress:
         """Return the progress of the search or, once it is over, of the stage after it."""
         final, frames = self._campaign.final, self._campaign.output.frames
         fresh = self.data.all_sample_rows()["sample"] >= self.data.fresh_from
@@ -169,7 +169,7 @@ class FileProgress:
         later = fresh.any() and finished[fresh].max() >= finished[~fresh].max(initial=0.0)
         return bool(later) or len(generations) == self.data.generation_capacity
 
-    def _in_search(self, progress: Progress, elapsed: float) -> Progress:
+    def _in_search(self, progress: RunProgress, elapsed: float) -> RunProgress:
         """Return the progress of the search after `elapsed` seconds of this leg."""
         generations, capacity = self.data.generation_rows(), self.data.generation_capacity
         done, earlier = len(generations), self.data.legs()[:-1]

@@ -21,7 +21,7 @@ MOST_FAILING: Final = 6
 """Strings that are named for their failures."""
 
 
-class Table(NamedTuple):
+class PageTable(NamedTuple):
     """A table of texts for the page.
 
     Attributes
@@ -42,11 +42,11 @@ class Table(NamedTuple):
     text_columns: Sequence[int] = ()
 
 
-def best_strings(data: CampaignData) -> Table:
+def best_strings(data: CampaignData) -> PageTable:
     """Return the best strings, one a column: variables, results and estimates."""
     shown = rank_strings(data).order[: listed_strings(data)]
     rows = [*_variable_rows(data, shown), *_result_rows(data, shown)]
-    return Table(["", *(f"#{place}" for place in range(1, len(shown) + 1))], rows)
+    return PageTable(["", *(f"#{place}" for place in range(1, len(shown) + 1))], rows)
 
 
 def _row(name: str, entries: Sequence[Any], text: Callable[[Any], str]) -> list[str]:
@@ -109,7 +109,7 @@ def _estimate_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
     yield _row("fresh samples", known, lambda e: str(e.samples))
 
 
-def legs(data: CampaignData) -> Table:
+def legs(data: CampaignData) -> PageTable:
     """Return the last starts of the program, one a row."""
     rows = data.legs()[-LAST:]
     first = len(data.legs()) - len(rows)
@@ -129,7 +129,7 @@ def legs(data: CampaignData) -> Table:
         "agglom_mpi",
     )
     lines = [[str(first + i), *_leg(row)] for i, row in enumerate(rows, 1)]
-    return Table(headings, lines, "Starts of the program", text_columns=(1, 9, 11, 12))
+    return PageTable(headings, lines, "Starts of the program", text_columns=(1, 9, 11, 12))
 
 
 def _leg(row: np.void) -> Iterator[str]:
@@ -167,7 +167,7 @@ def _text(value: bytes) -> str:
     return value.decode(errors="replace")
 
 
-def ledger(data: CampaignData) -> Table:
+def ledger(data: CampaignData) -> PageTable:
     """Return the worst completed sample of each column of the ledger, and how to simulate it."""
     rows = data.all_sample_rows()[data.all_sample_rows()["state"] == COMPLETED]
     meanings = {column.name: column.meaning for column in COLUMNS}
@@ -183,7 +183,7 @@ def ledger(data: CampaignData) -> Table:
         value = str(worst[name]) if is_count else f"{worst[name]:.3g}"
         lines.append([meanings[name], value, affected, *where])
     headings = ("", "worst", "samples with any", "string", "sample", "to simulate it again")
-    return Table(headings, lines, text_columns=(5,))
+    return PageTable(headings, lines, text_columns=(5,))
 
 
 def _replay(data: CampaignData, row: np.void) -> str:

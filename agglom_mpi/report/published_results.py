@@ -12,11 +12,11 @@ from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import number_or_none, value_with_error
 from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.report.figures.figure import objective_label
-from agglom_mpi.report.page_tables import Table
+from agglom_mpi.report.page_tables import PageTable
 from agglom_mpi.storage.reader import CampaignData
 
 
-class Column(NamedTuple):
+class PublishedColumn(NamedTuple):
     """A column of a paper's table.
 
     Attributes
@@ -40,7 +40,7 @@ class PublishedTable(NamedTuple):
     """A table of a paper, the best string first, in the units of its columns."""
 
     caption: str
-    columns: tuple[Column, ...]
+    columns: tuple[PublishedColumn, ...]
     rows: tuple[tuple[float, ...], ...]
 
 
@@ -53,16 +53,16 @@ ACCRETION: Final = (
     PublishedTable(
         "[A] table 1: best starting-state vectors after 22 generations",
         (
-            Column("v0 (m/s)", "relative_speed", 1.0, ".3f"),
-            Column("s", "size_ratio", 1.0, ".3f"),
-            Column("ρ (kg/m³)", "density", 1.0, ".3f"),
-            Column("H0 (MPa)", "hardness", 1e6, ".3f"),
-            Column("C (J/kg/K)", "heat_capacity", 1.0, ".3f"),
-            Column("μ0", "friction", 1.0, ".3f"),
-            Column("θ0 (K)", "temperature", 1.0, ".3f"),
-            Column("U (J/mol)", "activation_energy", 1.0, ".3f"),
-            Column("κ (J/m²)", "reaction_heat", 1.0, ",.3f"),
-            Column("Λ", "objective", 1.0, ".8f"),
+            PublishedColumn("v0 (m/s)", "relative_speed", 1.0, ".3f"),
+            PublishedColumn("s", "size_ratio", 1.0, ".3f"),
+            PublishedColumn("ρ (kg/m³)", "density", 1.0, ".3f"),
+            PublishedColumn("H0 (MPa)", "hardness", 1e6, ".3f"),
+            PublishedColumn("C (J/kg/K)", "heat_capacity", 1.0, ".3f"),
+            PublishedColumn("μ0", "friction", 1.0, ".3f"),
+            PublishedColumn("θ0 (K)", "temperature", 1.0, ".3f"),
+            PublishedColumn("U (J/mol)", "activation_energy", 1.0, ".3f"),
+            PublishedColumn("κ (J/m²)", "reaction_heat", 1.0, ",.3f"),
+            PublishedColumn("Λ", "objective", 1.0, ".8f"),
         ),
         _rows("""
             4.326 0.633 6141.898 67.188 1279.542 0.307 330.652 707.351 5940883.989 0.00013602
@@ -78,11 +78,11 @@ AGGLOMERATION: Final = (
     PublishedTable(
         "[B] table 1: best (normalised) starting-state vectors after 25 generations",
         (
-            Column("v0 (m/s) / 200", "relative_speed", 200.0, ".5f"),
-            Column("L", "size_ratio", 1.0, ".5f"),
-            Column("ρ (kg/m³) / 10⁴", "density", 1e4, ".5f"),
-            Column("H0 (Pa) / 10⁶", "hardness", 1e6, ".5f"),
-            Column("C (J/kg/K) / 2000", "heat_capacity", 2e3, ".5f"),
+            PublishedColumn("v0 (m/s) / 200", "relative_speed", 200.0, ".5f"),
+            PublishedColumn("L", "size_ratio", 1.0, ".5f"),
+            PublishedColumn("ρ (kg/m³) / 10⁴", "density", 1e4, ".5f"),
+            PublishedColumn("H0 (Pa) / 10⁶", "hardness", 1e6, ".5f"),
+            PublishedColumn("C (J/kg/K) / 2000", "heat_capacity", 2e3, ".5f"),
         ),
         _rows("""
             0.92344 0.79041 0.66527 0.26548 0.89815
@@ -96,11 +96,11 @@ AGGLOMERATION: Final = (
     PublishedTable(
         "[B] table 2: best (normalised) starting-state vectors after 25 generations",
         (
-            Column("μ0 / 10⁻²", "friction", 1e-2, ".5f"),
-            Column("θ0 (K) / 10³", "temperature", 1e3, ".5f"),
-            Column("Ω (J/mol) / 10³", "activation_energy", 1e3, ".5f"),
-            Column("α (J/m²) / 10⁷", "reaction_heat", 1e7, ".5f"),
-            Column("γ (J/m²) / 10¹⁶", "surface_energy", 1e16, ".5f"),
+            PublishedColumn("μ0 / 10⁻²", "friction", 1e-2, ".5f"),
+            PublishedColumn("θ0 (K) / 10³", "temperature", 1e3, ".5f"),
+            PublishedColumn("Ω (J/mol) / 10³", "activation_energy", 1e3, ".5f"),
+            PublishedColumn("α (J/m²) / 10⁷", "reaction_heat", 1e7, ".5f"),
+            PublishedColumn("γ (J/m²) / 10¹⁶", "surface_energy", 1e16, ".5f"),
         ),
         _rows("""
             0.13456 0.50218 0.35241 0.17765 0.83685
@@ -114,9 +114,9 @@ AGGLOMERATION: Final = (
     PublishedTable(
         "[B] table 3: cost, size and particles of the agglomerates of tables 1 and 2",
         (
-            Column("Π", "objective", 1.0, ".5f"),
-            Column("b/b0", "mean_radius_ratio", 1.0, ".4f"),
-            Column("n^f = (b/b0)³", "growth_number", 1.0, ".4f"),
+            PublishedColumn("Π", "objective", 1.0, ".5f"),
+            PublishedColumn("b/b0", "mean_radius_ratio", 1.0, ".4f"),
+            PublishedColumn("n^f = (b/b0)³", "growth_number", 1.0, ".4f"),
         ),
         _rows("""
             0.67708 3.2292 33.6732
@@ -189,7 +189,7 @@ def _entry(identity: Mapping[str, Any], name: str, value: Any) -> Any:
     return identity.get(name)
 
 
-def comparison_tables(data: CampaignData) -> list[Table]:
+def comparison_tables(data: CampaignData) -> list[PageTable]:
     """Return the tables of the matching paper with a campaign's best strings between their rows.
 
     Without such a paper: one table of the best strings.
@@ -200,7 +200,7 @@ def comparison_tables(data: CampaignData) -> list[Table]:
     return [_beside(published, data, best) for published in PAPERS[paper][1]]
 
 
-def _own_table(data: CampaignData, best: Sequence[int]) -> Table:
+def _own_table(data: CampaignData, best: Sequence[int]) -> PageTable:
     objective, *results = AGGLOMERATION[2].columns
     columns = _by_kind(
         data,
@@ -212,22 +212,22 @@ def _own_table(data: CampaignData, best: Sequence[int]) -> Table:
     )
     rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
     headings = ["rank", *(marked.heading for marked in columns)]
-    return Table(headings, rows, "Best strings")
+    return PageTable(headings, rows, "Best strings")
 
 
-def _variable_columns(data: CampaignData) -> list[Column]:
+def _variable_columns(data: CampaignData) -> list[PublishedColumn]:
     columns = []
     for variable, _, upper, _ in searched_variables(data):
         factor, unit = scaled_unit(variable.unit, upper)
         name = variable.name.replace("_", " ")
-        columns.append(Column(f"{name} ({unit})", variable.name, factor, ".5g"))
+        columns.append(PublishedColumn(f"{name} ({unit})", variable.name, factor, ".5g"))
     return columns
 
 
 class MarkedColumn(NamedTuple):
     """A column, and whether it is of the samples of the search or of fresh ones."""
 
-    column: Column
+    column: PublishedColumn
     kind: str = ""
 
     @property
@@ -236,7 +236,7 @@ class MarkedColumn(NamedTuple):
         return f"{self.column.heading}, {self.kind}" if self.kind else self.column.heading
 
 
-def _by_kind(data: CampaignData, columns: Sequence[Column]) -> list[MarkedColumn]:
+def _by_kind(data: CampaignData, columns: Sequence[PublishedColumn]) -> list[MarkedColumn]:
     """Return columns with one of each kind in place of a result; of one kind if there is one."""
     kinds = KINDS if rank_strings(data).estimates else KINDS[:1]
     return [
@@ -246,7 +246,7 @@ def _by_kind(data: CampaignData, columns: Sequence[Column]) -> list[MarkedColumn
     ]
 
 
-def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) -> Table:
+def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) -> PageTable:
     columns = _by_kind(data, published.columns)
     rows: list[list[str]] = []
     classes: list[str] = []
@@ -262,7 +262,7 @@ def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) 
             rows.append(["", "here", *_cells(data, best[place], columns)])
             classes.append("here")
     headings = ["rank", "", *(marked.heading for marked in columns)]
-    return Table(headings, rows, published.caption, classes, (1,))
+    return PageTable(headings, rows, published.caption, classes, (1,))
 
 
 def _cells(data: CampaignData, string: int, columns: Sequence[MarkedColumn]) -> list[str]:
@@ -282,7 +282,7 @@ def _cells(data: CampaignData, string: int, columns: Sequence[MarkedColumn]) -> 
     return cells
 
 
-def _result(column: Column, source: Estimate | np.void) -> str:
+def _result(column: PublishedColumn, source: Estimate | np.void) -> str:
     """Return a result of a string by its re-estimate, or by its row of `/results`."""
     numbers = source._asdict() if isinstance(source, Estimate) else source
     if column.name == "objective":

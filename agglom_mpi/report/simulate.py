@@ -41,7 +41,7 @@ MAX_PANELS: Final = 9
 
 
 class SimulationRequest(NamedTuple):
-    """What `agglom simulate` is asked for.
+    """Options of `agglom simulate`, as `cli/simulate.py` declares them.
 
     Attributes
     ----------

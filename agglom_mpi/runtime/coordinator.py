@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
-from agglom_mpi.display.progress import Progress
+from agglom_mpi.display.progress import RunProgress
 from agglom_mpi.display.remaining_time import remaining_by_work, remaining_in_turns
 from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
@@ -205,7 +205,7 @@ class Coordinator:
         return proposed.strings.tolist()
 
     def _assign(
-        self, scheduler: Scheduler | StaticScheduler, progress: Callable[[], Progress]
+        self, scheduler: Scheduler | StaticScheduler, progress: Callable[[], RunProgress]
     ) -> None:
         """Assign tasks where anything has changed, and do what is due from time to time."""
         now = time.monotonic()
@@ -295,7 +295,7 @@ class Coordinator:
                     self.reestimation.take(rows)
                 self._failures.add_samples(rows)
 
-    def _search_progress(self) -> Progress:
+    def _search_progress(self) -> RunProgress:
         recorder, stage = self.recorder, self._experiment.stage(self.inversion)
         rest = stage.total - stage.done
         remaining = remaining_in_turns(recorder.generation_times, rest, recorder.generation_seconds)
@@ -308,7 +308,7 @@ class Coordinator:
             may_end_sooner=stage.may_end_sooner,
         )
 
-    def _stage_progress(self, post_stage: PostStage, begun: float) -> Progress:
+    def _stage_progress(self, post_stage: PostStage, begun: float) -> RunProgress:
         """Return the progress of a stage that began at a time of the monotonic clock."""
         recorder, stage = self.recorder, post_stage.stage
         rest, done = stage.total - stage.done, stage.done - post_stage.done_before

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.display.progress import Best, Progress, best_of
+from agglom_mpi.display.progress import Best, RunProgress, best_of
 from agglom_mpi.display.remaining_time import DurationStatistics
 from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
@@ -50,7 +50,7 @@ class ProgressListener(Protocol):
             Samples per second of this leg.
         """
 
-    def tick(self, progress: Progress) -> None:
+    def tick(self, progress: RunProgress) -> None:
         """Show the progress; called twice a second."""
 
     def message(self, text: str) -> None:
@@ -180,10 +180,10 @@ class RunRecorder:
         """Time of the generation under way so far, in s."""
         return time.monotonic() - self._generation_begun
 
-    def progress(self, ranks: int, in_flight: int) -> Progress:
+    def progress(self, ranks: int, in_flight: int) -> RunProgress:
         """Return what is known in every phase, with a number of samples in flight on the ranks."""
         elapsed = self._elapsed
-        return Progress(
+        return RunProgress(
             done=0,
             total=0,
             unit="",

@@ -19,7 +19,7 @@ from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.display import Display
-from agglom_mpi.display.progress import Progress
+from agglom_mpi.display.progress import RunProgress
 from agglom_mpi.errors import (
     BAD_INPUT,
     FAILURE,
@@ -70,8 +70,8 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-class Options(NamedTuple):
-    """Options of `agglom-invert`."""
+class InvertOptions(NamedTuple):
+    """Options of `agglom-invert`, as `cli/invert.py` declares them."""
 
     campaign: str
     output: str | None = None
@@ -96,7 +96,7 @@ class RunRequest(NamedTuple):
     """Who writes samples, `gathered` or `parallel`; None chooses."""
 
 
-def invert(options: Options, world: "Intracomm | None") -> int:
+def invert(options: InvertOptions, world: "Intracomm | None") -> int:
     """Run a campaign on all ranks; return the exit code."""
     display = Display(options.quiet)
 
@@ -117,7 +117,9 @@ def invert(options: Options, world: "Intracomm | None") -> int:
     )
 
 
-def read_request(options: Options, show: Callable[[str], None] = lambda line: None) -> RunRequest:
+def read_request(
+    options: InvertOptions, show: Callable[[str], None] = lambda line: None
+) -> RunRequest:
     """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
     campaign = load_campaign(options.campaign, options.allow_code)
     if options.seed is not None:
@@ -400,7 +402,7 @@ def _announce(
     campaign = experiment.campaign
     what = f"{campaign.title or campaign.name}: {experiment.largest}"
     note = "the kernels are made ready"
-    progress = Progress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
+    progress = RunProgress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
     display.begin(what, str(request.path), ranks, database, len(inversion.results), progress)
 
 

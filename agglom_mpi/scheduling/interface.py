@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.variables import COUNT
 
 
-class Progress(Protocol):
+class StringProgress(Protocol):
     """Samples used and allowed of a string."""
 
     @property
@@ -29,14 +29,14 @@ class SampleDemand(Protocol):
         """Number of the generation under way."""
 
     @property
-    def open_strings(self) -> Mapping[int, Progress]:
+    def open_strings(self) -> Mapping[int, StringProgress]:
         """Strings of this generation that need samples."""
 
     @property
     def open_count(self) -> int:
         """Number of strings in `open_strings`."""
 
-    def progress(self, string: int) -> Progress | None:
+    def progress(self, string: int) -> StringProgress | None:
         """Return the progress of an open string or one proposed ahead; None once it is complete."""
 
     def samples_used(self, string: int) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.scheduling.duplicates import DuplicateSamples
 from agglom_mpi.scheduling.estimators import BatchSizer, PriorityQueue, SampleCountModel
 from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
-from agglom_mpi.scheduling.interface import TASK, Progress, ProposeAhead, SampleDemand
+from agglom_mpi.scheduling.interface import TASK, ProposeAhead, SampleDemand, StringProgress
 
 TAIL_SHARE: Final = 0.01
 """Share of all samples that known strings need which one batch of each rank may add up to."""
@@ -219,7 +219,7 @@ class Scheduler:
         self._most_used = max(self._most_used, progress.next_sample)
         queue.put(string, self._probability(string, progress, sample))
 
-    def _probability(self, string: int, progress: Progress, sample: int) -> float:
+    def _probability(self, string: int, progress: StringProgress, sample: int) -> float:
         """Return the probability that a sample is needed; it is 1 of the next one alone."""
         return self.sample_counts.probability(progress.next_sample, sample)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-class Stopwatch:
+class WriteClock:
     """Sum of the wall-clock time inside `with` blocks, which may be nested.
 
     Attributes
@@ -143,7 +143,7 @@ class SampleWriter:
         self,
         file: h5py.File,
         path: Path,
-        clock: Stopwatch,
+        clock: WriteClock,
         check: Callable[[], None] = lambda: None,
     ) -> None:
         self.written = 0
@@ -233,7 +233,7 @@ class RankWriter:
     """
 
     def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
-        self.clock = Stopwatch()
+        self.clock = WriteClock()
         self._path = path
         self._file = open_file(path, write=True, thorough=False, world=world)
         self._descriptor = os.open(path, os.O_RDONLY) if syncs else None

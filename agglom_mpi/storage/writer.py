@@ -15,7 +15,7 @@ from agglom_mpi.storage.access import NotACampaign, open_file, with_path
 from agglom_mpi.storage.fingerprint import AlteredFileError, Fingerprint, redirect_writes
 from agglom_mpi.storage.particle_tables import valid_frame_keys
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, Stopwatch, sync_descriptor
+from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
 from agglom_mpi.storage.table import Table, fitted, make_row
 from agglom_mpi.variables import NAMES
@@ -48,7 +48,7 @@ class CampaignWriter:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(os.path.realpath(path))
-        self.clock = Stopwatch()
+        self.clock = WriteClock()
         self.parallel = False
         self._running = self._closed = self._altered = False
         self._written_status: bytes | None = None

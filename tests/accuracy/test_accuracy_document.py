@@ -12,8 +12,8 @@ from agglom_mpi.accuracy.document import (
     Chapter,
     Curve,
     Header,
-    Section,
-    Table,
+    ReportSection,
+    ReportTable,
     TableColumn,
     draw_curves,
     write_document,
@@ -29,20 +29,20 @@ def draw(figure):
     )
 
 
-SECTION = Section(
+SECTION = ReportSection(
     title="Steps",
     problem="What do steps cost?",
     reference="None.",
     setups="Two.",
     figures=(Drawing("steps", "Error against steps.", draw),),
     tables=(
-        Table(
+        ReportTable(
             "steps",
             "One row is one step.",
             FRAME,
             (TableColumn("step", lambda r: f"{r.iloc[0]}|"),),
         ),
-        Table("hidden", "Not shown.", FRAME),
+        ReportTable("hidden", "Not shown.", FRAME),
     ),
     failures=("The first one failed.",),
     conclusions=("Steps cost time.",),

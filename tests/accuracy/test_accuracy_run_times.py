@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy.document import Section, Table
+from agglom_mpi.accuracy.document import ReportSection, ReportTable
 from agglom_mpi.accuracy.run_times import (
     WALL_OVER_CPU,
     busy_lines,
@@ -18,8 +18,10 @@ from agglom_mpi.stopwatch import BUSY_RATIO, TimeSpent
 
 
 def section(*ratios):
-    tables = (Table("loops", "", pd.DataFrame({WALL_OVER_CPU: ratios})),) if ratios else ()
-    return Section("", "", "", "", (), (*tables, Table("other", "", pd.DataFrame())), (), ())
+    tables = (ReportTable("loops", "", pd.DataFrame({WALL_OVER_CPU: ratios})),) if ratios else ()
+    return ReportSection(
+        "", "", "", "", (), (*tables, ReportTable("other", "", pd.DataFrame())), (), ()
+    )
 
 
 def test_a_time_is_the_median_and_its_spread_the_quartiles():

@@ -9,7 +9,7 @@ import pytest
 from accuracy_rows import made_up
 from summary_rows import rows_of
 
-from agglom_mpi.accuracy.run import FULL, QUICK, Options, make_plan
+from agglom_mpi.accuracy.run import FULL, QUICK, AccuracyOptions, make_plan
 from agglom_mpi.accuracy.study import (
     FEWEST_SAMPLES,
     MOVES_PER_STEP,
@@ -91,7 +91,7 @@ def test_every_setup_of_a_study_has_its_own_number_of_samples(campaign):
 
 
 def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
-    study = make_plan(Options((JOB,), "x", {}, quick=True)).study
+    study = make_plan(AccuracyOptions((JOB,), "x", {}, quick=True)).study
     again = pickle.loads(pickle.dumps(study))
     assert again.identity() == study.identity()
     assert again.table_sizes == study.table_sizes
@@ -136,7 +136,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
 
 def test_samples_of_a_study_are_enough_for_every_section():
     for quick in (True, False):
-        setups = make_plan(Options((JOB,), "x", {}, quick=quick)).study.setups
+        setups = make_plan(AccuracyOptions((JOB,), "x", {}, quick=quick)).study.setups
         size = QUICK if quick else FULL
         assert setups["event"].samples == size.pool
         assert {setup.samples for name, setup in setups.items() if name != "event"} == {
@@ -147,19 +147,19 @@ def test_samples_of_a_study_are_enough_for_every_section():
 
 def test_two_scenes_at_a_time_are_refused():
     with pytest.raises(CampaignError, match=r"accretion_2003.yaml: SOURCE: is a second file"):
-        make_plan(Options((JOB, "jobs/accretion_2003.yaml"), "x", {}))
+        make_plan(AccuracyOptions((JOB, "jobs/accretion_2003.yaml"), "x", {}))
 
 
 def test_a_directory_without_scenes_is_refused(tmp_path):
     with pytest.raises(CampaignError, match="is a directory without any scene"):
-        make_plan(Options((str(tmp_path),), "x", {}))
+        make_plan(AccuracyOptions((str(tmp_path),), "x", {}))
 
 
 def test_a_scene_that_cannot_be_simulated_is_refused_before_anything_runs(campaign):
     settings = {"activation_energy": 1e9}
     assert "U/(R theta)" in scene_error(Setup(campaign, campaign.parameters(settings), 1))
     with pytest.raises(CampaignError, match=r"quickstart.yaml: scene: .*U/\(R theta\)"):
-        make_plan(Options((JOB,), "x", settings))
+        make_plan(AccuracyOptions((JOB,), "x", settings))
 
 
 def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
@@ -167,7 +167,7 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     for name, value in (("relative_speed", 5), ("size_ratio", 0.6), ("hardness", 1e8)):
         text = re.sub(rf"{name}: \[[^]]*\]", f"{name}: {value}", text)
     (tmp_path / "scene.yaml").write_text(text)
-    study = make_plan(Options((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
+    study = make_plan(AccuracyOptions((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
     task = np.zeros(1, TASK)
     task["count"], task["parameters"] = 1, study.setups["event"].parameters
     message = done(SampleRunner(study, 0), task[0])

@@ -6,7 +6,7 @@ from accuracy_rows import made_up
 from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import time_integration as module
-from agglom_mpi.accuracy.document import Section
+from agglom_mpi.accuracy.document import ReportSection
 from agglom_mpi.accuracy.study import paired_difference
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import format_seconds
@@ -19,8 +19,8 @@ def campaign():
     return load_campaign("jobs/quickstart.yaml")
 
 
-def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> Section:
-    """Section of steppers whose growth is 2 + bias(shortest step over the end time) + noise.
+def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> ReportSection:
+    """ReportSection of steppers whose growth is 2 + bias(shortest step over the end time) + noise.
 
     Means and deviations are exactly these, whatever random numbers are drawn.
     """

@@ -12,7 +12,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.runtime.run import Options, read_request
+from agglom_mpi.runtime.run import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
 
 
@@ -156,7 +156,7 @@ def test_check_looks_at_the_earlier_file_as_a_run_does(earlier, ranked, tmp_path
     assert "search.start: leaves out strings of gone.h5: " in check("next.yaml").stderr
     assert check("next.yaml", "--strict").exit_code == 2
     shown = []
-    read_request(Options("next.yaml"), shown.append)
+    read_request(InvertOptions("next.yaml"), shown.append)
     assert any("leaves out strings of gone.h5" in line for line in shown)
     with pytest.raises(CampaignError, match="leaves out strings"):
-        read_request(Options("next.yaml", strict=True))
+        read_request(InvertOptions("next.yaml", strict=True))

@@ -17,7 +17,8 @@ from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning import cluster_simulator as virtual
-from agglom_mpi.planning.cluster_simulator import FREE, ClusterSimulator, MessageCosts
+from agglom_mpi.planning.cluster_simulator import ClusterSimulator
+from agglom_mpi.planning.forecast import FREE, MessageCosts
 from agglom_mpi.planning.pilot import run_pilot
 from agglom_mpi.planning.workload import EmpiricalWorkload
 from agglom_mpi.runtime.experiment import InversionExperiment

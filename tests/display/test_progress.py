@@ -4,7 +4,7 @@ import pytest
 
 from agglom_mpi.display.progress import (
     Best,
-    Progress,
+    RunProgress,
     format_clock,
     format_rate,
     log_line,
@@ -12,7 +12,7 @@ from agglom_mpi.display.progress import (
 )
 from agglom_mpi.display.remaining_time import RemainingTime
 
-FULL = Progress(
+FULL = RunProgress(
     done=12,
     total=100,
     unit="generations",
@@ -50,7 +50,7 @@ def test_all_that_is_known_is_shown():
 
 
 def test_what_is_not_known_is_left_out():
-    assert log_line(Progress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
+    assert log_line(RunProgress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
     worst = FULL._replace(best=Best(3, math.inf, math.nan, math.inf))
     assert "best no result (string 3), 3 samples failed" in log_line(worst)
     assert "left 3 min ± 20 s" in log_line(FULL._replace(may_end_sooner=False))

@@ -10,13 +10,11 @@ from summary_rows import rows_of
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.planning import cluster_simulator as virtual
 from agglom_mpi.planning.cluster_simulator import (
-    FREE,
     ClusterSimulator,
     CriticalPath,
-    MessageCosts,
     TooManySamples,
 )
-from agglom_mpi.planning.forecast import Forecast
+from agglom_mpi.planning.forecast import FREE, Forecast, MessageCosts
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion

@@ -6,14 +6,8 @@ import pytest
 from rich.console import Console
 
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.planning.cluster_simulator import MessageCosts
-from agglom_mpi.planning.forecast import (
-    Forecast,
-    ForecastReport,
-    PilotSummary,
-    forecast_table,
-    to_json,
-)
+from agglom_mpi.planning.forecast import Forecast, ForecastReport, MessageCosts, PilotSummary
+from agglom_mpi.planning.forecast_table import forecast_table, to_json
 
 
 def planned(*forecasts):

@@ -4,11 +4,11 @@ import pytest
 from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.planning.cluster_simulator import Sample, SimulatedRank
+from agglom_mpi.planning.cluster_simulator import SampleInFlight, SimulatedRank
 
 TICKS = st.integers(0, 6)
 SAMPLES = st.lists(
-    st.builds(Sample, st.integers(0, 3), TICKS, st.just(True)), min_size=1, max_size=4
+    st.builds(SampleInFlight, st.integers(0, 3), TICKS, st.just(True)), min_size=1, max_size=4
 )
 BATCHES = st.lists(st.tuples(TICKS, SAMPLES), min_size=1, max_size=4)
 
@@ -55,14 +55,20 @@ def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, cancelled,
 
 
 def test_a_cancellation_does_not_touch_what_is_done_or_of_others():
-    rank = rank_with([(0.0, [Sample(1, 2.0), Sample(2, 2.0), Sample(1, 2.0)])])
+    rank = rank_with(
+        [(0.0, [SampleInFlight(1, 2.0), SampleInFlight(2, 2.0), SampleInFlight(1, 2.0)])]
+    )
     rank.cancel(3.0, [1])
     assert rank.end == 4.0
-    assert rank.take() == [Sample(1, 2.0), Sample(2, 2.0), Sample(1, 0.0, False)]
+    assert rank.take() == [
+        SampleInFlight(1, 2.0),
+        SampleInFlight(2, 2.0),
+        SampleInFlight(1, 0.0, False),
+    ]
 
 
 def test_a_rank_that_had_nothing_to_do_begins_when_its_work_comes():
-    rank = rank_with([(0.0, [Sample(1, 1.0)]), (5.0, [Sample(1, 1.0)])])
+    rank = rank_with([(0.0, [SampleInFlight(1, 1.0)]), (5.0, [SampleInFlight(1, 1.0)])])
     assert rank.end == pytest.approx(1.0)
     rank.take()
     assert rank.end == pytest.approx(6.0)

@@ -22,9 +22,8 @@ from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.planning.plan import Options as PlanOptions
-from agglom_mpi.planning.plan import plan
-from agglom_mpi.runtime.run import Options, read_request
+from agglom_mpi.planning.plan import PlanOptions, plan
+from agglom_mpi.runtime.run import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
 
 
@@ -182,13 +181,13 @@ def test_a_missing_library_is_one_message(plain, tmp_path, monkeypatch, search, 
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.chdir(plain)
     with pytest.raises(CampaignError) as caught:
-        read_request(Options(f"{search}.yaml", output=str(tmp_path / "new.h5")))
+        read_request(InvertOptions(f"{search}.yaml", output=str(tmp_path / "new.h5")))
     line = (plain / f"{search}.yaml").read_text().splitlines().index(f"search: {SEARCHES[search]}")
     message = str(caught.value)
     assert message.startswith(f"{search}.yaml:{line + 1}: search.method: is '{search}'")
     assert f"need {missing}: pip install 'agglom_mpi[search]'" in message
     with pytest.raises(MissingLibraryError):
-        plan(PlanOptions(f"{search}.yaml", (1,), source=f"{search}.h5"))
+        plan(PlanOptions(f"{search}.yaml", (1,), 20.0, source=f"{search}.h5"))
 
 
 @pytest.mark.slow
@@ -248,7 +247,7 @@ def begin_with(folder, start, monkeypatch):
     section = f"{{method: random, population: 36, start: {start}}}"
     write_search(folder / "next.yaml", section)
     monkeypatch.chdir(folder)
-    read_request(Options("next.yaml"))
+    read_request(InvertOptions("next.yaml"))
 
 
 @pytest.mark.parametrize(
@@ -277,7 +276,7 @@ def test_an_earlier_file_that_cannot_be_used_is_one_message(
 @pytest.mark.parametrize("search", SEARCHES)
 def test_a_forecast_of_every_search_keeps_its_bound(plain, monkeypatch, search):
     monkeypatch.chdir(plain)
-    made = plan(PlanOptions(f"{search}.yaml", (1, 8), source=f"{search}.h5"))
+    made = plan(PlanOptions(f"{search}.yaml", (1, 8), 20.0, source=f"{search}.h5"))
     strings = len(read_campaign(plain / f"{search}.h5").string_rows())
     for forecast in made.forecasts:
         assert forecast.used == 3 * strings

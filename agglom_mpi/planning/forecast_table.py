@@ -1,0 +1,136 @@
+"""Forecasts as a table, or as JSON."""
+
+import json
+import math
+from shlex import quote
+from typing import Any, Final
+
+from rich.console import Group, RenderableType
+
+from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.formatting import format_duration, pluralise
+from agglom_mpi.planning.forecast import MAX_SIMULATED, WELL_USED, ForecastReport, PilotSummary
+from agglom_mpi.planning.workload import LEAST_SAMPLES
+from agglom_mpi.stopwatch import BUSY_RATIO
+
+EXPLANATION: Final = (
+    "busy: share of the ranks' time in which they simulate; wasted: share of the\n"
+    "samples that are simulated before it is known that they are not needed.\n"
+    "at best: no order of work could beat it; reached: share of that speed.\n"
+    "limit, what takes longest: work, all that is needed, evenly spread; chain,\n"
+    "generations that each wait for their longest sample; rank 0, messages."
+)
+"""Meaning of the columns."""
+
+AGAIN: Final = "again: at the end, to estimate the best strings on fresh samples."
+"""Meaning of the last column, which only campaigns with fresh samples have."""
+
+
+def to_json(report: ForecastReport) -> str:
+    """Return forecasts as JSON; all times in s."""
+    properties = ("bound", "reached", "needed", "wasted", "limit")
+    forecasts = [
+        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
+        for forecast in report.forecasts
+    ]
+    content: dict[str, Any] = {
+        "campaign": report.campaign.name,
+        "generations": report.campaign.stopping.generations,
+        "most_strings": report.campaign.max_strings,
+        "samples": report.pilot._asdict() | {"wall_over_cpu": _finite(report.pilot.wall_over_cpu)},
+        "costs": report.costs._asdict(),
+        "forecasts": forecasts,
+        "not_forecast": report.not_forecast,
+        "saturation": report.saturation and report.saturation._asdict(),
+        "advice": report.advice and report.advice._asdict(),
+    }
+    return json.dumps(content, indent=2)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def forecast_table(report: ForecastReport) -> RenderableType:
+    """Return a table of forecasts, with the samples they are made from and an explanation."""
+    headings = ("ranks", "time", "busy", "simulated", "used", "wasted", "at best", "reached")
+    again = any(f.again for f in report.forecasts)
+    more = ["+ again"] if again else []
+    table = FittedTable(*headings, "limit", *more, left=(8,), gap=1)
+    for f in report.forecasts:
+        table.add_row(
+            str(f.ranks),
+            format_duration(f.seconds),
+            f"{f.busy:.1%}",
+            str(f.simulated),
+            str(f.used),
+            f"{f.wasted:.1%}",
+            format_duration(f.bound),
+            f"{f.reached:.1%}",
+            f.limit,
+            *([format_duration(f.again)] if again else []),
+        )
+    tables = [table] if report.forecasts else []
+    return Group(*_heading(report), *tables, *_footer(report))
+
+
+def _heading(report: ForecastReport) -> list[str]:
+    campaign, pilot, costs = report.campaign, report.pilot, report.costs
+    where = "simulated here, one after the other" if pilot.source is None else f"in {pilot.source}"
+    failed = f", {pilot.failed} failed" if pilot.failed else ""
+    return [
+        f"{campaign.title or campaign.name}: at most "
+        f"{pluralise(campaign.stopping.generations, 'generation')}, "
+        f"{pluralise(campaign.max_strings, 'string')}",
+        f"{pluralise(pilot.samples, 'sample')} of {pluralise(pilot.strings, 'string')} {where}: "
+        f"mean {format_duration(pilot.mean_seconds)}, "
+        f"longest {format_duration(pilot.longest_seconds)} of {_clock(pilot)}{failed}",
+        *_busy(pilot),
+        *(f"made differently: {difference}" for difference in pilot.differences),
+        f"a message arrives after {format_duration(costs.latency)}; "
+        f"rank 0 takes {format_duration(costs.message)} for each and "
+        f"{format_duration(costs.sample)} for a sample",
+    ]
+
+
+def _clock(pilot: PilotSummary) -> str:
+    return "processor time" if math.isfinite(pilot.wall_over_cpu) else "wall-clock time"
+
+
+def _busy(pilot: PilotSummary) -> list[str]:
+    """Return a line on a machine that was busy with something else, if it was."""
+    if not pilot.wall_over_cpu > BUSY_RATIO:
+        return []
+    ratio = f"{pilot.wall_over_cpu:.2g}"
+    return [f"busy machine: samples took {ratio} times their processor time, which forecasts use"]
+
+
+def _footer(report: ForecastReport) -> list[str]:
+    lines = []
+    if report.pilot.samples < LEAST_SAMPLES * report.pilot.strings:
+        lines.append("rough: there are few samples of each string; simulate for more --seconds")
+    if report.not_forecast:
+        ranks = ", ".join(map(str, report.not_forecast))
+        lines.append(
+            f"no forecast for {ranks} ranks: more than {MAX_SIMULATED} samples; "
+            "fewer --generations take fewer"
+        )
+    if (full := report.saturation) is not None:
+        lines.append(
+            f"rank 0 is saturated near {max(1.0, full.ranks):.0f} ranks: it serves "
+            f"{full.samples_per_second:.0f} samples/s of {format_duration(full.mean_seconds)}"
+        )
+    again = any(f.again for f in report.forecasts)
+    return [*lines, EXPLANATION, *([AGAIN] if again else []), *_advice(report)]
+
+
+def _advice(report: ForecastReport) -> list[str]:
+    """Return the command that submits the campaign to a batch system."""
+    if (advice := report.advice) is None:
+        return []
+    minutes = round(advice.walltime / 60.0)
+    options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
+    return [
+        f"for the most ranks that spend {WELL_USED:.0%} of their time or more on needed samples:",
+        f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
+    ]
