@@ -153,7 +153,7 @@ class Coordinator:
         """The reason why the search ended, and what was stored after its end, as text."""
         reason = self._experiment.end_reason(self.inversion)
         room = self._fresh[1] - self._fresh[0]
-        return finished_reason(reason, *self.reestimation.size, self._writer.frame_count, room)
+        return finished_reason(reason, *self.reestimation.size, self._writer.frames.count, room)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""

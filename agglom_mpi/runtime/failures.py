@@ -62,8 +62,8 @@ class FailureLog:
     def add_traceback(self, failure: np.void) -> None:
         """Store and show an exception or timeout, a record of `FAILED_SAMPLE`."""
         host, text = failure["host"].decode(), failure["text"].decode()
-        room = self._writer.has_room_for_failures
-        kept = self._writer.put_failure(
+        room = self._writer.log.has_room_for_failures
+        kept = self._writer.log.put_failure(
             int(failure["string"]),
             int(failure["sample"]),
             rank=int(failure["rank"]),

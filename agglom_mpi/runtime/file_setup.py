@@ -20,9 +20,14 @@ from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.storage.access import DamagedCampaign
-from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
+from agglom_mpi.storage.create import (
+    CampaignRecord,
+    create_campaign_file,
+    enlarge_campaign_file,
+)
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.room import check_room
+from agglom_mpi.storage.run_log import LegStart
 from agglom_mpi.version import __version__
 
 _SOURCES = Path(__file__).parents[2]
@@ -226,20 +231,19 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
     sizes, campaign = experiment.table_sizes, experiment.campaign
     if not path.exists():
         check_room(campaign, sizes)
-        create_campaign_file(
-            path,
-            campaign_text=campaign.text,
-            campaign_sha256=experiment.sha256(),
+        record = CampaignRecord(
+            text=campaign.text,
             identity=experiment.identity(),
+            sha256=experiment.sha256(),
             seed=campaign.seed,
             title=campaign.title,
-            purpose=experiment.purpose,
-            code_version=__version__,
-            sources_sha256=sources_digest(),
             lower=campaign.variables.lower,
             upper=campaign.variables.upper,
-            **sizes._asdict(),
+            code_version=__version__,
+            sources_sha256=sources_digest(),
+            purpose=experiment.purpose,
         )
+        create_campaign_file(path, record, sizes)
         return read_campaign(path)
     stored = read_campaign(path)
     check_same_campaign(path, stored.identity, experiment.identity())
@@ -252,16 +256,7 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
     check_room(campaign, sizes, path.stat().st_size)
-    larger = enlarge_campaign_file(
-        path,
-        sizes.strings,
-        sizes.generations,
-        fresh=sizes.fresh,
-        grains=sizes.grains,
-        final_particles=sizes.final_particles,
-        frames=sizes.frames,
-    )
-    return read_campaign(path) if larger else stored
+    return read_campaign(path) if enlarge_campaign_file(path, sizes) else stored
 
 
 def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> list[str]:
@@ -328,22 +323,20 @@ def versions() -> dict[str, str]:
     return found
 
 
-def leg_fields(
-    ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
-) -> dict[str, Any]:
-    """Return the columns of `/legs` that are known at the start."""
-    return {
-        "started": time.time(),
-        "ranks": ranks,
-        "nodes": nodes,
-        "database": database,
-        "host": socket.gethostname(),
-        "processor": processor(),
-        "code_version": __version__,
-        "sources_sha256": sources_digest(),
-        "git_revision": git_revision(),
-        "versions": versions() | {"mpi": mpi},
-    }
+def leg_start(ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered") -> LegStart:
+    """Return what is recorded of a start of the program, which is now."""
+    return LegStart(
+        started=time.time(),
+        ranks=ranks,
+        nodes=nodes,
+        database=database,
+        host=socket.gethostname(),
+        processor=processor(),
+        code_version=__version__,
+        sources_sha256=sources_digest(),
+        git_revision=git_revision(),
+        versions=versions() | {"mpi": mpi},
+    )
 
 
 def processor() -> str:

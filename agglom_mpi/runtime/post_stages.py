@@ -84,7 +84,7 @@ class FrameStage(PostStage):
         self._parameters = parameters
         self._places = {pair: place for place, pair in enumerate(plan.samples)}
         self._missing = np.ones(len(plan.samples) * plan.frames, np.bool_)
-        stored = writer.frame_keys() if plan.samples else {}
+        stored = writer.frames.keys() if plan.samples else {}
         self._same = all(self._is_wanted(row, key) for row, key in stored.items())
         if self._same:
             self._missing[list(stored)] = False
@@ -109,7 +109,7 @@ class FrameStage(PostStage):
     def open(self) -> NDArray[np.void]:
         """Drop frames of other samples; return the tasks, (n,) of `TASK`, for missing ones."""
         if not self._same:
-            self._writer.forget_frames()
+            self._writer.frames.forget()
             self._same = True
         count = max(1, self._plan.frames)
         lacking = np.unique(np.flatnonzero(self._missing) // count)
@@ -130,7 +130,7 @@ class FrameStage(PostStage):
         place = self._places[int(first["string"]), int(first["sample"])]
         count = self._plan.frames
         at = place * count + int(first["frame"])
-        self._writer.put_frames(at, rows)
+        self._writer.frames.put(at, rows)
         self._expect_no_more(at, len(rows))
         return not self._missing[place * count :][:count].any()
 

@@ -28,7 +28,7 @@ from agglom_mpi.storage.table import (
     runs_of,
     used_samples,
 )
-from agglom_mpi.storage.writer import CampaignWriter
+from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
 from agglom_mpi.variables import COUNT
 
 
@@ -311,9 +311,8 @@ class RunRecorder:
         self.generation_times.add(self.generation_seconds)
         self._generation_begun = time.monotonic()
         simulated = self._stored_searched + self.samples
-        store = partial(
-            self._writer.put_generation,
-            summary.generation,
+        row = GenerationRow(
+            generation=summary.generation,
             best_string=summary.best,
             best_objective=summary.objective,
             best_standard_error=summary.standard_error,
@@ -326,11 +325,11 @@ class RunRecorder:
             population=summary.population,
             digest=self._digest.digest(),
         )
-        self._barrier.store(lambda: self._commit(store))
+        self._barrier.store(lambda: self._commit(row))
         self._listener.generation(summary, self._generations, simulated, self._rate)
 
-    def _commit(self, store: Callable[[], None]) -> None:
+    def _commit(self, row: GenerationRow) -> None:
         self._writer.mark_running()
-        store()
+        self._writer.put_generation(row)
         self._writer.sync()
         self.synced()

@@ -36,7 +36,7 @@ from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import (
     kept_as_it_was,
-    leg_fields,
+    leg_start,
     output_path,
     prepare,
 )
@@ -63,6 +63,7 @@ from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.fingerprint import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.sample_writer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -333,23 +334,23 @@ def run_leg(
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
         begun = time.monotonic()
-        fields = leg_fields(ranks, mpi_version(world), nodes=nodes, database=database)
-        leg = writer.begin_leg(**fields)
+        start = leg_start(ranks, mpi_version(world), nodes=nodes, database=database)
+        leg = writer.log.begin_leg(start)
         writer.set_status("running")
         pool = WorkerPool(runner, world)
         if nodes > 1 and writer.parallel:
             recorder.synced = pool.sync
         end = coordinator.run(pool, stop)
     end = coordinator.shut_down(pool, end)
-    writer.end_leg(
-        leg,
-        stopped=fields["started"] + time.monotonic() - begun,  # also if the clock has been set
+    ended = LegEnd(
+        stopped=start.started + time.monotonic() - begun,  # also if the clock has been set
         exit_code=end.code,
         samples=recorder.samples,
         busy_seconds=recorder.busy_seconds,
         cpu_seconds=recorder.cpu_seconds,
         database_seconds=writer.clock.seconds + pool.database_seconds,
     )
+    writer.log.end_leg(leg, ended)
     writer.set_status(end.state, end.reason)
     writer.sync()
     return end, pool.missing

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
@@ -13,7 +13,7 @@ from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
 from agglom_mpi.storage.files import atomic_file, new_file
-from agglom_mpi.storage.room import capacities
+from agglom_mpi.storage.room import TableSizes, capacities
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
     BY_SAMPLE,
@@ -29,54 +29,52 @@ from agglom_mpi.storage.schema import (
 from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import COUNT, VARIABLES
 
-_COPY_BYTES = 1 << 25
+_COPY_BYTES: Final = 1 << 25
+"""Maximum number of bytes that are copied at once."""
+
+
+class CampaignRecord(NamedTuple):
+    """What a new campaign file states of its campaign, in its attributes and in `/variables`.
+
+    Attributes
+    ----------
+    text
+        The campaign file, YAML.
+    identity, sha256
+        What makes the campaign what it is, stored as JSON, and its digest.
+    lower, upper
+        Search box in SI units, (10,); equal where a variable is fixed, nan where it is unused.
+    code_version, sources_sha256
+        Version of this package, and digest of the sources that decide results.
+    purpose
+        What the strings are for: `INVERSION` or `STUDY`.
+    """
+
+    text: str
+    identity: Mapping[str, Any]
+    sha256: str
+    seed: int
+    title: str
+    lower: np.ndarray
+    upper: np.ndarray
+    code_version: str
+    sources_sha256: str
+    purpose: str = INVERSION
 
 
 def create_campaign_file(
-    path: str | os.PathLike[str],
-    *,
-    campaign_text: str,
-    campaign_sha256: str,
-    identity: Mapping[str, Any],
-    seed: int,
-    title: str,
-    code_version: str,
-    sources_sha256: str,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    strings: int,
-    max_samples: int,
-    generations: int,
-    population: int,
-    fresh: int = 0,
-    grains: int = 0,
-    final_particles: bool = False,
-    frames: int = 0,
-    purpose: str = INVERSION,
+    path: str | os.PathLike[str], campaign: CampaignRecord, sizes: TableSizes
 ) -> None:
     """Create the file of a campaign; the caller holds its `CampaignLock`.
 
     Parameters
     ----------
-    path : path
+    path
         The file; it must not exist.
-    identity : mapping
-        What makes the campaign what it is; stored as JSON.
-    lower, upper : (10,) float64
-        Search box in SI units; equal where a variable is fixed, nan where it is unused.
-    strings, max_samples, generations, population : int
-        Numbers of rows: strings, samples of each, generations; and strings in a population.
-    fresh : int
-        Number of further samples of each string, numbered from `max_samples`, that no decision
-        sees; the attribute `max_samples` of the file is the sum of both.
-    grains : int
-        Grains of a sample; needed if particles are to be stored.
-    final_particles : bool
-        Whether the file has `/final_particles`.
-    frames : int
-        Number of rows of `/frames`.
-    purpose : str
-        What the strings are for: `INVERSION` or `STUDY`.
+    campaign
+        What the file states of the campaign.
+    sizes
+        Sizes of its tables. The attribute `max_samples` of the file counts fresh samples, too.
 
     Raises
     ------
@@ -88,51 +86,43 @@ def create_campaign_file(
         If it cannot be written; nothing is left behind.
     """
     path = Path(os.path.realpath(path))
-    if min(strings, max_samples, generations, population) < 1:
+    if min(sizes.strings, sizes.max_samples, sizes.generations, sizes.population) < 1:
         raise ValueError("a campaign file needs room for at least one row in every table")
     attributes: dict[str, Any] = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
-        "title": title,
-        "purpose": purpose,
+        "title": campaign.title,
+        "purpose": campaign.purpose,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "code_version": code_version,
-        "sources_sha256": sources_sha256,
-        "campaign": campaign_text,
-        "campaign_sha256": campaign_sha256,
-        "identity": json.dumps(identity, sort_keys=True),
-        "seed": seed,
-        "strings": strings,
-        "max_samples": max_samples + fresh,
-        "fresh_from": max_samples,
-        "population": population,
-        "grains": grains,
-        "final_particles": int(final_particles),
-        "frames": frames,
+        "code_version": campaign.code_version,
+        "sources_sha256": campaign.sources_sha256,
+        "campaign": campaign.text,
+        "campaign_sha256": campaign.sha256,
+        "identity": json.dumps(campaign.identity, sort_keys=True),
+        "seed": campaign.seed,
+        "strings": sizes.strings,
+        "max_samples": sizes.max_samples + sizes.fresh,
+        "fresh_from": sizes.max_samples,
+        "population": sizes.population,
+        "grains": sizes.grains,
+        "final_particles": int(sizes.final_particles),
+        "frames": sizes.frames,
     }
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
-        _lay_out(file, attributes, generations)
-        Rows(file[VARIABLE_TABLE.name], path).write(0, _variable_rows(lower, upper))
+        _lay_out(file, attributes, sizes.generations)
+        box = _variable_rows(campaign.lower, campaign.upper)
+        Rows(file[VARIABLE_TABLE.name], path).write(0, box)
         status = np.zeros(1, STATUS.dtype)
         status["state"], status["reason"] = b"stopped", b"not started yet"
         status["updated"] = datetime.now(UTC).timestamp()
         Rows(file[STATUS.name], path).write(0, status)
 
 
-def enlarge_campaign_file(
-    path: str | os.PathLike[str],
-    strings: int,
-    generations: int,
-    *,
-    fresh: int = 0,
-    grains: int = 0,
-    final_particles: bool = False,
-    frames: int = 0,
-) -> bool:
+def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bool:
     """Replace a campaign file by one with more room and the same rows, unless it has enough.
 
-    The caller holds its `CampaignLock` and has no writer open. Arguments are as for
-    `create_campaign_file`.
+    The caller holds its `CampaignLock` and has no writer open. Samples of the search and the
+    population keep the numbers that the file has.
 
     Returns
     -------
@@ -147,17 +137,22 @@ def enlarge_campaign_file(
     path = Path(os.path.realpath(path))
     with open_file(path) as old:
         refuse_compact(old, path)
-        attributes = dict(old.attrs)
-        asked = {"strings": strings, "final_particles": int(final_particles), "frames": frames}
-        asked |= {"grains": grains, "max_samples": fresh_from(attributes) + fresh}
+        attributes, generations = dict(old.attrs), len(old["generations"])
+        asked = {
+            "strings": sizes.strings,
+            "max_samples": fresh_from(attributes) + sizes.fresh,
+            "grains": sizes.grains,
+            "final_particles": int(sizes.final_particles),
+            "frames": sizes.frames,
+        }
         wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
         lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
-        if not lacks and generations <= len(old["generations"]):
+        if not lacks and sizes.generations <= generations:
             return False
         kept = table_schemas(attributes)
         wanted["fresh_from"] = fresh_from(attributes)
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
-            _lay_out(new, attributes | wanted, max(generations, len(old["generations"])))
+            _lay_out(new, attributes | wanted, max(sizes.generations, generations))
             for schema in kept:
                 _copy(old, new, schema, path)
         return True

@@ -3,6 +3,8 @@
 Arrays in a row are as long as a sample has grains; their first `particles` places are filled.
 """
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import h5py
@@ -10,6 +12,7 @@ import numpy as np
 
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema
 from agglom_mpi.storage.table import Table, concatenated, consecutive_numbers
 
@@ -97,6 +100,54 @@ def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, i
         for row in table.read(place, 1).rows:
             keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
     return keys
+
+
+class FrameWriter:
+    """Writer of `/frames`; rows are in the file when a method returns.
+
+    Parameters
+    ----------
+    file
+        The campaign file, open for writing.
+    path
+        Its name.
+    writing
+        Returns a context in which rows may be written.
+    """
+
+    def __init__(
+        self, file: h5py.File, path: Path, writing: Callable[[], AbstractContextManager[None]]
+    ) -> None:
+        self._file = file
+        self._path = path
+        self._writing = writing
+
+    def put(self, first: int, rows: np.ndarray) -> None:
+        """Write frames, (n,) rows of `/frames` without `crc`, in place of those there are."""
+        with self._writing():
+            table = Table(self._file, "frames", self._path)
+            table.mark_absent(first, len(rows))
+            table.write(first, rows)
+
+    def keys(self) -> dict[int, tuple[int, int, int]]:
+        """Return (string, sample, frame) of the frames there are, by row."""
+        return valid_frame_keys(self._file, self._path)
+
+    @property
+    def count(self) -> int:
+        """Number of frames there are."""
+        return count_frames(self._file, self._path)
+
+    def forget(self) -> None:
+        """Make all frames absent."""
+        with self._writing():
+            table = Table(self._file, "frames", self._path)
+            table.mark_absent(0, table.capacity)
+
+
+def count_frames(file: h5py.File, path: Path) -> int:
+    """Return the number of final rows of `/frames`."""
+    return len(Rows(file["frames_done"], path).nonzero()) if "frames" in file else 0
 
 
 def read_frames(file: h5py.File, path: Path, string: int, sample: int) -> Frames | None:

@@ -15,7 +15,12 @@ from agglom_mpi.search.proposals import Proposals, restored
 from agglom_mpi.simulation.frames import Frames, without_temperatures
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
 from agglom_mpi.storage.header import CampaignHeader
-from agglom_mpi.storage.particle_tables import frame_keys, read_final_particles, read_frames
+from agglom_mpi.storage.particle_tables import (
+    count_frames,
+    frame_keys,
+    read_final_particles,
+    read_frames,
+)
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
 from agglom_mpi.storage.table import Table
@@ -268,8 +273,7 @@ class CampaignData(CampaignHeader):
             found = table.read()
             self._kept[name], self._damaged[name] = _locked(found.rows), found.damaged
         self._generation_capacity = len(file["generations"])
-        if "frames" in file:
-            self._frames = len(Rows(file["frames_done"], self.path).nonzero())
+        self._frames = count_frames(file, self.path)
         self._kept["variables"] = _locked(Rows(file["variables"], self.path).read_all())
         self._kept["status"] = _locked(status)
 

@@ -2,10 +2,10 @@
 
 import os
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import h5py
 import numpy as np
@@ -13,15 +13,45 @@ from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file, with_path
 from agglom_mpi.storage.fingerprint import AlteredFileError, Fingerprint, redirect_writes
-from agglom_mpi.storage.particle_tables import valid_frame_keys
+from agglom_mpi.storage.particle_tables import FrameWriter
 from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.run_log import RunLog
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
-from agglom_mpi.storage.schema import CAMPAIGN_STATES, TOOK_TOO_LONG, VERSIONS
-from agglom_mpi.storage.table import Table, fitted, make_row
+from agglom_mpi.storage.schema import CAMPAIGN_STATES
+from agglom_mpi.storage.table import Table, make_row
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
+
+
+class GenerationRow(NamedTuple):
+    """Columns of a row of `/generations`: the state of the search after a generation.
+
+    Attributes
+    ----------
+    top
+        Number of strings in `mean_of_top`.
+    seconds
+        Wall-clock time, s, summed over legs.
+    population
+        Numbers of strings, (population,), the best first.
+    digest
+        From `generation_digest`.
+    """
+
+    generation: int
+    best_string: int
+    best_objective: float
+    best_standard_error: float
+    mean_of_top: float
+    top: int
+    evaluations: int
+    samples_used: int
+    samples_simulated: int
+    seconds: float
+    population: ArrayLike
+    digest: int
 
 
 class CampaignWriter:
@@ -42,6 +72,10 @@ class CampaignWriter:
         Time spent on writing, s.
     samples
         Writer of samples.
+    frames
+        Writer of frames.
+    log
+        Writer of starts of the program and of failed samples.
     parallel
         Whether other ranks have the file open, too.
     """
@@ -60,9 +94,10 @@ class CampaignWriter:
         self._fingerprint = Fingerprint(file, self.path, self._descriptor)
         self.samples = SampleWriter(file, self.path, self.clock, self._check_file)
         self._tables = {
-            name: Table(file, name, self.path)
-            for name in ("strings", "results", "failures", "generations", "legs")
+            name: Table(file, name, self.path) for name in ("strings", "results", "generations")
         }
+        self.frames = FrameWriter(file, self.path, self._writing)
+        self.log = RunLog(file, self.path, self._writing)
         results = self._tables["results"]
         self._results = RowBuffer({"string": results.capacity}, results.dtype)
         self._status = Rows(file["status"], self.path)
@@ -118,8 +153,7 @@ class CampaignWriter:
         rows["origin"], rows["parents"] = origins, parents
         for column, name in enumerate(NAMES):
             rows[name] = values[:, column]
-        self._check_file()
-        with self.clock:
+        with self._writing():
             self._tables["strings"].write(first_id, rows)
 
     def flush_due(self, now: float | None = None) -> bool:
@@ -142,171 +176,17 @@ class CampaignWriter:
         """Buffer samples; see `SampleWriter.put`."""
         self.samples.put(records, finals)
 
-    def put_frames(self, first: int, rows: np.ndarray) -> None:
-        """Write frames, (n,) rows of `/frames` without `crc`, in place of those there are."""
-        self._check_file()
-        with self.clock:
-            table = Table(self._file, "frames", self.path)
-            table.mark_absent(first, len(rows))
-            table.write(first, rows)
-
-    def frame_keys(self) -> dict[int, tuple[int, int, int]]:
-        """Return (string, sample, frame) of the frames there are, by row."""
-        return valid_frame_keys(self._file, self.path)
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames there are."""
-        return (
-            len(Rows(self._file["frames_done"], self.path).nonzero())
-            if "frames" in self._file
-            else 0
-        )
-
-    def forget_frames(self) -> None:
-        """Make all frames absent."""
-        self._check_file()
-        with self.clock:
-            table = Table(self._file, "frames", self.path)
-            table.mark_absent(0, table.capacity)
-
     def put_result(self, row: np.ndarray) -> None:
         """Buffer the result of a string, a row of `/results`, (1,), without `crc`."""
         self._tables["results"].rows.check(int(row["string"][0]), 1)
         self._results.add(row, time.monotonic())
 
-    @property
-    def has_room_for_failures(self) -> bool:
-        """Whether the next failure overwrites none."""
-        table = self._tables["failures"]
-        return table.end() < table.capacity
-
-    def put_failure(self, string: int, sample: int, *, rank: int, host: str, text: str) -> bool:
-        """Write the exception of a failed sample, of a long text the end, which names the error.
-
-        Where the table is full the last row is overwritten, unless it is of a sample that took too
-        long: nothing else tells of such a one. Return whether this one was written.
-        """
-        table = self._tables["failures"]
-        place = table.append_place()
-        if any(row["text"].startswith(TOOK_TOO_LONG.encode()) for row in table.read(place, 1).rows):
-            return False
-        end = text.encode()[-table.dtype["text"].itemsize :].decode(errors="ignore")
-        self._put("failures", place, string=string, sample=sample, rank=rank, host=host, text=end)
-        return True
-
-    def put_generation(
-        self,
-        generation: int,
-        *,
-        best_string: int,
-        best_objective: float,
-        best_standard_error: float,
-        mean_of_top: float,
-        top: int,
-        evaluations: int,
-        samples_used: int,
-        samples_simulated: int,
-        seconds: float,
-        population: ArrayLike,
-        digest: int,
-    ) -> None:
-        """Write the state of the search after a generation, after all that is buffered.
-
-        The columns are those of `/generations`: `population`, (population,), has string numbers,
-        the best first; `seconds` are summed over legs; `digest` is from `generation_digest`.
-        """
+    def put_generation(self, row: GenerationRow) -> None:
+        """Write the state of the search after a generation, after all that is buffered."""
         self.flush()
-        self._put(
-            "generations",
-            generation,
-            generation=generation,
-            best_string=best_string,
-            best_objective=best_objective,
-            best_standard_error=best_standard_error,
-            mean_of_top=mean_of_top,
-            top=top,
-            evaluations=evaluations,
-            samples_used=samples_used,
-            samples_simulated=samples_simulated,
-            seconds=seconds,
-            population=population,
-            digest=digest,
-        )
-
-    def begin_leg(
-        self,
-        *,
-        started: float,
-        ranks: int,
-        nodes: int,
-        database: str,
-        host: str,
-        processor: str,
-        code_version: str,
-        sources_sha256: str,
-        git_revision: str,
-        versions: Mapping[str, str],
-    ) -> int:
-        """Write a start of the program; return the number of this leg.
-
-        Parameters
-        ----------
-        started : float
-            Unix time, s.
-        ranks, nodes : int
-            MPI ranks, and the machines that they are on.
-        database : str
-            Who writes samples: `gathered` or `parallel`.
-        host, processor : str
-            Machine of rank 0, and its kind of processor.
-        versions : mapping
-            Library versions by the names of `schema.VERSIONS`; those left out stay empty.
-        """
-        index = self._tables["legs"].append_place()
-        self._put(
-            "legs",
-            index,
-            started=started,
-            stopped=np.nan,
-            ranks=ranks,
-            nodes=nodes,
-            database=database,
-            exit_code=-1,
-            host=host,
-            processor=processor,
-            code_version=code_version,
-            sources_sha256=sources_sha256,
-            git_revision=git_revision,
-            **{name: versions.get(name, "") for name in VERSIONS},
-        )
-        return index
-
-    def end_leg(
-        self,
-        index: int,
-        *,
-        stopped: float,
-        exit_code: int,
-        samples: int,
-        busy_seconds: float,
-        cpu_seconds: float,
-        database_seconds: float,
-    ) -> None:
-        """Write the end of a leg.
-
-        `stopped` is Unix time, s; `busy_seconds`, wall-clock time, and `cpu_seconds` are summed
-        over samples, `database_seconds` over ranks. A file of format version 1 or 2 has no
-        `cpu_seconds`.
-        """
-        legs = self._tables["legs"]
-        row = fitted(legs.rows.read(index, 1), legs.dtype)
-        row["stopped"], row["exit_code"] = stopped, exit_code
-        row["samples"], row["database_seconds"] = samples, database_seconds
-        row["busy_seconds"], row["cpu_seconds"] = busy_seconds, cpu_seconds
-        self._check_file()
-        with self.clock:
-            legs.write(index, row)
+        table = self._tables["generations"]
+        with self._writing():
+            table.write(row.generation, make_row(table.dtype, **row._asdict()))
 
     def set_status(self, state: str, reason: str = "") -> None:
         """Write what the campaign is doing, one of `CAMPAIGN_STATES`, and why."""
@@ -332,6 +212,13 @@ class CampaignWriter:
         self.flush()
         with self.clock:
             sync_descriptor(self._descriptor, self.path)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Check the file, and measure the time that writing to it takes."""
+        self._check_file()
+        with self.clock:
+            yield
 
     def _check_file(self) -> None:
         """Raise an OSError if the file is no longer in its place, or was altered by others.
@@ -385,9 +272,3 @@ class CampaignWriter:
         # After an error the others would not join in closing: who catches it aborts the job.
         if error is None or not self.parallel:
             self.close()
-
-    def _put(self, table: str, number: int, **fields: Any) -> None:
-        rows = self._tables[table]
-        self._check_file()
-        with self.clock:
-            rows.write(number, make_row(rows.dtype, **fields))

@@ -172,8 +172,8 @@ def test_failed_fresh_samples_are_left_out_and_counted(path):
     change(path, 1, [19])
     with CampaignWriter(path) as writer:
         late = "took longer than max_seconds, 3 s"
-        writer.put_failure(1, 119, rank=0, host="here", text=late)
-        writer.put_failure(3, 4, rank=0, host="here", text=late)
+        writer.log.put_failure(1, 119, rank=0, host="here", text=late)
+        writer.log.put_failure(3, 4, rank=0, host="here", text=late)
     table = open_campaign(path).estimates
     assert table["string"].tolist() == [2, 1, 0]
     assert table["failed"].tolist() == [1, 1, 0]

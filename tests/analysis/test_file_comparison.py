@@ -10,7 +10,7 @@ from agglom_mpi.analysis.file_comparison import best_objectives, compare, compar
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.runtime.file_setup import leg_start, prepare
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS
 from agglom_mpi.storage.table import make_row
@@ -28,7 +28,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
     count = len(objectives)
     parameters = np.full((count, 10), 2.0)
     with CampaignWriter(path) as writer:
-        writer.begin_leg(**leg_fields(1, ""))
+        writer.log.begin_leg(leg_start(1, ""))
         none = np.full((count, 2), -1)
         writer.put_strings(0, 0, np.arange(count), np.zeros(count, int), none, parameters)
         for string, objective in enumerate(objectives):

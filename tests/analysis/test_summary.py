@@ -10,7 +10,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.runtime.file_setup import leg_start, prepare
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
@@ -54,7 +54,7 @@ def begun(path):
     parameters = np.full((5, 10), 2.0)
     parameters[:, 9] = np.nan
     with CampaignWriter(path) as writer:
-        writer.begin_leg(**leg_fields(1, ""))
+        writer.log.begin_leg(leg_start(1, ""))
         writer.set_status("running")
         writer.put_strings(0, 0, np.arange(5), np.zeros(5, int), np.full((5, 2), -1), parameters)
         rows = np.zeros(12, sample_dtype)

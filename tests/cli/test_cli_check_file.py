@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from campaign_runs import assert_same, decisions, finish, invert
+from storage_rows import table_room
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
@@ -167,7 +168,7 @@ def test_any_flipped_done_byte_is_found(tiny_folder, tmp_path, table):
 
 @pytest.mark.parametrize("table", TABLES)
 def test_a_done_byte_that_is_set_without_a_row_is_found(copy, table):
-    enlarge_campaign_file(copy, 40, 9)
+    enlarge_campaign_file(copy, table_room(40, 9))
     lines(copy, 0)
     with h5py.File(copy, "r+") as file:
         absent = np.flatnonzero(file[f"{table}_done"][:] == 0)[0]

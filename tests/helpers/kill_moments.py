@@ -75,7 +75,7 @@ class _Moments:
 def install():
     """Let this process tell its activities, and wait where it is to be killed."""
     from agglom_mpi.runtime import file_setup
-    from agglom_mpi.storage import files, rows, sample_writer, writer
+    from agglom_mpi.storage import files, rows, run_log, sample_writer, writer
 
     moments = _Moments()
 
@@ -107,5 +107,5 @@ def install():
     telling(writer.CampaignWriter, "put_strings", "decisions")
     telling(writer.CampaignWriter, "flush", "decisions")
     telling(writer.CampaignWriter, "put_generation", "generation")
-    telling(writer.CampaignWriter, "end_leg", "closing")
+    telling(run_log.RunLog, "end_leg", "closing")
     telling(writer.CampaignWriter, "close", "closing")

@@ -5,9 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from agglom_mpi.config.identity import digest
-from agglom_mpi.storage.create import create_campaign_file
+from agglom_mpi.storage.create import CampaignRecord, create_campaign_file
+from agglom_mpi.storage.room import TableSizes
+from agglom_mpi.storage.run_log import LegStart
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row
+from agglom_mpi.storage.writer import GenerationRow
 
 STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION = 40, 100, 5, 6
 LOWER = np.array([0.1, 0.4, 1e3, 1e7, 10.0, 0.01, 273.0, 10.0, 5e6, np.nan])
@@ -18,8 +21,8 @@ TEXT = "title: grünes Korn\n" + "# a long remark\n" * 8000
 def make(path: Path, **changes: object) -> Path:
     identity = {"particles": 100, "box": [0.1, 30.0]}
     given = {
-        "campaign_text": TEXT,
-        "campaign_sha256": digest(changes.get("identity", identity)),
+        "text": TEXT,
+        "sha256": digest(changes.get("identity", identity)),
         "identity": identity,
         "seed": 2**62 + 1,
         "title": "grünes Korn",
@@ -27,13 +30,16 @@ def make(path: Path, **changes: object) -> Path:
         "sources_sha256": "s" * 64,
         "lower": LOWER,
         "upper": UPPER,
-        "strings": STRINGS,
-        "max_samples": MAX_SAMPLES,
-        "generations": GENERATIONS,
-        "population": POPULATION,
     }
-    create_campaign_file(path, **(given | changes))
+    of_record = {name: changes.pop(name) for name in CampaignRecord._fields if name in changes}
+    record = CampaignRecord(**(given | of_record))
+    create_campaign_file(path, record, table_room(STRINGS, GENERATIONS)._replace(**changes))
     return path
+
+
+def table_room(strings: int, generations: int, **more: object) -> TableSizes:
+    """Return sizes of tables with room for these numbers of rows."""
+    return TableSizes(strings, MAX_SAMPLES, generations, POPULATION, **more)
 
 
 def sample_rows(string: int, first: int, count: int) -> np.ndarray:
@@ -70,8 +76,8 @@ def put_result(writer, string: int, objective: float, used: int = 10, failed: in
 
 
 def put_generation(writer, generation: int) -> None:
-    writer.put_generation(
-        generation,
+    row = GenerationRow(
+        generation=generation,
         best_string=3,
         best_objective=0.25,
         best_standard_error=0.01,
@@ -84,10 +90,11 @@ def put_generation(writer, generation: int) -> None:
         population=np.arange(POPULATION)[::-1],
         digest=2**64 - 1,
     )
+    writer.put_generation(row)
 
 
 def begin_leg(writer, started: float = 1e9) -> int:
-    return writer.begin_leg(
+    start = LegStart(
         started=started,
         ranks=4,
         nodes=2,
@@ -99,3 +106,4 @@ def begin_leg(writer, started: float = 1e9) -> int:
         git_revision="a" * 40,
         versions={"python": "3.11.7", "mpi": "MPICH " + "x" * 100},
     )
+    return writer.log.begin_leg(start)

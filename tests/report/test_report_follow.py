@@ -32,7 +32,7 @@ from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import FileProgress, follow, silence_note
 from agglom_mpi.runtime import coordinator as coordinator_module
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_fields, prepare
+from agglom_mpi.runtime.file_setup import leg_start, prepare
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
@@ -85,7 +85,7 @@ def carried_out(tmp_path_factory):
         coordinator.replay()
         runner = SampleRunner(work, 0)
         runner.warm_up()
-        writer.begin_leg(**leg_fields(1, ""))
+        writer.log.begin_leg(leg_start(1, ""))
         writer.set_status("running")
         reader = FileProgress(read_campaign(path))
         pool = WorkerPool(runner, None)

@@ -10,7 +10,7 @@ from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import (
     OutputError,
     check_same_campaign,
-    leg_fields,
+    leg_start,
     output_path,
     prepare,
     versions,
@@ -86,9 +86,9 @@ def test_more_generations_make_room_for_more_strings(campaign, tmp_path):
 
 
 def test_a_leg_records_what_it_ran_with():
-    fields = leg_fields(3, "MPICH 4.3")
-    assert fields["ranks"] == 3
-    assert fields["versions"]["mpi"] == "MPICH 4.3"
+    start = leg_start(3, "MPICH 4.3")
+    assert start.ranks == 3
+    assert start.versions["mpi"] == "MPICH 4.3"
     assert all(versions()[name] for name in ("python", "numpy", "numba", "h5py", "hdf5"))
 
 

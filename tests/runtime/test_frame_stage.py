@@ -13,28 +13,29 @@ FRAMES = 3
 WANTED = FramePlan(((7, 0), (7, 1), (2, 0)), FRAMES)
 
 
-class Album:
-    """A writer that keeps the keys of pictures in memory, by row."""
+class FramesInMemory:
+    """A writer, and its writer of frames, that keep the keys of frames in memory, by row."""
 
     def __init__(self, *samples):
-        self.keys = {}
+        self.frames = self
+        self.kept = {}
         self.forgotten = 0
         for place, pair in enumerate(samples):
             self.keep(place, *pair)
 
     def keep(self, place, string, sample, frames=range(FRAMES)):
-        self.keys |= {place * FRAMES + frame: (string, sample, frame) for frame in frames}
+        self.kept |= {place * FRAMES + frame: (string, sample, frame) for frame in frames}
 
-    def frame_keys(self):
-        return dict(self.keys)
+    def keys(self):
+        return dict(self.kept)
 
-    def forget_frames(self):
-        self.keys.clear()
+    def forget(self):
+        self.kept.clear()
         self.forgotten += 1
 
-    def put_frames(self, first, rows):
+    def put(self, first, rows):
         found = rows[["string", "sample", "frame"]].tolist()
-        self.keys |= {first + i: key for i, key in enumerate(found)}
+        self.kept |= {first + i: key for i, key in enumerate(found)}
 
 
 def parameters(string):
@@ -45,8 +46,8 @@ def rows(string, sample):
     return frame_rows(string, sample, new_frames(np.arange(float(FRAMES)), 5))
 
 
-def open_stage(album, pictures=WANTED):
-    stage = FrameStage(pictures, album, parameters)
+def open_stage(writer, pictures=WANTED):
+    stage = FrameStage(pictures, writer, parameters)
     return stage, stage.open()
 
 
@@ -55,8 +56,8 @@ def pairs(tasks):
 
 
 def test_all_are_taken_in_order_where_there_are_none():
-    album = Album()
-    stage, tasks = open_stage(album)
+    writer = FramesInMemory()
+    stage, tasks = open_stage(writer)
     assert pairs(tasks) == list(WANTED.samples)
     assert tasks["frames"].tolist() == [FRAMES] * 3
     for task in tasks:
@@ -66,35 +67,35 @@ def test_all_are_taken_in_order_where_there_are_none():
         stage.store(rows(*pair))
     assert stage.done
     assert stage.complete
-    assert album.keys == Album(*WANTED.samples).keys
-    assert album.forgotten == 0
+    assert writer.kept == FramesInMemory(*WANTED.samples).kept
+    assert writer.forgotten == 0
 
 
 def test_frames_may_arrive_one_by_one():
-    album = Album((7, 0), (7, 1))
-    stage, tasks = open_stage(album)
+    writer = FramesInMemory((7, 0), (7, 1))
+    stage, tasks = open_stage(writer)
     assert pairs(tasks) == [(2, 0)]
     for frame in range(FRAMES):
         assert not stage.complete
         stage.store(rows(2, 0)[frame : frame + 1])
     assert stage.complete
-    assert album.keys == Album(*WANTED.samples).keys
+    assert writer.kept == FramesInMemory(*WANTED.samples).kept
 
 
 def test_nothing_is_missing_where_all_are_there():
-    stage, tasks = open_stage(Album(*WANTED.samples))
+    stage, tasks = open_stage(FramesInMemory(*WANTED.samples))
     assert stage.complete
     assert stage.done
     assert len(tasks) == 0
 
 
 def test_a_sample_of_which_one_picture_is_missing_is_taken_again():
-    album = Album(*WANTED.samples)
-    del album.keys[4]
-    stage, tasks = open_stage(album)
+    writer = FramesInMemory(*WANTED.samples)
+    del writer.kept[4]
+    stage, tasks = open_stage(writer)
     assert pairs(tasks) == [(7, 1)]
     assert not stage.complete
-    assert album.forgotten == 0
+    assert writer.forgotten == 0
 
 
 @pytest.mark.parametrize(
@@ -107,13 +108,13 @@ def test_a_sample_of_which_one_picture_is_missing_is_taken_again():
     ],
 )
 def test_pictures_of_others_are_dropped_before_any_is_taken(stored):
-    album = Album(*stored)
-    stage = FrameStage(WANTED, album, parameters)
+    writer = FramesInMemory(*stored)
+    stage = FrameStage(WANTED, writer, parameters)
     assert not stage.complete
     assert not stage.done
-    assert album.keys, "asking changes nothing"
+    assert writer.kept, "asking changes nothing"
     assert pairs(stage.open()) == list(WANTED.samples)
-    assert (album.keys, album.forgotten) == ({}, 1)
+    assert (writer.kept, writer.forgotten) == ({}, 1)
     for pair in WANTED.samples:
         stage.store(rows(*pair))
     assert stage.complete
@@ -121,31 +122,31 @@ def test_pictures_of_others_are_dropped_before_any_is_taken(stored):
 
 def test_fewer_frames_of_the_same_sample_are_dropped_and_more_taken_all():
     one = FramePlan(((7, 0),), FRAMES)
-    album = Album()
-    album.keep(0, 7, 0, range(FRAMES + 1))
-    assert pairs(open_stage(album, one)[1]) == [(7, 0)]
-    assert album.forgotten == 1
-    album = Album()
-    album.keep(0, 7, 0, range(FRAMES - 1))
-    _, [task] = open_stage(album, one)
+    writer = FramesInMemory()
+    writer.keep(0, 7, 0, range(FRAMES + 1))
+    assert pairs(open_stage(writer, one)[1]) == [(7, 0)]
+    assert writer.forgotten == 1
+    writer = FramesInMemory()
+    writer.keep(0, 7, 0, range(FRAMES - 1))
+    _, [task] = open_stage(writer, one)
     assert task["frames"] == FRAMES
     # Frames at other times: evenly spaced, all but the first have moved.
 
 
 def test_a_sample_that_raised_is_given_up_until_the_next_run():
-    album = Album((7, 0))
-    stage, _ = open_stage(album)
+    writer = FramesInMemory((7, 0))
+    stage, _ = open_stage(writer)
     stage.give_up(7, 1)
     assert not stage.done
     stage.store(rows(2, 0))
     assert stage.done
-    assert pairs(open_stage(album)[1]) == [(7, 1)]
+    assert pairs(open_stage(writer)[1]) == [(7, 1)]
 
 
 def test_where_none_are_asked_for_those_there_are_stay():
-    album = Album((7, 0))
-    stage, tasks = open_stage(album, FramePlan())
+    writer = FramesInMemory((7, 0))
+    stage, tasks = open_stage(writer, FramePlan())
     assert stage.complete
     assert stage.done
     assert len(tasks) == 0
-    assert album.forgotten == 0
+    assert writer.forgotten == 0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from agglom_mpi.runtime.file_setup import git_revision, leg_fields
+from agglom_mpi.runtime.file_setup import git_revision, leg_start
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
@@ -56,4 +56,4 @@ def test_what_is_no_checkout_has_no_revision(tmp_path):
 
 
 def test_a_leg_records_the_revision_of_these_sources():
-    assert leg_fields(1, "")["git_revision"] == git_revision()
+    assert leg_start(1, "").git_revision == git_revision()

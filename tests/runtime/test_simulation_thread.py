@@ -419,15 +419,15 @@ def test_of_a_long_traceback_the_end_travels():
 @pytest.mark.parametrize("times", [2_000, pytest.param(20_000, marks=pytest.mark.slow)])
 def test_an_interruption_at_the_wrong_moment_does_not_let_it_wait_for_ever(times):
     """Here timer signals take it away from its wait, on a busy machine other processes do."""
-    bell = Wakeup()
-    thread = SimulationThread(Fake(), bell)
+    wakeup = Wakeup()
+    thread = SimulationThread(Fake(), wakeup)
     before = signal.signal(signal.SIGALRM, lambda number, frame: None)
     signal.setitimer(signal.ITIMER_REAL, 1e-4, 1e-4)
     try:
         for _ in range(times):
             thread.put(some(1))
             while thread.poll() is None:
-                assert bell.wait(HANG), "nothing rang"
+                assert wakeup.wait(HANG), "nothing rang"
             assert thread.poll() is None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -100,7 +100,7 @@ def test_what_a_run_writes_itself_is_no_alteration(path):
             writer.set_status(state)
             put_strings(writer, 0, 5)
             writer.put_samples(sample_rows(2, 0, 100))
-            writer.put_failure(1, 2, rank=3, host="b", text="broken")
+            writer.log.put_failure(1, 2, rank=3, host="b", text="broken")
             writer.sync()
             writer.set_status("running", "once more")
     with h5py.File(path, "r") as file:

@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from storage_rows import LOWER, MAX_SAMPLES, STRINGS, make, put_strings, sample_rows
+from storage_rows import LOWER, MAX_SAMPLES, STRINGS, make, put_strings, sample_rows, table_room
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.campaign_file import open_campaign
@@ -78,9 +78,9 @@ def filled(path):
         put_strings(writer, 0, 6)
         for string in (0, 2, 5):
             writer.put_samples(*samples_and_finals(string, string, 8))
-        writer.put_frames(0, frame_rows(5, 1, pictures(5, 1)))
+        writer.frames.put(0, frame_rows(5, 1, pictures(5, 1)))
         for frame in reversed(range(COUNT)):
-            writer.put_frames(COUNT + frame, frame_rows(2, 0, pictures(2, 0))[frame : frame + 1])
+            writer.frames.put(COUNT + frame, frame_rows(2, 0, pictures(2, 0))[frame : frame + 1])
     return path
 
 
@@ -126,7 +126,7 @@ def cold(tmp_path):
         writer.put_samples(rows, final_row(0, 0, zero, GRAINS))
         present = np.isfinite(shown.temperatures)
         frames = shown._replace(temperatures=np.where(present, 0.0, np.nan))
-        writer.put_frames(0, frame_rows(0, 0, frames))
+        writer.frames.put(0, frame_rows(0, 0, frames))
     return path
 
 
@@ -287,7 +287,7 @@ def test_rows_beyond_the_room_are_refused(path):
     with CampaignWriter(path) as writer, pytest.raises(IndexError, match="room for 0 to 99"):
         writer.put_samples(rows, finals)
     with CampaignWriter(path) as writer, pytest.raises(IndexError, match="/frames"):
-        writer.put_frames(2 * COUNT + 1, frame_rows(0, 0, pictures(0, 0)))
+        writer.frames.put(2 * COUNT + 1, frame_rows(0, 0, pictures(0, 0)))
 
 
 def test_large_rows_wait_for_fewer_others(path, monkeypatch):
@@ -324,8 +324,8 @@ def test_a_torn_picture_is_absent_and_taken_again(filled):
     assert report.losses == [f"frames: {COUNT + 2} with a wrong checksum"]
     assert report.faults == []
     with CampaignWriter(filled) as writer:
-        assert set(writer.frame_keys()) == set(range(2 * COUNT)) - {COUNT + 2}
-        writer.put_frames(COUNT, frame_rows(2, 0, pictures(2, 0)))
+        assert set(writer.frames.keys()) == set(range(2 * COUNT)) - {COUNT + 2}
+        writer.frames.put(COUNT, frame_rows(2, 0, pictures(2, 0)))
     assert same(file.frames(2, 0), pictures(2, 0))
     assert verify_rows(filled).losses == []
 
@@ -365,7 +365,7 @@ def test_a_picture_that_is_being_replaced_is_no_damage(filled, monkeypatch):
         half["time"] = 7.0
         rows.write(0, half)
         new = frame_rows(0, 3, pictures(0, 3))
-        monkeypatch.setattr(verify.time, "sleep", lambda seconds: writer.put_frames(0, new))
+        monkeypatch.setattr(verify.time, "sleep", lambda seconds: writer.frames.put(0, new))
         report = verify_rows(filled)
     assert (report.losses, report.faults) == ([], [])
 
@@ -373,11 +373,11 @@ def test_a_picture_that_is_being_replaced_is_no_damage(filled, monkeypatch):
 def test_pictures_are_dropped_and_replaced(filled):
     file = open_campaign(filled)
     with CampaignWriter(filled) as writer:
-        assert writer.frame_keys()[COUNT + 1] == (2, 0, 1)
-        writer.forget_frames()
-        assert writer.frame_keys() == {}
+        assert writer.frames.keys()[COUNT + 1] == (2, 0, 1)
+        writer.frames.forget()
+        assert writer.frames.keys() == {}
         assert (file.framed(), file.frames(5, 1)) == ([], None)
-        writer.put_frames(0, frame_rows(0, 3, pictures(0, 3)))
+        writer.frames.put(0, frame_rows(0, 3, pictures(0, 3)))
     assert file.framed() == [(0, 3)]
     assert same(file.frames(0, 3), pictures(0, 3))
 
@@ -387,7 +387,7 @@ def test_a_picture_that_is_half_written_is_absent(filled, monkeypatch):
     with CampaignWriter(filled) as writer:
         mend = failing(monkeypatch, "frames")
         with pytest.raises(OSError, match="No space left"):
-            writer.put_frames(0, frame_rows(0, 3, pictures(0, 3)))
+            writer.frames.put(0, frame_rows(0, 3, pictures(0, 3)))
         mend()
     assert file.framed() == [(2, 0)]
     assert verify_rows(filled).losses == []
@@ -412,13 +412,13 @@ def test_tables_are_added_later_and_every_row_is_kept(tmp_path, monkeypatch, blo
         {},
         WIDE | {"frames": 5 * COUNT},
     ]
-    for step, room in enumerate(steps):
-        enlarge_campaign_file(path, STRINGS + step // 3, 1, **room)
+    for step, more in enumerate(steps):
+        enlarge_campaign_file(path, table_room(STRINGS + step // 3, 1, **more))
         assert rows_of(path) == before
         with CampaignWriter(path) as writer:
             writer.put_samples(*samples_and_finals(4, step, 1))
             if step:
-                writer.put_frames(step * COUNT - COUNT, frame_rows(4, step, pictures(4, step)))
+                writer.frames.put(step * COUNT - COUNT, frame_rows(4, step, pictures(4, step)))
         before = rows_of(path)
     file = read_campaign(path)
     assert file.final_particles(3, 0) is None

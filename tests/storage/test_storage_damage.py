@@ -32,7 +32,7 @@ OLD = h5py.version.hdf5_version_tuple < (1, 12)
 
 @pytest.mark.parametrize("flips", [60, pytest.param(300, marks=pytest.mark.slow)])
 def test_a_flipped_bit_in_the_bytes_of_hdf5_is_named_or_harmless(tmp_path, flips):
-    path = make(tmp_path / "grains.h5", campaign_text="a: 1")
+    path = make(tmp_path / "grains.h5", text="a: 1")
     with CampaignWriter(path) as writer:
         put_strings(writer, 0, 5)
         writer.put_samples(sample_rows(2, 0, 9))

@@ -15,6 +15,7 @@ from storage_rows import (
     put_result,
     put_strings,
     sample_rows,
+    table_room,
 )
 
 from agglom_mpi.campaign_file import open_campaign
@@ -25,6 +26,7 @@ from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.files import CheckedFile
 from agglom_mpi.storage.reader import NotACampaign, read_campaign
+from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -37,7 +39,7 @@ def fill(writer):
     put_result(writer, 5, np.inf)
     put_generation(writer, 0)
     put_generation(writer, 2)
-    writer.put_failure(5, 3, rank=1, host="b", text="Überlauf")
+    writer.log.put_failure(5, 3, rank=1, host="b", text="Überlauf")
     writer.set_status("finished", "all done")
 
 
@@ -170,13 +172,12 @@ def test_damaged_rows_are_copied_as_they_are_and_counted(filled, copy, monkeypat
 def test_a_leg_that_is_just_rewritten_is_read_again(path, copy, monkeypatch):
     with CampaignWriter(path) as writer:
         leg = begin_leg(writer)
-        legs = writer._tables["legs"].rows
+        legs = writer.log._legs.rows
         torn = legs.read(leg, 1)
         torn["samples"] = 5
         legs.write(leg, torn)
-        finish = {"stopped": 2e9, "exit_code": 0, "samples": 5, "busy_seconds": 1.0}
-        finish |= {"cpu_seconds": 0.9, "database_seconds": 0.1}
-        monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.end_leg(leg, **finish))
+        end = LegEnd(2e9, 0, 5, busy_seconds=1.0, cpu_seconds=0.9, database_seconds=0.1)
+        monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.log.end_leg(leg, end))
         assert write_compact(path, copy).damaged == 0
     assert read_campaign(copy).legs()["exit_code"].tolist() == [0]
 
@@ -209,7 +210,7 @@ def test_a_copy_of_a_growing_file_lacks_nothing_that_its_rows_rest_on(tmp_path, 
 def test_a_copy_cannot_be_written_to(filled, copy):
     write_compact(filled, copy)
     before = copy.read_bytes()
-    for touch in (CampaignWriter, lambda path: enlarge_campaign_file(path, 100, 100)):
+    for touch in (CampaignWriter, lambda path: enlarge_campaign_file(path, table_room(100, 100))):
         with pytest.raises(NotACampaign, match=r"copy\.h5: a compact copy.*--output"):
             touch(copy)
     assert copy.read_bytes() == before

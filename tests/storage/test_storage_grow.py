@@ -11,6 +11,7 @@ from storage_rows import (
     put_result,
     put_strings,
     sample_rows,
+    table_room,
 )
 
 from agglom_mpi.storage import create
@@ -29,7 +30,7 @@ def filled(path):
             writer.put_samples(sample_rows(string, string, 7))
         put_result(writer, 3, 0.5)
         put_generation(writer, 1)
-        writer.put_failure(1, 2, rank=3, host="b", text="broken")
+        writer.log.put_failure(1, 2, rank=3, host="b", text="broken")
     return path
 
 
@@ -62,7 +63,7 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
     before = everything(filled)
     with h5py.File(filled, "r+") as file:
         file["results_done"][7] = 1
-    enlarge_campaign_file(filled, 2 * STRINGS, 9)
+    enlarge_campaign_file(filled, table_room(2 * STRINGS, 9))
     assert same(everything(filled), before)
     assert filled.stat().st_mode & 0o777 == 0o640
     assert os.listdir(filled.parent) == ["grains.h5"]
@@ -80,7 +81,7 @@ def test_growing_keeps_everything(filled, monkeypatch, block):
 def test_room_for_fresh_samples_moves_rows_to_their_new_places(filled, monkeypatch, block):
     monkeypatch.setattr(create, "_COPY_BYTES", block)
     before = read_campaign(filled).all_sample_rows()
-    assert enlarge_campaign_file(filled, STRINGS, 1, fresh=3)
+    assert enlarge_campaign_file(filled, table_room(STRINGS, 1, fresh=3))
     campaign = read_campaign(filled)
     assert campaign.all_sample_rows().tobytes() == before.tobytes()
     assert (campaign.fresh_from, campaign.max_samples) == (MAX_SAMPLES, MAX_SAMPLES + 3)
@@ -94,18 +95,18 @@ def test_room_for_fresh_samples_moves_rows_to_their_new_places(filled, monkeypat
         writer.put_samples(sample_rows(STRINGS - 1, MAX_SAMPLES + 2, 1))
     campaign.refresh()
     assert len(campaign.all_sample_rows()) == len(before) + 1
-    assert not enlarge_campaign_file(filled, STRINGS, 1, fresh=2)
+    assert not enlarge_campaign_file(filled, table_room(STRINGS, 1, fresh=2))
 
 
 def test_enough_room_is_left_alone(filled):
     before = filled.stat()
-    enlarge_campaign_file(filled, STRINGS, 1)
+    enlarge_campaign_file(filled, table_room(STRINGS, 1))
     after = filled.stat()
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
 
 
 def test_only_what_is_short_grows(filled):
-    enlarge_campaign_file(filled, 1, 50)
+    enlarge_campaign_file(filled, table_room(1, 50))
     with h5py.File(filled, "r") as file:
         assert (len(file["generations"]), len(file["strings"])) == (50, STRINGS)
 
@@ -114,6 +115,6 @@ def test_a_failed_growth_leaves_the_old_file(filled, file_size_limit):
     before = filled.read_bytes()
     file_size_limit(filled.stat().st_size)
     with pytest.raises(OSError, match=r"too large.*grains\.h5"):
-        enlarge_campaign_file(filled, 10 * STRINGS, 1)
+        enlarge_campaign_file(filled, table_room(10 * STRINGS, 1))
     assert filled.read_bytes() == before
     assert os.listdir(filled.parent) == ["grains.h5"]

@@ -5,7 +5,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from storage_rows import make, put_strings, sample_rows
+from storage_rows import make, put_strings, sample_rows, table_room
 
 from agglom_mpi.storage import rows
 from agglom_mpi.storage.access import open_file
@@ -103,7 +103,7 @@ def test_verifying_reading_and_enlarging_follow_rows_not_room(tmp_path, read):
     assert len(verify_rows(path).data.all_sample_rows()) == 9
     campaign = read_campaign(path)
     assert campaign.all_sample_rows()["sample"].tolist() == [*range(5, 14)]
-    assert enlarge_campaign_file(path, ROOM + 1, 10**6)
+    assert enlarge_campaign_file(path, table_room(ROOM + 1, 10**6))
     campaign.refresh()
     assert len(campaign.all_sample_rows()) == 9
     write_compact(path, tmp_path / "b.h5")

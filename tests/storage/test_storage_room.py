@@ -23,7 +23,7 @@ HDF5_BYTES = 200_000
     [{}, {"fresh": 30}, {"grains": 50, "final_particles": True}, {"grains": 50, "frames": 7}],
 )
 def test_the_size_of_a_file_is_known_before_it_is_made(tmp_path, more):
-    path = make(tmp_path / "a.h5", campaign_text="a: 1", **more)
+    path = make(tmp_path / "a.h5", text="a: 1", **more)
     expected = file_bytes(SIZES._replace(**more))
     assert expected <= path.stat().st_size < expected + HDF5_BYTES
 

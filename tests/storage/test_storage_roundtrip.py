@@ -18,6 +18,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.sample_writer import FLUSH_AGE, FLUSH_ROWS
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -142,7 +143,7 @@ def test_legs(path, writer):
     assert row["host"].decode() == "knöten"
     assert len(row["mpi"]) == 64
     times = {"busy_seconds": 19.5, "cpu_seconds": 17.0, "database_seconds": 0.2}
-    writer.end_leg(0, stopped=1e9 + 5, exit_code=75, samples=300, **times)
+    writer.log.end_leg(0, LegEnd(stopped=1e9 + 5, exit_code=75, samples=300, **times))
     row = read_campaign(path).legs()[0]
     assert (row["exit_code"], row["stopped"], row["samples"]) == (75, 1e9 + 5, 300)
     assert {name: row[name] for name in times} == times
@@ -160,8 +161,8 @@ def test_a_full_table_of_legs_keeps_its_last_row_current(path, writer):
 def test_a_full_table_of_failures_keeps_its_last_row_current(path, writer):
     room = []
     for sample in range(FAILURE_CAPACITY + 3):
-        room.append(writer.has_room_for_failures)
-        assert writer.put_failure(3, sample, rank=1, host="a", text=f"number {sample}")
+        room.append(writer.log.has_room_for_failures)
+        assert writer.log.put_failure(3, sample, rank=1, host="a", text=f"number {sample}")
     assert room == [True] * FAILURE_CAPACITY + [False] * 3
     rows = read_campaign(path).failures()
     assert len(rows) == FAILURE_CAPACITY
@@ -171,17 +172,17 @@ def test_a_full_table_of_failures_keeps_its_last_row_current(path, writer):
 
 def test_all_there_is_of_a_sample_that_took_too_long_is_not_overwritten(path, writer):
     for sample in range(FAILURE_CAPACITY):
-        writer.put_failure(3, sample, rank=1, host="a", text="an exception")
+        writer.log.put_failure(3, sample, rank=1, host="a", text="an exception")
     late = f"{TOOK_TOO_LONG} 3 s"
-    assert writer.put_failure(4, 0, rank=1, host="a", text=late)
-    assert not writer.put_failure(4, 1, rank=1, host="a", text=late)
-    assert not writer.put_failure(4, 2, rank=1, host="a", text="an exception")
+    assert writer.log.put_failure(4, 0, rank=1, host="a", text=late)
+    assert not writer.log.put_failure(4, 1, rank=1, host="a", text=late)
+    assert not writer.log.put_failure(4, 2, rank=1, host="a", text="an exception")
     assert read_campaign(path).failures()[["string", "sample"]].tolist()[-1] == (4, 0)
 
 
 def test_failures_keep_the_end_of_a_long_text(path, writer):
-    writer.put_failure(3, 4, rank=1, host="a", text="é" * 600 + "ValueError: no")
-    writer.put_failure(3, 5, rank=1, host="a", text="short")
+    writer.log.put_failure(3, 4, rank=1, host="a", text="é" * 600 + "ValueError: no")
+    writer.log.put_failure(3, 5, rank=1, host="a", text="short")
     rows = read_campaign(path).failures()
     assert rows["sample"].tolist() == [4, 5]
     text = rows["text"][0].decode()

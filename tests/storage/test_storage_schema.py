@@ -4,7 +4,17 @@ import os
 import h5py
 import numpy as np
 import pytest
-from storage_rows import LOWER, MAX_SAMPLES, POPULATION, STRINGS, TEXT, UPPER, make, sample_rows
+from storage_rows import (
+    LOWER,
+    MAX_SAMPLES,
+    POPULATION,
+    STRINGS,
+    TEXT,
+    UPPER,
+    make,
+    sample_rows,
+    table_room,
+)
 
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
@@ -69,12 +79,12 @@ def test_variables_say_what_is_searched(path):
 
 
 def test_unwritten_space_is_a_hole(tmp_path):
-    path = make(tmp_path / "wide.h5", strings=1000, max_samples=1000, campaign_text="a: 1")
+    path = make(tmp_path / "wide.h5", strings=1000, max_samples=1000, text="a: 1")
     assert path.stat().st_size > 150e6
     assert path.stat().st_blocks * 512 < 1e6
     with CampaignWriter(path) as writer:
         writer.put_samples(sample_rows(500, 500, 3))
-    enlarge_campaign_file(path, 2000, 5)
+    enlarge_campaign_file(path, table_room(2000, 5))
     assert path.stat().st_size > 300e6
     assert path.stat().st_blocks * 512 < 1e6
 
@@ -108,7 +118,7 @@ def test_a_symbolic_link_keeps_pointing_at_the_file(tmp_path):
     link = tmp_path / "grains.h5"
     link.symlink_to(tmp_path / "disc" / "real.h5")
     make(link)
-    enlarge_campaign_file(link, STRINGS + 1, 1)
+    enlarge_campaign_file(link, table_room(STRINGS + 1, 1))
     assert link.is_symlink()
     assert os.listdir(tmp_path / "disc") == ["real.h5"]
 
@@ -119,6 +129,6 @@ def test_a_stale_temporary_file_is_no_obstacle(tmp_path):
     assert os.listdir(tmp_path) == ["grains.h5"]
 
 
-def test_create_takes_keywords_only(tmp_path):
+def test_create_needs_a_record_and_sizes(tmp_path):
     with pytest.raises(TypeError):
         create_campaign_file(tmp_path / "a.h5", "text")
