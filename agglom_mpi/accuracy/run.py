@@ -30,7 +30,8 @@ from agglom_mpi.display.display import Display
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
-from agglom_mpi.runtime.run import RunRequest, run_on_all_ranks
+from agglom_mpi.runtime.leg import RunRequest
+from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 from agglom_mpi.variables import VARIABLES, values_by_name, volume_fraction
 

@@ -53,7 +53,7 @@ def invert_command(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.runtime.run import InvertOptions, invert
+        from agglom_mpi.runtime.invert import InvertOptions, invert
 
         return invert(InvertOptions(**options), world)
 

@@ -1,4 +1,4 @@
-"""A run on all ranks: its request, one leg of it, the exit code."""
+"""A run on all ranks: rank 0 opens the file and lets the others begin; the exit code."""
 
 import os
 import sys
@@ -6,20 +6,11 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from agglom_mpi.analysis.damage import blame_damage
-from agglom_mpi.analysis.run_warnings import run_warnings
-from agglom_mpi.analysis.summary import summary_table
-from agglom_mpi.analysis.warm_start import warm_start
-from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.display import Display
-from agglom_mpi.display.progress import RunProgress
 from agglom_mpi.errors import (
     BAD_INPUT,
     FAILURE,
@@ -31,13 +22,11 @@ from agglom_mpi.errors import (
     named_error,
 )
 from agglom_mpi.formatting import printable
-from agglom_mpi.launcher import compiles_for_node, unread_input
+from agglom_mpi.launcher import unread_input
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
-from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
+from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import (
     kept_as_it_was,
-    leg_start,
-    output_path,
     prepare,
 )
 from agglom_mpi.runtime.launch import (
@@ -47,6 +36,7 @@ from agglom_mpi.runtime.launch import (
     find_nodes,
     taken_input,
 )
+from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
 from agglom_mpi.runtime.programs import (
     MixedJobError,
     Start,
@@ -57,84 +47,14 @@ from agglom_mpi.runtime.programs import (
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
-from agglom_mpi.runtime.worker_pool import WorkerPool
-from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.fingerprint import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock
-from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.sample_writer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-
-class InvertOptions(NamedTuple):
-    """Options of `agglom-invert`, as `cli/invert.py` declares them."""
-
-    campaign: str
-    output: str | None = None
-    generations: int | None = None
-    max_walltime: float | None = None
-    quiet: bool = False
-    accept_code_change: bool = False
-    database: str | None = None
-    allow_code: bool = False
-    strict: bool = False
-    seed: int | None = None
-
-
-class RunRequest(NamedTuple):
-    """What a run executes, and the file that records it."""
-
-    experiment: Experiment
-    path: Path
-    accept_code_change: bool
-    """Whether samples of other sources may be in the file."""
-    database: str | None = None
-    """Who writes samples, `gathered` or `parallel`; None chooses."""
-
-
-def invert(options: InvertOptions, world: "Intracomm | None") -> int:
-    """Run a campaign on all ranks; return the exit code."""
-    display = Display(options.quiet)
-
-    def finish(request: RunRequest) -> None:
-        if options.quiet:
-            return
-        file, final = read_campaign(request.path), request.experiment.campaign.final
-        display.table(summary_table(file, final.strings if final else None))
-        for line in run_warnings(file):
-            display.message(f"warning: {line}")
-
-    return run_on_all_ranks(
-        lambda: read_request(options, display.message),
-        display,
-        finish,
-        world,
-        max_walltime=options.max_walltime,
-    )
-
-
-def read_request(
-    options: InvertOptions, show: Callable[[str], None] = lambda line: None
-) -> RunRequest:
-    """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
-    campaign = load_campaign(options.campaign, options.allow_code)
-    if options.seed is not None:
-        campaign = campaign.with_seed(options.seed)
-    if options.generations is not None:
-        campaign = campaign.with_generations(options.generations)
-    campaign.check_searchable()
-    campaign.check_libraries()
-    warn(campaign.warnings(), options.strict, show)
-    path = output_path(campaign, options.output, options.seed)
-    start = warm_start(campaign, path)
-    warn(start.warnings, options.strict, show)
-    experiment = InversionExperiment(campaign, start.strings)
-    return RunRequest(experiment, path, options.accept_code_change, options.database)
 
 
 def run_on_all_ranks(
@@ -263,7 +183,7 @@ def run_rank_zero(
             for line in kept_as_it_was(request.path, file, experiment):
                 display.message(line)
             experiment = experiment.continuing(len(file.generation_rows()))
-            request = request._replace(experiment=experiment)
+            request = request._replace(experiment=experiment, database=database)
             try:
                 with blame_damage(path):
                     coordinator = Coordinator(experiment, file, writer, display)
@@ -283,7 +203,7 @@ def run_rank_zero(
             else:
                 shared = path if database == PARALLEL else None
                 broadcast_start(world, FINISHED, experiment, shared)
-                end, missing = run_leg(request, database, writer, coordinator, display, stop, world)
+                end, missing = run_leg(request, writer, coordinator, display, stop, world)
                 if missing and world is not None:
                     return conclude_without(missing, end, request, display, finish, world)
             writer.close()
@@ -307,104 +227,6 @@ def ended_by(error: BaseException) -> tuple[str, str]:
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "ended by SIGINT before it had stopped"
     return "failed", named_error(error)
-
-
-def run_leg(
-    request: RunRequest,
-    database: str,
-    writer: CampaignWriter,
-    coordinator: Coordinator,
-    display: Display,
-    stop: StopRequest,
-    world: "Intracomm | None",
-) -> tuple[RunEnd, set[int]]:
-    """Simulate on all ranks, and record this start and stop of the program in `/legs`.
-
-    Returns
-    -------
-    tuple
-        How it ended, and ranks that do not answer any more: nothing collective can follow.
-    """
-    ranks, recorder = 1 if world is None else world.size, coordinator.recorder
-    with display:
-        _announce(display, request, ranks, database, coordinator.inversion)
-        runner = SampleRunner(request.experiment, 0)
-        warm_up(runner, world, display.message, stop)
-        nodes = find_nodes(world).number
-        if database == PARALLEL and world is not None:
-            writer.reopen_parallel(world)
-        begun = time.monotonic()
-        start = leg_start(ranks, mpi_version(world), nodes=nodes, database=database)
-        leg = writer.log.begin_leg(start)
-        writer.set_status("running")
-        pool = WorkerPool(runner, world)
-        if nodes > 1 and writer.parallel:
-            recorder.synced = pool.sync
-        end = coordinator.run(pool, stop)
-    end = coordinator.shut_down(pool, end)
-    ended = LegEnd(
-        stopped=start.started + time.monotonic() - begun,  # also if the clock has been set
-        exit_code=end.code,
-        samples=recorder.samples,
-        busy_seconds=recorder.busy_seconds,
-        cpu_seconds=recorder.cpu_seconds,
-        database_seconds=writer.clock.seconds + pool.database_seconds,
-    )
-    writer.log.end_leg(leg, ended)
-    writer.set_status(end.state, end.reason)
-    writer.sync()
-    return end, pool.missing
-
-
-def warm_up(
-    runner: SampleRunner,
-    world: "Intracomm | None",
-    show: Callable[[str], None] = lambda line: None,
-    stop: StopRequest | None = None,
-) -> None:
-    """Compile kernels on one rank of each node, then let the others load them.
-
-    `show` is called with lines on what this rank compiles. A `stop` ends it: the kernels are not
-    needed any more then.
-    """
-    compiles = world is None or compiles_for_node(world.rank)
-    if compiles:
-        make_ready = partial(runner.warm_up, show)
-        make_ready() if stop is None else stop.do_unless_stopped(make_ready)
-    if world is None:
-        return
-    from mpi4py import MPI
-
-    stopped = np.array([stop is not None and bool(stop.reason)], np.uint8)
-    wait(world.Iallreduce(MPI.IN_PLACE, stopped, MPI.MAX))
-    if not (compiles or stopped[0]):
-        runner.warm_up()
-
-
-def wait(request: Any) -> None:
-    """Wait for an MPI request without burning a core."""
-    while not request.Test():
-        time.sleep(0.002)
-
-
-def mpi_version(world: "Intracomm | None") -> str:
-    """Return name and version of the MPI library; empty for a plain run."""
-    if world is None:
-        return ""
-    from mpi4py import MPI
-
-    return " ".join(MPI.Get_library_version().split()[:3])
-
-
-def _announce(
-    display: Display, request: RunRequest, ranks: int, database: str, inversion: Inversion
-) -> None:
-    experiment, stage = request.experiment, request.experiment.stage(inversion)
-    campaign = experiment.campaign
-    what = f"{campaign.title or campaign.name}: {experiment.largest}"
-    note = "the kernels are made ready"
-    progress = RunProgress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
-    display.begin(what, str(request.path), ranks, database, len(inversion.results), progress)
 
 
 def conclude(

@@ -12,7 +12,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.runtime.run import InvertOptions, read_request
+from agglom_mpi.runtime.invert import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
 
 

@@ -23,7 +23,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.planning.plan import PlanOptions, plan
-from agglom_mpi.runtime.run import InvertOptions, read_request
+from agglom_mpi.runtime.invert import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
 
 

@@ -1,0 +1,74 @@
+"""The command `agglom-invert`: what it runs, and what it shows at the end."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+from agglom_mpi.analysis.run_warnings import run_warnings
+from agglom_mpi.analysis.summary import summary_table
+from agglom_mpi.analysis.warm_start import warm_start
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import warn
+from agglom_mpi.display.display import Display
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import output_path
+from agglom_mpi.runtime.leg import RunRequest
+from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.storage.reader import read_campaign
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class InvertOptions(NamedTuple):
+    """Options of `agglom-invert`, as `cli/invert.py` declares them."""
+
+    campaign: str
+    output: str | None = None
+    generations: int | None = None
+    max_walltime: float | None = None
+    quiet: bool = False
+    accept_code_change: bool = False
+    database: str | None = None
+    allow_code: bool = False
+    strict: bool = False
+    seed: int | None = None
+
+
+def invert(options: InvertOptions, world: "Intracomm | None") -> int:
+    """Run a campaign on all ranks; return the exit code."""
+    display = Display(options.quiet)
+
+    def finish(request: RunRequest) -> None:
+        if options.quiet:
+            return
+        file, final = read_campaign(request.path), request.experiment.campaign.final
+        display.table(summary_table(file, final.strings if final else None))
+        for line in run_warnings(file):
+            display.message(f"warning: {line}")
+
+    return run_on_all_ranks(
+        lambda: read_request(options, display.message),
+        display,
+        finish,
+        world,
+        max_walltime=options.max_walltime,
+    )
+
+
+def read_request(
+    options: InvertOptions, show: Callable[[str], None] = lambda line: None
+) -> RunRequest:
+    """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
+    campaign = load_campaign(options.campaign, options.allow_code)
+    if options.seed is not None:
+        campaign = campaign.with_seed(options.seed)
+    if options.generations is not None:
+        campaign = campaign.with_generations(options.generations)
+    campaign.check_searchable()
+    campaign.check_libraries()
+    warn(campaign.warnings(), options.strict, show)
+    path = output_path(campaign, options.output, options.seed)
+    start = warm_start(campaign, path)
+    warn(start.warnings, options.strict, show)
+    experiment = InversionExperiment(campaign, start.strings)
+    return RunRequest(experiment, path, options.accept_code_change, options.database)

@@ -1,0 +1,136 @@
+"""One leg of a run: from a start of the program to its stop, on all ranks."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.display.display import Display
+from agglom_mpi.display.progress import RunProgress
+from agglom_mpi.launcher import compiles_for_node
+from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
+from agglom_mpi.runtime.experiment import Experiment
+from agglom_mpi.runtime.file_setup import leg_start
+from agglom_mpi.runtime.launch import GATHERED, PARALLEL, find_nodes
+from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.storage.run_log import LegEnd
+from agglom_mpi.storage.writer import CampaignWriter
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class RunRequest(NamedTuple):
+    """What a run executes, and the file that records it."""
+
+    experiment: Experiment
+    path: Path
+    accept_code_change: bool
+    """Whether samples of other sources may be in the file."""
+    database: str | None = None
+    """Who writes samples, `gathered` or `parallel`; None chooses."""
+
+
+def run_leg(
+    request: RunRequest,
+    writer: CampaignWriter,
+    coordinator: Coordinator,
+    display: Display,
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> tuple[RunEnd, set[int]]:
+    """Simulate on all ranks, and record this start and stop of the program in `/legs`.
+
+    The `database` of the request is chosen.
+
+    Returns
+    -------
+    tuple
+        How it ended, and ranks that do not answer any more: nothing collective can follow.
+    """
+    ranks, recorder = 1 if world is None else world.size, coordinator.recorder
+    database = request.database or GATHERED
+    with display:
+        _announce(display, request, ranks, coordinator.inversion)
+        runner = SampleRunner(request.experiment, 0)
+        warm_up(runner, world, display.message, stop)
+        nodes = find_nodes(world).number
+        if database == PARALLEL and world is not None:
+            writer.reopen_parallel(world)
+        begun = time.monotonic()
+        start = leg_start(ranks, mpi_version(world), nodes=nodes, database=database)
+        leg = writer.log.begin_leg(start)
+        writer.set_status("running")
+        pool = WorkerPool(runner, world)
+        if nodes > 1 and writer.parallel:
+            recorder.synced = pool.sync
+        end = coordinator.run(pool, stop)
+    end = coordinator.shut_down(pool, end)
+    ended = LegEnd(
+        stopped=start.started + time.monotonic() - begun,  # also if the clock has been set
+        exit_code=end.code,
+        samples=recorder.samples,
+        busy_seconds=recorder.busy_seconds,
+        cpu_seconds=recorder.cpu_seconds,
+        database_seconds=writer.clock.seconds + pool.database_seconds,
+    )
+    writer.log.end_leg(leg, ended)
+    writer.set_status(end.state, end.reason)
+    writer.sync()
+    return end, pool.missing
+
+
+def warm_up(
+    runner: SampleRunner,
+    world: "Intracomm | None",
+    show: Callable[[str], None] = lambda line: None,
+    stop: StopRequest | None = None,
+) -> None:
+    """Compile kernels on one rank of each node, then let the others load them.
+
+    `show` is called with lines on what this rank compiles. A `stop` ends it: the kernels are not
+    needed any more then.
+    """
+    compiles = world is None or compiles_for_node(world.rank)
+    if compiles:
+        make_ready = partial(runner.warm_up, show)
+        make_ready() if stop is None else stop.do_unless_stopped(make_ready)
+    if world is None:
+        return
+    from mpi4py import MPI
+
+    stopped = np.array([stop is not None and bool(stop.reason)], np.uint8)
+    wait(world.Iallreduce(MPI.IN_PLACE, stopped, MPI.MAX))
+    if not (compiles or stopped[0]):
+        runner.warm_up()
+
+
+def wait(request: Any) -> None:
+    """Wait for an MPI request without burning a core."""
+    while not request.Test():
+        time.sleep(0.002)
+
+
+def mpi_version(world: "Intracomm | None") -> str:
+    """Return name and version of the MPI library; empty for a plain run."""
+    if world is None:
+        return ""
+    from mpi4py import MPI
+
+    return " ".join(MPI.Get_library_version().split()[:3])
+
+
+def _announce(display: Display, request: RunRequest, ranks: int, inversion: Inversion) -> None:
+    experiment, stage = request.experiment, request.experiment.stage(inversion)
+    campaign = experiment.campaign
+    what = f"{campaign.title or campaign.name}: {experiment.largest}"
+    note = "the kernels are made ready"
+    progress = RunProgress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
+    judged = len(inversion.results)
+    display.begin(what, str(request.path), ranks, request.database or GATHERED, judged, progress)
