@@ -3,13 +3,9 @@
 import os
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.analysis import tables
-from agglom_mpi.analysis.estimates import estimates_of
-from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import FinalParticles
@@ -22,13 +18,6 @@ if TYPE_CHECKING:
 
     from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.simulation.frames import Frames
-
-ESTIMATED: Final = {
-    "estimate": "objective",
-    "estimate_standard_error": "standard_error",
-    "estimate_mean_radius_ratio": "mean_radius_ratio",
-}
-"""Columns of `best` that are of fresh samples, and their names in an `Estimate`."""
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
@@ -178,18 +167,8 @@ class CampaignFile(metaclass=PublicFace):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        k, data = self._count("k", k, least=1), self._snapshot()
-        table, estimates = tables.strings(data), estimates_of(data)
-        judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
-        own = search_order(data, data.result_rows())
-        order = [string for string in order_by_estimates(own, estimates) if string in judged]
-        frame = table.set_index("string", drop=False).loc[order[:k]].reset_index(drop=True)
-        known = {estimate.string: estimate for estimate in estimates}
-        again = [known.get(string) for string in frame["string"]]
-        for column, name in ESTIMATED.items():
-            frame[column] = [np.nan if each is None else getattr(each, name) for each in again]
-        frame.attrs["units"] = table.attrs["units"] | dict.fromkeys(ESTIMATED, "1")
-        return frame
+        k = self._count("k", k, least=1)
+        return tables.best(self._snapshot(), k)
 
     def feasible_set(self, tolerance: float | str = 0.05) -> "FeasibleSet":
         """Return the set of strings that are compatible with the objective; takes seconds.

@@ -9,33 +9,26 @@ import numpy as np
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.measure import Measurement
 
+from agglom_mpi.analysis.best_strings import (
+    FRESH_ROWS,
+    GROWTH_ROWS,
+    OBJECTIVE_ROWS,
+    collect_best,
+    time_row,
+)
 from agglom_mpi.analysis.comparison import PairedSamples
-from agglom_mpi.analysis.derived import derived_columns, values_of
-from agglom_mpi.analysis.drawn_sizes import drawn_fraction
-from agglom_mpi.analysis.estimates import Estimate, objective_of, rounding_of, unconverged
+from agglom_mpi.analysis.derived import derived_columns
+from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import no_result, state_lines
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
-from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, number_or_none, pluralise
-from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.search.moment_targets import MomentTargets, interval_notes
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import VARIABLES
 
 _WIDE: Final = 10_000
-
-REESTIMATED: Final = (
-    "objective",
-    "standard_error",
-    "lower",
-    "upper",
-    "samples",
-    "failed",
-    "mean_radius_ratio",
-)
-"""Attributes of an `Estimate` in a summary."""
 
 
 class Summary(NamedTuple):
@@ -78,12 +71,8 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
     """
     results, legs, status = file.result_rows(), file.legs(), file.status()
     samples = file.all_sample_rows()
-    parameters = {int(row["string"]): row for row in file.string_rows()}
-    rows, estimates, order = rank_strings(file)
-    again = {estimate.string: estimate for estimate in estimates}
+    estimates = rank_strings(file).estimates
     fresh = int((samples["sample"] >= file.fresh_from).sum())
-    room = max(parameters, default=-1) + 1
-    wall, cpu = (time_of_strings(samples, room, name) for name in ("seconds", "cpu_seconds"))
     generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
     seconds = float((whole["stopped"] - whole["started"]).sum())
@@ -107,63 +96,15 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         seconds=seconds,
         samples_per_second=len(samples) / seconds if seconds else 0.0,
         derived={column.name: column.unit for column in derived_columns(file)},
-        best=[
-            _entry(file, rows[string], parameters[string], again.get(string))
-            | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
-            | _filled(file, string)
-            | {
-                column.name: float(values_of(file, [string], column.name)[0])
-                for column in derived_columns(file)
-            }
-            for string in order[:best]
-        ],
+        best=collect_best(file, best),
         verdict=selection_bias(estimates, PairedSamples.behind(estimates, file), rounding_of(file)),
     )
-
-
-def _entry(
-    file: CampaignData, result: np.void, string: np.void, again: Estimate | None
-) -> dict[str, Any]:
-    """Return the numbers of a string: as searched, and under `reestimate` on fresh samples."""
-    number = int(result["string"])
-    entry: dict[str, Any] = {"string": number}
-    for name in NAMES:
-        if not np.isnan(string[name]):
-            entry[name] = float(string[name])
-    for name in ("objective", "standard_error", "mean_radius_ratio", "growth_number"):
-        entry[name] = float(result[name])
-    entry["mean_grains"] = float(result["mean_grains"])
-    entry["samples"] = int(result["samples_used"])
-    entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
-    rows = file.all_sample_rows()
-    rows = rows[(rows["string"] == number) & (rows["state"] == COMPLETED)]
-    entry |= _moments(file, rows[rows["sample"] < file.samples_used.get(number, 0)])
-    if again is not None:
-        entry["reestimate"] |= _moments(file, rows[rows["sample"] >= file.fresh_from])
-    return entry
 
 
 def moment_notes(file: CampaignData) -> list[str]:
     """Return what is to be known of the errors of the moments that a campaign has targets for."""
     law = objective_of(file)
     return interval_notes(term.name for term in law.terms) if isinstance(law, MomentTargets) else []
-
-
-def _moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
-    """Return the `moments` that have a target of their own, of completed samples.
-
-    Empty where the objective has none, so that other entries are as ever.
-    """
-    law = objective_of(file)
-    if not isinstance(law, MomentTargets):
-        return {}
-    return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
-
-
-def _filled(file: CampaignData, string: int) -> dict[str, Any]:
-    """Return the volume fraction of the grains of a string's completed samples; empty if equal."""
-    drawn = drawn_fraction(file, string)
-    return {} if drawn is None else {"drawn_volume_fraction": drawn.as_dict()}
 
 
 class FitWidth:
@@ -212,40 +153,18 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
             _add_row(table, variable.name + unit, best, variable.name, ".4g")
     for name, unit in summary.derived.items():
         _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
-    for name, label, style in (
-        ("objective", "objective, as searched", ".4f"),
-        ("standard_error", "± standard error", ".4f"),
-    ):
-        _add_row(table, label, best, name, style)
+    for row in OBJECTIVE_ROWS:
+        _add_row(table, row.on_terminal, best, row.key, row.style)
     _add_moments(table, best, "as searched")
     again = [entry["reestimate"] for entry in best]
     if any(again):
-        for name, label, style in (
-            ("objective", "re-estimate", ".4f"),
-            ("lower", "95 % from", ".4f"),
-            ("upper", "95 % to", ".4f"),
-            ("mean_radius_ratio", "mean b/b0, re-estimate", ".4g"),
-            ("samples", "fresh samples", "d"),
-        ):
-            _add_row(table, label, again, name, style)
+        for row in FRESH_ROWS:
+            _add_row(table, row.on_terminal, again, row.key, row.style)
         _add_moments(table, again, "re-estimate")
     _add_filled(table, best)
-    for name, label, style in (
-        ("mean_radius_ratio", "mean b/b0, as searched", ".4g"),
-        ("growth_number", "  (mean b/b0)^3", ".4g"),
-        ("mean_grains", "  grains per particle", ".4g"),
-        ("samples", "  samples", "d"),
-        _time_row(best),
-    ):
-        _add_row(table, label, best, name, style)
+    for row in (*GROWTH_ROWS, time_row(best)):
+        _add_row(table, row.on_terminal, best, row.key, row.style)
     return table
-
-
-def _time_row(best: list[dict[str, Any]]) -> tuple[str, str, str]:
-    """Return key, label and style of the time of strings: on a processor, if that was recorded."""
-    if all(math.isfinite(entry["processor_seconds"]) for entry in best):
-        return "processor_seconds", "processor s", ".3g"
-    return "seconds", "wall-clock s", ".3g"
 
 
 def _add_row(

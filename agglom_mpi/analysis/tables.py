@@ -1,12 +1,13 @@
 """The tables of a campaign file as pandas DataFrames."""
 
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.storage.schema import (
@@ -123,6 +124,28 @@ def estimates(data: "CampaignData") -> "pd.DataFrame":
         frame.insert(place, name, data.values(strings, name))
         units[name] = VARIABLES[NAMES.index(name)].unit
     frame.attrs["units"] = units
+    return frame
+
+
+ESTIMATED: Final = {
+    "estimate": "objective",
+    "estimate_standard_error": "standard_error",
+    "estimate_mean_radius_ratio": "mean_radius_ratio",
+}
+"""Columns of `best` that are of fresh samples, and their names in an `Estimate`."""
+
+
+def best(data: "CampaignData", count: int) -> "pd.DataFrame":
+    """Tabulate the best strings as `strings` does, with their estimates on fresh samples."""
+    table, known = strings(data), {each.string: each for each in estimates_of(data)}
+    judged = set(table["string"][table["samples_used"] > 0])  # a damaged row is absent
+    own = search_order(data, data.result_rows())
+    order = [string for string in order_by_estimates(own, known.values()) if string in judged]
+    frame = table.set_index("string", drop=False).loc[order[:count]].reset_index(drop=True)
+    again = [known.get(string) for string in frame["string"]]
+    for column, name in ESTIMATED.items():
+        frame[column] = [np.nan if each is None else getattr(each, name) for each in again]
+    frame.attrs["units"] = table.attrs["units"] | dict.fromkeys(ESTIMATED, "1")
     return frame
 
 

@@ -1,14 +1,21 @@
 """Tables of the page: best strings, starts of the program, worst samples, failures."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.derived import derived_columns, values_of
-from agglom_mpi.analysis.ranking import listed_strings, rank_strings
-from agglom_mpi.analysis.tables import time_of_strings
+from agglom_mpi.analysis.best_strings import (
+    FRESH_ROWS,
+    GROWTH_ROWS,
+    OBJECTIVE_ROWS,
+    StringRow,
+    collect_best,
+    time_row,
+)
+from agglom_mpi.analysis.derived import derived_columns
+from agglom_mpi.analysis.ranking import listed_strings
 from agglom_mpi.formatting import format_duration, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
@@ -44,69 +51,55 @@ class PageTable(NamedTuple):
 
 def best_strings(data: CampaignData) -> PageTable:
     """Return the best strings, one a column: variables, results and estimates."""
-    shown = rank_strings(data).order[: listed_strings(data)]
-    rows = [*_variable_rows(data, shown), *_result_rows(data, shown)]
-    return PageTable(["", *(f"#{place}" for place in range(1, len(shown) + 1))], rows)
+    best = collect_best(data, listed_strings(data))
+    rows = [*_variable_rows(data, best), *_result_rows(best)]
+    return PageTable(["", *(f"#{place}" for place in range(1, len(best) + 1))], rows)
 
 
-def _row(name: str, entries: Sequence[Any], text: Callable[[Any], str]) -> list[str]:
-    """Return a row of the texts of entries, empty for None."""
-    return [name, *("" if entry is None else text(entry) for entry in entries)]
-
-
-def _variable_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
-    yield ["string", *map(str, shown)]
+def _variable_rows(data: CampaignData, best: list[dict[str, Any]]) -> Iterator[list[str]]:
+    yield ["string", *(str(entry["string"]) for entry in best)]
     for variable, row in zip(VARIABLES, data.variable_rows(), strict=True):
         if np.isnan(row["lower"]):  # the campaign does not use it
             continue
-        factor, unit = scaled_unit(variable.unit, float(row["upper"]))
-        values = data.values(shown, variable.name) / factor
         fixed = "" if row["searched"] else ", fixed"
-        name = f"{variable.name.replace('_', ' ')} ({unit}{fixed})"
-        yield [name, *(f"{value:.5g}" for value in values)]
+        yield _scaled_row(variable.name, variable.unit, float(row["upper"]), best, fixed)
     for column in derived_columns(data):
-        values = values_of(data, shown, column.name)
-        factor, unit = scaled_unit(column.unit, float(np.nanmax(np.abs(values), initial=0.0)))
-        name = f"{column.name.replace('_', ' ')} ({unit})"
-        yield [name, *(f"{value / factor:.5g}" for value in values)]
+        largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
+        yield _scaled_row(column.name, column.unit, float(largest), best)
 
 
-def _result_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
-    results = [rank_strings(data).results[string] for string in shown]
-    yield _row(
-        "objective, as searched",
-        results,
-        lambda r: value_with_error(float(r["objective"]), float(r["standard_error"])),
-    )
-    yield from _estimate_rows(data, shown)
-    yield _row("mean b/b0, as searched (1)", results, lambda r: f"{r['mean_radius_ratio']:.4g}")
-    yield _row("grains per particle, as searched (1)", results, lambda r: f"{r['mean_grains']:.4g}")
-    yield _row("samples used", results, lambda r: str(r["samples_used"]))
-    yield _time_row(data, shown)
+def _scaled_row(
+    name: str, unit: str, largest: float, best: list[dict[str, Any]], note: str = ""
+) -> list[str]:
+    """Return a row of values in a unit in which the largest of them reads well."""
+    factor, scaled = scaled_unit(unit, largest)
+    label = f"{name.replace('_', ' ')} ({scaled}{note})"
+    return [label, *(f"{entry[name] / factor:.5g}" for entry in best)]
 
 
-def _time_row(data: CampaignData, shown: list[int]) -> list[str]:
-    """Return the processor time of strings; the wall-clock time where that was not recorded."""
-    rows, room = data.all_sample_rows(), max(shown) + 1
-    label, cost = "processor time", time_of_strings(rows, room, "cpu_seconds")[shown]
-    if not np.isfinite(cost).all():
-        label, cost = "wall-clock time", time_of_strings(rows, room, "seconds")[shown]
-    return [label, *(format_duration(seconds) for seconds in cost.tolist())]
+def _result_rows(best: list[dict[str, Any]]) -> Iterator[list[str]]:
+    yield from _rows_on_page(OBJECTIVE_ROWS, best)
+    again = [entry["reestimate"] for entry in best]
+    if any(again):
+        yield from _rows_on_page(FRESH_ROWS, again)
+    yield from _rows_on_page(GROWTH_ROWS, best)
+    time = time_row(best)
+    yield [time.on_page, *(format_duration(entry[time.key]) for entry in best)]
 
 
-def _estimate_rows(data: CampaignData, shown: list[int]) -> Iterator[list[str]]:
-    """Yield rows of the estimates on fresh samples, if any of the strings has one."""
-    estimate_of = {estimate.string: estimate for estimate in rank_strings(data).estimates}
-    known = [estimate_of.get(string) for string in shown]
-    if all(estimate is None for estimate in known):
-        return
-    yield _row(
-        "objective, re-estimate", known, lambda e: value_with_error(e.objective, e.standard_error)
-    )
-    yield _row("95 % from", known, lambda e: number_or_none(e.lower, ".4f"))
-    yield _row("95 % to", known, lambda e: number_or_none(e.upper, ".4f"))
-    yield _row("mean b/b0, re-estimate (1)", known, lambda e: f"{e.mean_radius_ratio:.4g}")
-    yield _row("fresh samples", known, lambda e: str(e.samples))
+def _rows_on_page(
+    rows: Iterable[StringRow], entries: Sequence[dict[str, Any] | None]
+) -> Iterator[list[str]]:
+    """Yield rows with a cell for each entry, empty for None; objectives with their errors."""
+    for row in rows:
+        if row.on_page:
+            yield [row.on_page, *("" if entry is None else _cell(row, entry) for entry in entries)]
+
+
+def _cell(row: StringRow, entry: dict[str, Any]) -> str:
+    if row.key == "objective":
+        return value_with_error(entry["objective"], entry["standard_error"])
+    return number_or_none(entry[row.key], row.style)
 
 
 def legs(data: CampaignData) -> PageTable:
