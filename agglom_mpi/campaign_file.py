@@ -199,7 +199,7 @@ class CampaignFile(metaclass=PublicFace):
 
     def framed(self) -> list[tuple[int, int]]:
         """Return the samples with stored frames as (string, sample), those of the best first."""
-        return self._snapshot().framed()
+        return self._snapshot().particles.framed()
 
     def frames(self, string: int, sample: int) -> "Frames | None":
         """Return the stored frames of a sample; None if there are none.
@@ -209,7 +209,7 @@ class CampaignFile(metaclass=PublicFace):
         ValueError
             If a number is no whole number.
         """
-        return self._snapshot().frames(*self._numbers(string, sample))
+        return self._snapshot().particles.frames(*self._numbers(string, sample))
 
     def final_particles(self, string: int, sample: int) -> FinalParticles | None:
         """Return the particles left at the end of a sample; None if they were not stored.
@@ -219,7 +219,7 @@ class CampaignFile(metaclass=PublicFace):
         ValueError
             If a number is no whole number.
         """
-        return self._snapshot().final_particles(*self._numbers(string, sample))
+        return self._snapshot().particles.final(*self._numbers(string, sample))
 
     def plot_convergence(self, ax: Any = None) -> Any:
         """Draw best and mean-of-top objective against generation, with 95 % bands.

@@ -106,7 +106,7 @@ def _best(file: CampaignData) -> int:
 
 
 def _with_frames(file: CampaignData, string: int) -> list[int]:
-    return [sample for other, sample in file.framed() if other == string]
+    return [sample for other, sample in file.particles.framed() if other == string]
 
 
 def _first_completed(file: CampaignData, string: int) -> int:
@@ -141,7 +141,7 @@ def write_samples(
     """
     for selected in samples:
         string, sample, path = selected
-        stored = file.frames(string, sample) if frames is None else None
+        stored = file.particles.frames(string, sample) if frames is None else None
         if stored is None:
             shown, source = _resimulated(file, selected, frames or FRAMES)
         else:

@@ -115,7 +115,7 @@ def completed_samples(data: CampaignData, string: int) -> np.ndarray:
 
 def all_stored(data: CampaignData) -> bool:
     """Return whether final particles and frames are stored, so that nothing is resimulated."""
-    return bool(data.attributes.get("final_particles") and data.framed())
+    return bool(data.attributes.get("final_particles") and data.particles.framed())
 
 
 def final_radii(
@@ -160,7 +160,7 @@ def _stored_radii(
     """Return the rows whose particles are stored, and the radii b/b0 of each."""
     if not data.attributes.get("final_particles"):
         return rows[:0], []
-    found = [data.final_particles(string, int(sample)) for sample in rows["sample"]]
+    found = [data.particles.final(string, int(sample)) for sample in rows["sample"]]
     first = grain_radius(*_scene_and_value(data, string))
     is_stored = np.array([particles is not None for particles in found], bool)
     return rows[is_stored], [each.radii / first for each in found if each is not None]
@@ -243,9 +243,9 @@ def frames_of(
     FramesUnavailableError
         If none are stored, and no sample of the string can be resimulated.
     """
-    stored = [pair for pair in data.framed() if pair[0] == string]
-    for pair in stored or data.framed():
-        frames = data.frames(*pair)
+    stored = [pair for pair in data.particles.framed() if pair[0] == string]
+    for pair in stored or data.particles.framed():
+        frames = data.particles.frames(*pair)
         if frames is not None and frames.particles.max(initial=0) > 0:
             width = half_width(*_scene_and_value(data, pair[0]))
             return SampleFrames(*pair, frames, "as stored", width)

@@ -11,7 +11,8 @@ import h5py
 import numpy as np
 
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.simulation.frames import Frames
+from agglom_mpi.simulation.frames import Frames, without_temperatures
+from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema
 from agglom_mpi.storage.table import Table, concatenated, consecutive_numbers
@@ -100,6 +101,43 @@ def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, i
         for row in table.read(place, 1).rows:
             keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
     return keys
+
+
+class StoredParticles:
+    """Reader of `/final_particles` and `/frames`; each call reads the file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    has_temperature
+        Returns whether grains have a temperature; where no law needs one, rows hold 0 K.
+    """
+
+    def __init__(self, path: Path, has_temperature: Callable[[], bool]) -> None:
+        self._path = path
+        self._has_temperature = has_temperature
+
+    def final(self, string: int, sample: int) -> FinalParticles | None:
+        """Read the particles left at the end of a sample; None if they were not stored."""
+        with open_file(self._path, thorough=False) as file:
+            found = read_final_particles(file, self._path, string, sample)
+        if found is None or self._has_temperature():
+            return found
+        return without_temperatures(found)
+
+    def framed(self) -> list[tuple[int, int]]:
+        """Read which samples, as (string, sample), there are frames of, the best string first."""
+        with open_file(self._path, thorough=False) as file:
+            return list(dict.fromkeys(frame_keys(file, self._path).values()))
+
+    def frames(self, string: int, sample: int) -> Frames | None:
+        """Read the frames of a sample; None if none were stored."""
+        with open_file(self._path, thorough=False) as file:
+            found = read_frames(file, self._path, string, sample)
+        if found is None or self._has_temperature():
+            return found
+        return without_temperatures(found)
 
 
 class FrameWriter:

@@ -6,34 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self, TypeVar
 
-import h5py
 import numpy as np
 
 from agglom_mpi.formatting import printable
-from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.search.proposals import Proposals, restored
-from agglom_mpi.simulation.frames import Frames, without_temperatures
-from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
+from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.storage.header import CampaignHeader
-from agglom_mpi.storage.particle_tables import (
-    count_frames,
-    frame_keys,
-    read_final_particles,
-    read_frames,
-)
-from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
+from agglom_mpi.storage.snapshot import TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import NAMES
 
 __all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
 
 T = TypeVar("T")
-
-READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
-"""Tables in the order in which they are read: a row is there before those that refer to it, so no
-row of a growing file is read without those that it rests on. Samples are read last, and only those
-of strings that were there."""
 
 
 class Status(NamedTuple):
@@ -64,6 +51,11 @@ class CampaignData(CampaignHeader):
     sample_columns
         Columns of `/samples` to keep, in that order; all by default. They need `string` and
         `sample`.
+
+    Attributes
+    ----------
+    particles
+        Reads particles of samples.
     """
 
     def __init__(
@@ -73,14 +65,9 @@ class CampaignData(CampaignHeader):
         sample_columns: Sequence[str] | None = None,
     ) -> None:
         super().__init__(path, attributes)
-        self._sample_columns = sample_columns
-        self._kept: dict[str, np.ndarray] = {}
-        self._damaged: dict[str, int] = {}
+        self._snapshot = TableSnapshot(path, sample_columns)
         self._derived: dict[Callable[..., Any], Any] = {}
-        self._strings_end = 0
-        self._frames = 0
-        self._generation_capacity = 0
-        self._seen = np.zeros(0, np.int64)  # places in /samples of the rows that are kept
+        self.particles = StoredParticles(path, lambda: self.has_temperature)
 
     @classmethod
     def of_rows(
@@ -88,26 +75,17 @@ class CampaignData(CampaignHeader):
     ) -> Self:
         """Return data of rows that have been read already, by table."""
         data = cls(path, attributes)
-        data._kept.update(tables)
+        data._snapshot.keep(tables)
         return data
 
     def rows(self, table: str) -> np.ndarray:
         """Return the rows of a table, (n,), in the order of their places."""
-        if table not in self._kept:
-            with open_file(self.path, thorough=False) as file, report_damage(self.path):
-                if not self._kept:
-                    self._read_tables(file)
-                if table == "samples":
-                    self._read_samples(file)
-        return self._kept[table]
+        return self._snapshot.rows(table)
 
     def refresh(self) -> None:
         """Read the tables that have been read again; of `/samples` only rows that are new."""
         self._derived.clear()
-        with open_file(self.path, thorough=False) as file, report_damage(self.path):
-            self._read_tables(file)
-            if "samples" in self._kept:
-                self._read_samples(file)
+        self._snapshot.refresh()
 
     def derived(self, compute: Callable[["CampaignData"], T]) -> T:
         """Return `compute(self)`, which is computed once for the rows as they are."""
@@ -120,7 +98,7 @@ class CampaignData(CampaignHeader):
     def generation_capacity(self) -> int:
         """Generations that there is room for."""
         self.rows("generations")
-        return self._generation_capacity
+        return self._snapshot.generation_capacity
 
     # Rows
 
@@ -163,8 +141,8 @@ class CampaignData(CampaignHeader):
 
     def sample_rows(self, string: int) -> np.ndarray:
         """Return the samples of one string, by number; they alone are read if none have been."""
-        if "samples" in self._kept:
-            rows = self._kept["samples"]
+        if self._snapshot.has_samples:
+            rows = self.rows("samples")
             return rows[slice(*np.searchsorted(rows["string"], [string, string + 1]))]
         with open_file(self.path, thorough=False) as file:
             table = Table(file, "samples", self.path)
@@ -174,7 +152,7 @@ class CampaignData(CampaignHeader):
     def damaged(self) -> int:
         """Number of rows that are marked final but have a wrong checksum; they count as absent."""
         self.rows("samples")
-        return sum(self._damaged.values())
+        return self._snapshot.damaged
 
     def settle(self) -> None:
         """Read again if a row is damaged that a run may just be rewriting, as those of `/legs`."""
@@ -234,68 +212,11 @@ class CampaignData(CampaignHeader):
         """Those of `timed_out` that are fresh."""
         return {pair for pair in self.timed_out if pair[1] >= self.fresh_from}
 
-    # Particles
-
-    def final_particles(self, string: int, sample: int) -> FinalParticles | None:
-        """Read the particles left at the end of a sample; None if they were not stored."""
-        with open_file(self.path, thorough=False) as file:
-            found = read_final_particles(file, self.path, string, sample)
-        if found is None or self.has_temperature:
-            return found
-        return without_temperatures(found)
-
-    def framed(self) -> list[tuple[int, int]]:
-        """Read which samples, as (string, sample), there are frames of, the best string first."""
-        with open_file(self.path, thorough=False) as file:
-            return list(dict.fromkeys(frame_keys(file, self.path).values()))
-
-    def frames(self, string: int, sample: int) -> Frames | None:
-        """Read the frames of a sample; None if none were stored."""
-        with open_file(self.path, thorough=False) as file:
-            found = read_frames(file, self.path, string, sample)
-        if found is None or self.has_temperature:
-            return found
-        return without_temperatures(found)
-
     @property
     def frame_count(self) -> int:
         """Number of frames there are, of all samples."""
         self.rows("status")
-        return self._frames
-
-    def _read_tables(self, file: h5py.File) -> None:
-        """Read all tables but `/samples`, the status before anything that it tells of."""
-        status = Rows(file["status"], self.path).read_all()
-        for name in READ_TOGETHER:
-            table = Table(file, name, self.path)
-            if name == "strings":
-                self._strings_end = table.end()
-            found = table.read()
-            self._kept[name], self._damaged[name] = _locked(found.rows), found.damaged
-        self._generation_capacity = len(file["generations"])
-        self._frames = count_frames(file, self.path)
-        self._kept["variables"] = _locked(Rows(file["variables"], self.path).read_all())
-        self._kept["status"] = _locked(status)
-
-    def _read_samples(self, file: h5py.File) -> None:
-        """Read the samples that are not kept yet, of strings that are."""
-        table = Table(file, "samples", self.path)
-        before, final = self._seen, table.done.nonzero(0, self._strings_end * self.max_samples)
-        found = table.read_places(np.setdiff1d(final, before, assume_unique=True))
-        rows = self._with_columns(found.rows)
-        if "samples" in self._kept:
-            rows = np.insert(self._kept["samples"], np.searchsorted(before, found.places), rows)
-        self._kept["samples"], self._damaged["samples"] = _locked(rows), found.damaged
-        self._seen = np.union1d(before, found.places)
-
-    def _with_columns(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows of `/samples` with the columns to keep alone."""
-        if self._sample_columns is None:
-            return rows
-        kept = np.empty(len(rows), [(name, rows.dtype[name]) for name in self._sample_columns])
-        for name in self._sample_columns:
-            kept[name] = rows[name]
-        return kept
+        return self._snapshot.frame_count
 
 
 def read_campaign(path: str | os.PathLike[str]) -> CampaignData:
@@ -360,7 +281,7 @@ def _samples_used_by_string(data: CampaignData) -> dict[int, int]:
 def _searched_samples(data: CampaignData) -> np.ndarray:
     rows = data.all_sample_rows()
     searched = rows["sample"] < data.fresh_from
-    return rows if searched.all() else _locked(rows[searched])
+    return rows if searched.all() else read_only(rows[searched])
 
 
 def _timed_out(data: CampaignData) -> set[tuple[int, int]]:
@@ -371,8 +292,3 @@ def _timed_out(data: CampaignData) -> set[tuple[int, int]]:
         return set()
     pairs = set(failures[["string", "sample"]][late].tolist())
     return pairs - set(data.all_sample_rows()[["string", "sample"]].tolist())
-
-
-def _locked(rows: np.ndarray) -> np.ndarray:
-    rows.flags.writeable = False
-    return rows

@@ -39,20 +39,20 @@ def assert_particles_are_those_of_the_samples(path, campaign_path):
     kept = []
     for row in file.all_sample_rows():
         pair = int(row["string"]), int(row["sample"])
-        if (final := file.final_particles(*pair)) is not None:
+        if (final := file.particles.final(*pair)) is not None:
             assert row["state"] == COMPLETED
             assert_same_arrays(final, campaign.simulate(parameters[pair[0]], pair[1]).final)
             assert len(final.radii) == row["particles"]
             kept.append(pair)
-    for string, sample in file.framed():
+    for string, sample in file.particles.framed():
         outcome = campaign.simulate(parameters[string], sample, frames=COUNT)
-        found = file.frames(string, sample)
+        found = file.particles.frames(string, sample)
         # A kill may have come between two pictures of a sample.
         taken = np.isin(outcome.frames.times, found.times)
         assert taken.all() or file.status().state == "running"
         wanted = type(outcome.frames)(*(array[taken] for array in outcome.frames))
         assert_same_arrays(found, wanted)
-    return kept, file.framed()
+    return kept, file.particles.framed()
 
 
 def assert_same_arrays(found, wanted):

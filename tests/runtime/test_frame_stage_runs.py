@@ -237,10 +237,10 @@ def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, 
     wanted = pictures_wanted(path)
     assert pairs_of(file.failures()) == wanted[:1]
     assert failure["text"].endswith(b"ArithmeticError: injected\n")
-    assert file.framed() == wanted[1:]
+    assert file.particles.framed() == wanted[1:]
     assert "taking pictures of 1 sample, 4 of each" in finish(path.parent, "kept.yaml").stderr
-    assert file.framed() == wanted
-    assert {len(file.frames(*pair).times) for pair in wanted} == {4}
+    assert file.particles.framed() == wanted
+    assert {len(file.particles.frames(*pair).times) for pair in wanted} == {4}
     assert len(file.failures()) == 1
 
 

@@ -134,7 +134,7 @@ def test_a_scene_without_temperature_has_none_in_tables_and_particles(cold):
     file, data = open_campaign(cold), read_campaign(cold)
     assert not data.has_temperature
     assert np.isnan(file.samples["mean_temperature"]).all()
-    kept, shown = data.final_particles(0, 0), data.frames(0, 0)
+    kept, shown = data.particles.final(0, 0), data.particles.frames(0, 0)
     assert np.isnan(kept.temperatures).all()
     assert kept.radii.tobytes() == final(0, 0).radii.tobytes()
     assert not shown.has_temperature
@@ -421,10 +421,12 @@ def test_tables_are_added_later_and_every_row_is_kept(tmp_path, monkeypatch, blo
                 writer.frames.put(step * COUNT - COUNT, frame_rows(4, step, pictures(4, step)))
         before = rows_of(path)
     file = read_campaign(path)
-    assert file.final_particles(3, 0) is None
-    assert all(same(file.final_particles(4, step), final(4, step)) for step in range(4))
-    assert file.framed() == [(4, 1), (4, 2), (4, 3)]
-    assert all(same(file.frames(*pair), pictures(*pair)) for pair in file.framed())
+    assert file.particles.final(3, 0) is None
+    assert all(same(file.particles.final(4, step), final(4, step)) for step in range(4))
+    assert file.particles.framed() == [(4, 1), (4, 2), (4, 3)]
+    assert all(
+        same(file.particles.frames(*pair), pictures(*pair)) for pair in file.particles.framed()
+    )
     assert file.attributes["frames"] == 5 * COUNT
     assert verify_rows(path).faults == []
 
@@ -435,10 +437,12 @@ def test_a_compact_copy_keeps_them_and_is_as_short_as_what_it_holds(filled, tmp_
     file = read_campaign(copy)
     for string in (0, 2, 5):
         for sample in range(string, string + 8):
-            assert same(file.final_particles(string, sample), final(string, sample))
-    assert file.framed() == [(5, 1), (2, 0)]
-    assert all(same(file.frames(*pair), pictures(*pair)) for pair in file.framed())
-    assert file.final_particles(STRINGS - 1, 0) is None
+            assert same(file.particles.final(string, sample), final(string, sample))
+    assert file.particles.framed() == [(5, 1), (2, 0)]
+    assert all(
+        same(file.particles.frames(*pair), pictures(*pair)) for pair in file.particles.framed()
+    )
+    assert file.particles.final(STRINGS - 1, 0) is None
     with h5py.File(copy) as opened:
         lengths = {name: len(dataset) for name, dataset in opened.items()}
     assert lengths["final_particles"] == lengths["final_particles_done"] == 6 * MAX_SAMPLES
