@@ -20,7 +20,7 @@ def doctor(folder: Path) -> int:
     compiled kernels and the batch system. Exit code 1 if campaigns cannot run on several ranks.
     """
     from agglom_mpi.display.display import print_wide
-    from agglom_mpi.doctor import as_table, run_checks
+    from agglom_mpi.doctor.checks import as_table, run_checks
 
     findings = list(run_checks(folder.resolve()))
     print_wide(as_table(findings))

@@ -8,7 +8,7 @@ import pytest
 from campaign_runs import environment, need_mpirun
 from processes import HANG
 
-from agglom_mpi import doctor
+from agglom_mpi.doctor import ranks as doctor
 
 
 @pytest.fixture(autouse=True)

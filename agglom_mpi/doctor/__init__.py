@@ -1,0 +1,1 @@
+"""Checks of the machine that is to run campaigns: `agglom doctor`."""

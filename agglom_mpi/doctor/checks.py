@@ -1,0 +1,32 @@
+"""All checks of `agglom doctor`, in their order, and the table of what they find."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Group, RenderableType
+
+from agglom_mpi.display.fitted_table import LabelledTexts
+from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.doctor.folders import check_storage
+from agglom_mpi.doctor.machine import check_batch_system, check_libraries, check_processors
+from agglom_mpi.doctor.ranks import check_mpi, check_shared_memory
+
+
+def run_checks(folder: Path) -> Iterator[Finding]:
+    """Yield the findings of all checks; `folder` is that of the campaign files."""
+    yield from check_libraries()
+    yield from check_mpi()
+    yield from check_shared_memory()
+    yield from check_processors()
+    yield from check_storage(folder)
+    yield from check_batch_system()
+
+
+def as_table(findings: list[Finding]) -> RenderableType:
+    """Return a table of findings with the advice below."""
+    table = LabelledTexts()
+    for finding in findings:
+        mark = "✗" if finding.broken else "!" if finding.advice else " "
+        table.add_row(f"{mark} {finding.topic}", finding.found)
+    advice = [f"{finding.topic}: {finding.advice}" for finding in findings if finding.advice]
+    return Group(table, "", *(advice or ["nothing to change"]))

@@ -1,0 +1,128 @@
+"""Checks of what is installed, of the processors, and of the batch system."""
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, requires, version
+from typing import Final
+
+from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.launcher import launched_size
+from agglom_mpi.runtime.file_setup import processor
+from agglom_mpi.version import __version__
+
+NEEDED_FOR: Final = {
+    "report": "tables, figures, pages and posteriors",
+    "search": "the searches surrogate and cmaes",
+}
+"""What each extra that users install is needed for; `check_mpi` looks for the extra `mpi`."""
+
+_REQUIREMENT: Final = re.compile(r"([\w.-]+)[^;]*(?:;.*\bextra == ['\"]([\w.-]+)['\"])?")
+
+
+def libraries_of(extra: str) -> tuple[str, ...]:
+    """Return the libraries of an extra, as the metadata of the installed package lists them."""
+    try:
+        lines = requires("agglom_mpi") or []
+    except PackageNotFoundError:  # run from its sources, without being installed
+        return ()
+    found = (_REQUIREMENT.match(line) for line in lines)
+    return tuple(match[1] for match in found if match is not None and match[2] == extra)
+
+
+def check_libraries() -> Iterator[Finding]:
+    """Yield the versions of libraries, and the extras that are not installed."""
+    core = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "mpi4py"))
+    yield Finding("agglom_mpi", f"{__version__}, Python {platform.python_version()}, {core}")
+    yield _hdf5()
+    for extra, purpose in NEEDED_FOR.items():
+        names = libraries_of(extra)
+        missing = [name for name in names if not is_installed(name)]
+        if not names:
+            yield Finding(f"extra {extra}", "not known: agglom_mpi is not installed by pip")
+        elif missing:
+            advice = f"for {purpose}: pip install 'agglom_mpi[{extra}]'"
+            yield Finding(f"extra {extra}", f"without {', '.join(missing)}", advice)
+        else:
+            found = ", ".join(f"{name} {version(name)}" for name in names)
+            yield Finding(f"extra {extra}", found)
+
+
+def _hdf5() -> Finding:
+    import h5py
+
+    parallel = bool(h5py.get_config().mpi)
+    writers = "every rank can write" if parallel else "built without MPI: rank 0 writes for all"
+    return Finding("h5py", f"{h5py.__version__}, HDF5 {h5py.version.hdf5_version}, {writers}")
+
+
+def is_installed(name: str) -> bool:
+    """Return whether a distribution is installed."""
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+THREAD_VARIABLES: Final = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+"""Environment variables with the number of threads of a library."""
+
+
+def check_processors(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Yield the number of processors, compared with ranks and threads."""
+    there, usable = os.cpu_count() or 1, len(os.sched_getaffinity(0))
+    found = f"{there} of {processor()}" + (f", {usable} usable here" if usable < there else "")
+    ranks = launched_size(environment)
+    advice = ""
+    if ranks is not None and ranks > there and environment.get("SLURM_NNODES", "1") == "1":
+        advice = f"{ranks} ranks on them: no more than {there} are of use"
+    elif ranks is not None and usable < 2:
+        advice = (
+            "ranks are bound to one core each: right where each has its own; "
+            "if not, OMPI_MCA_hwloc_base_binding_policy=none"
+        )
+    yield Finding("processors", found, advice)
+    many = [
+        f"{n}={environment[n]}" for n in THREAD_VARIABLES if environment.get(n, "") not in ("", "1")
+    ]
+    if many:
+        advice = "the parallelism is in the ranks: set them to 1, they only cost"
+        yield Finding("threads", ", ".join(many), advice)
+
+
+def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Yield what MPI interfaces Slurm offers, and the resources of the current job."""
+    job = environment.get("SLURM_JOB_ID")
+    if job is not None:
+        tasks, nodes = environment.get("SLURM_NTASKS", "1"), environment.get("SLURM_NNODES", "1")
+        yield Finding("Slurm job", f"{job}: {tasks} tasks on {nodes} nodes")
+    if shutil.which("srun", path=environment.get("PATH")) is None:
+        return
+    try:
+        done = subprocess.run(
+            ["srun", "--mpi=list"],
+            env=dict(environment),
+            capture_output=True,
+            text=True,
+            timeout=20.0,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        yield Finding("Slurm", f"srun gives no answer: {error}")
+        return
+    if done.returncode != 0:
+        yield Finding("Slurm", "srun is installed, but does not find a Slurm")
+        return
+    words = (done.stdout + done.stderr).split()
+    kinds = [kind for kind in ("pmix", "pmi2", "cray_shasta") if kind in words]
+    found = f"srun --mpi={' or '.join(kinds)}" if kinds else "srun offers no MPI interface"
+    yield Finding("Slurm", found, "" if kinds else "start ranks with mpirun in a batch script")

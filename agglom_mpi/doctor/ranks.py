@@ -1,0 +1,162 @@
+"""Checks of MPI: whether two ranks find each other, and for how many there is shared memory."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.launcher import launched_size
+
+MPI_TIMEOUT: Final = 60.0
+"""Time limit for two ranks to connect, s; a busy cluster may take a while."""
+INSTALL_MPI: Final = (
+    "pip install 'agglom_mpi[mpi]' (brings its own mpirun), or load the cluster's MPI module"
+)
+MPI_PROBE: Final = """
+import mpi4py
+mpi4py.rc.thread_level = "funneled"
+from mpi4py import MPI
+world = MPI.COMM_WORLD
+levels = ("single", "funneled", "serialized", "multiple")
+if world.rank == 0:
+    version = " ".join(MPI.Get_library_version().split()[:3]).rstrip(",")
+    print(f"{world.size};{levels[MPI.Query_thread()]};{version}", flush=True)
+"""
+"""Code that each rank runs: prints size of the world, thread level and library."""
+RANK_PREFIXES: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
+"""Prefixes of environment variables that tell a process that it is a rank."""
+
+
+def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Yield whether MPI loads and two ranks connect; in a rank, only the launched size."""
+    promised = launched_size(environment)
+    if promised is not None:
+        yield Finding("launched as", f"{promised} ranks", "run it without mpirun to see more")
+        return
+    alone = _output_of([sys.executable, "-c", MPI_PROBE], environment)
+    if not _is_probe_output(alone):
+        found = f"cannot be loaded: {_main_line(alone)}"
+        yield Finding("MPI library", found, _advice_on(alone), broken=True)
+        return
+    _, level, version = alone.split(";")
+    yield Finding("MPI library", f"{version}, thread level {level}")
+    launcher = _launcher(environment)
+    if launcher is None:
+        yield Finding("mpirun", "not found", INSTALL_MPI, broken=True)
+        return
+    yield _two_ranks(launcher, version, environment)
+
+
+def _launcher(environment: Mapping[str, str]) -> str | None:
+    """Return the path of mpirun; that of this virtual environment comes last."""
+    folders = environment.get("PATH", os.defpath), sysconfig.get_path("scripts")
+    return shutil.which("mpirun", path=os.pathsep.join(folders))
+
+
+def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:
+    output = _output_of([launcher, "-n", "2", sys.executable, "-c", MPI_PROBE], environment)
+    if not _is_probe_output(output):
+        return Finding(
+            "mpirun", f"{launcher} fails: {_main_line(output)}", _advice_on(output), broken=True
+        )
+    size, _, started = output.splitlines()[-1].split(";")
+    if size != "2":
+        advice = f"put the mpirun of {version} first on PATH; {INSTALL_MPI}"
+        found = f"{launcher} starts 2 processes that do not find each other"
+        return Finding("mpirun", found, advice, broken=True)
+    return Finding("mpirun", f"{launcher}: 2 ranks find each other ({started})")
+
+
+def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
+    clean = {k: v for k, v in environment.items() if not k.startswith(RANK_PREFIXES)}
+    kept = {k: v for k, v in environment.items() if k.startswith(("OMPI_MCA_", "OMPI_ALLOW"))}
+    kept |= {k: v for k, v in environment.items() if k.startswith("PRTE_MCA_")}
+    try:
+        done = subprocess.run(
+            words,
+            env=clean | kept,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=MPI_TIMEOUT,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer in {MPI_TIMEOUT:.0f} s"
+    except OSError as error:
+        return str(error)
+    if done.returncode < 0:
+        return f"ended by signal {-done.returncode}"
+    return (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip()
+
+
+_SIGNAL: Final = re.compile(r"\bsignal (\d+)")
+"""How launchers name what ended a rank: `Bus error (signal 7)`, `on signal 7 (Bus error)`."""
+
+
+def signal_name(number: int) -> str:
+    """Return name and meaning of a signal: `SIGBUS (Bus error)`."""
+    try:
+        return f"{signal.Signals(number).name} ({signal.strsignal(number)})"
+    except ValueError:
+        return f"signal {number}"
+
+
+def _is_probe_output(output: str) -> bool:
+    return bool(output) and output.splitlines()[-1].count(";") == 2
+
+
+def _main_line(output: str) -> str:
+    """Return the most informative line: a signal, the last of a traceback, else the first."""
+    if ended := _SIGNAL.search(output):
+        return f"ended by {signal_name(int(ended[1]))}"
+    lines = [line.strip() for line in output.splitlines() if line.strip(" -*=")]
+    if not lines:
+        return "no answer"
+    return lines[-1] if lines[0].startswith("Traceback") else lines[0]
+
+
+def _advice_on(output: str) -> str:
+    if _SIGNAL.search(output) and shared_ranks() < 2:
+        return LARGER_SHARED_MEMORY
+    if "as root" in output:
+        return "as root: export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"
+    if "slots" in output:
+        return "more ranks than it counts cores: export OMPI_MCA_rmaps_base_oversubscribe=1"
+    return INSTALL_MPI
+
+
+LARGER_SHARED_MEMORY: Final = (
+    "ranks of one machine take some 5 MB each of /dev/shm, and without it a signal ends them: "
+    "docker run --shm-size=1g, or mount -o remount,size=1g /dev/shm"
+)
+SHARED_MEMORY: Final = Path("/dev/shm")
+"""Where the ranks of one machine share memory."""
+SHARED_BY_RANK: Final = 11 * 2**19
+"""Space that each rank takes of it, bytes: 5.4 million with MPICH, and some more to begin with."""
+
+
+def shared_ranks() -> int:
+    """Return the number of ranks for which there is shared memory now; 0 without any."""
+    try:
+        return shutil.disk_usage(SHARED_MEMORY).free // SHARED_BY_RANK
+    except OSError:
+        return 0
+
+
+def check_shared_memory(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Yield for how many ranks there is shared memory, compared with their number."""
+    launched = launched_size(environment) if environment.get("SLURM_NNODES", "1") == "1" else None
+    ranks, enough = launched or len(os.sched_getaffinity(0)), shared_ranks()
+    advice = "" if enough >= max(ranks, 2) else LARGER_SHARED_MEMORY
+    yield Finding(
+        "shared memory", f"{SHARED_MEMORY} has room for {pluralise(enough, 'rank')}", advice
+    )
