@@ -38,7 +38,6 @@ from agglom_mpi.physics.restitution import (
 from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
-from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import (
     new_ledger,
     new_particles,
@@ -47,6 +46,7 @@ from agglom_mpi.simulation.particles import (
     set_velocity,
     velocity_of,
 )
+from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.statistics import mean_of
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent

@@ -12,7 +12,7 @@ from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stage
+from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
@@ -205,9 +205,9 @@ class Study(Experiment):
         parameters = np.array([setup.parameters for setup in self._by_string])
         return Inversion(FixedProposals(parameters), ensembles.__next__, 1, restore=restore)
 
-    def stage(self, inversion: Inversion) -> Stage:
+    def stage(self, inversion: Inversion) -> StageProgress:
         """Return how many set-ups are done; all are measured at the same time."""
-        return Stage(len(inversion.results), self.table_sizes.strings, "set-ups")
+        return StageProgress(len(inversion.results), self.table_sizes.strings, "set-ups")
 
     def end_reason(self, inversion: Inversion) -> str:
         """Return why the study is over."""

@@ -44,7 +44,7 @@ class ReestimationPlan(NamedTuple):
     samples: int = 0
 
 
-class Stage(NamedTuple):
+class StageProgress(NamedTuple):
     """How much of a phase of a run is done.
 
     Attributes
@@ -113,7 +113,7 @@ class Experiment(ABC):
         """Return the decisions at their start, with long computations in a thread if asked for."""
 
     @abstractmethod
-    def stage(self, inversion: Inversion) -> Stage:
+    def stage(self, inversion: Inversion) -> StageProgress:
         """Return how many of the decisions are made."""
 
     @abstractmethod
@@ -194,11 +194,13 @@ class InversionExperiment(Experiment):
         """Return the search with its ensembles."""
         return inversion_of(self.campaign, self.given, restore, background)
 
-    def stage(self, inversion: Inversion) -> Stage:
+    def stage(self, inversion: Inversion) -> StageProgress:
         """Count the generations."""
         stopping = self.campaign.stopping
         sooner = stopping.target is not None or stopping.expected_error is not None
-        return Stage(inversion.generation, stopping.generations, "generations", True, sooner)
+        return StageProgress(
+            inversion.generation, stopping.generations, "generations", True, sooner
+        )
 
     def in_vain(self, inversion: Inversion) -> bool:
         """Return whether the search is over and no string has a finite objective."""

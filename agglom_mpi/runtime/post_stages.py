@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, Stage
+from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, StageProgress
 from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.interface import TASK
 from agglom_mpi.scheduling.sample_set import SampleSet
@@ -23,7 +23,7 @@ class PostStage(ABC):
     scheduler
         Of its tasks, once it has begun.
     done_before
-        What was done before it began, as `Stage.done`.
+        What was done before it began, as `StageProgress.done`.
     """
 
     scheduler: StaticScheduler
@@ -31,7 +31,7 @@ class PostStage(ABC):
 
     @property
     @abstractmethod
-    def stage(self) -> Stage:
+    def stage(self) -> StageProgress:
         """How much of it is done."""
 
     @property
@@ -101,10 +101,10 @@ class FrameStage(PostStage):
         return not self._left
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> StageProgress:
         """Count the frames that are asked for."""
         total = len(self._missing)
-        return Stage(total - self._left, total, "pictures")
+        return StageProgress(total - self._left, total, "pictures")
 
     def open(self) -> NDArray[np.void]:
         """Drop frames of other samples; return the tasks, (n,) of `TASK`, for missing ones."""
@@ -199,9 +199,9 @@ class ReestimationStage(PostStage):
         return not self._missing
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> StageProgress:
         """Count the samples that are asked for."""
-        return Stage(self._total - len(self._missing), self._total, "fresh samples")
+        return StageProgress(self._total - len(self._missing), self._total, "fresh samples")
 
     def open(self) -> NDArray[np.void]:
         """Return the tasks, (n,) of `TASK`, for missing samples, the best string first."""

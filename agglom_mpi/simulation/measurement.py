@@ -1,21 +1,14 @@
-"""Quantities that are measured of a sample, and the frame of reference of the simulation.
-
-That is the centre of mass, unless a law of the scene depends on the frame: a drifting cloud would
-cross cells for nothing, and a drift a million times the other velocities would take six digits
-from them.
-"""
+"""Quantities that are measured of a sample."""
 
 import math
 
 import numpy as np
 
 from agglom_mpi.compilation.stages import inlined, inlined_allocating
-from agglom_mpi.declaration.laws import is_frame_dependent
 from agglom_mpi.simulation.boundary import (
     cells_of,
     sort_into_cells,
     wrapped_cell,
-    wrapped_position,
 )
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
@@ -32,62 +25,10 @@ from agglom_mpi.simulation.particles import (
     SURFACE,
     UNRESOLVED,
     largest_radius,
-    moved_by,
-    set_position,
     temperature_or,
 )
+from agglom_mpi.simulation.reference_frame import total_momentum
 from agglom_mpi.simulation.time_driven.neighbours import squared_distance
-
-
-@inlined
-def to_mass_frame(scene, particles):
-    """Change to the centre-of-mass frame if no law depends on the frame.
-
-    Returns the velocity of that frame in m/s, three components; 0 if it was not changed.
-    """
-    laws = scene.laws
-    if is_frame_dependent(scene.engine) or is_frame_dependent(scene.escape):
-        return 0.0, 0.0, 0.0
-    if is_frame_dependent(laws.heating) or is_frame_dependent(laws.fragmentation):
-        return 0.0, 0.0, 0.0
-    momentum, mass = total_momentum(particles)
-    drift = (momentum[0] / mass, momentum[1] / mass, momentum[2] / mass)
-    for i in range(particles.size[0]):
-        particle = particles.records[i]
-        particle["u"] -= drift[0]
-        particle["v"] -= drift[1]
-        particle["w"] -= drift[2]
-    return drift
-
-
-@inlined
-def to_box_frame(scene, particles, drift, time):
-    """Return to the frame of the box after `time` in s.
-
-    All move by the same rounded displacement, so that neighbours stay apart after a million boxes.
-    """
-    if drift[0] == 0.0 and drift[1] == 0.0 and drift[2] == 0.0:
-        return
-    shift = wrapped_position(scene, (drift[0] * time, drift[1] * time, drift[2] * time))
-    for i in range(particles.size[0]):
-        particle = particles.records[i]
-        particle["u"] += drift[0]
-        particle["v"] += drift[1]
-        particle["w"] += drift[2]
-        set_position(particle, wrapped_position(scene, moved_by(particle, 1.0, shift)))
-
-
-@inlined
-def total_momentum(particles):
-    """Momentum in kg m/s, three components, and mass in kg."""
-    mass, x, y, z = 0.0, 0.0, 0.0, 0.0
-    for i in range(particles.size[0]):
-        particle = particles.records[i]
-        mass += particle["mass"]
-        x += particle["mass"] * particle["u"]
-        y += particle["mass"] * particle["v"]
-        z += particle["mass"] * particle["w"]
-    return (x, y, z), mass
 
 
 @inlined

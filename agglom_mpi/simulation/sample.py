@@ -26,8 +26,6 @@ from agglom_mpi.simulation.measurement import (
     measure,
     measure_initial,
     measure_ledger,
-    to_box_frame,
-    to_mass_frame,
 )
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
@@ -38,6 +36,7 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     new_particles,
 )
+from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import Scene, advance_to, begin, finish, new_engine_state
 from agglom_mpi.simulation.temperature import cool_until
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame

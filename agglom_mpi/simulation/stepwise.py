@@ -18,8 +18,6 @@ from agglom_mpi.simulation.measurement import (
     is_finite,
     mean_temperature,
     radius_moments,
-    to_mass_frame,
-    total_momentum,
 )
 from agglom_mpi.simulation.particles import (
     RADIATED,
@@ -28,6 +26,7 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     particle_type_of,
 )
+from agglom_mpi.simulation.reference_frame import to_mass_frame, total_momentum
 from agglom_mpi.simulation.scene import Scene, advance_to, begin, copy_at
 from agglom_mpi.simulation.trajectory import Observer, cool_copies, return_copies_to_box
 

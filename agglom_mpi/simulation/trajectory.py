@@ -14,7 +14,6 @@ import numpy as np
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.simulation.measurement import to_box_frame
 from agglom_mpi.simulation.particles import (
     Ledger,
     Particles,
@@ -22,6 +21,7 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     new_particles,
 )
+from agglom_mpi.simulation.reference_frame import to_box_frame
 from agglom_mpi.simulation.scene import copy_at
 from agglom_mpi.simulation.temperature import cool_until
 

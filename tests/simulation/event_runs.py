@@ -21,8 +21,8 @@ from agglom_mpi.simulation.event_driven.engine import (
 from agglom_mpi.simulation.event_driven.event_queue import reset_event_queue
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
-from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact, new_ledger
+from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 
 BUDGET = 20_000
 ESCAPES = {"periodic": Periodic.Numbers(), "reentry": Reentry.Numbers()}

@@ -28,8 +28,8 @@ from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.initial_state import EqualSizes, place_randomly
-from agglom_mpi.simulation.measurement import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.simulation.time_driven import steppers as fixed  # noqa: F401  (register their engines)
 
