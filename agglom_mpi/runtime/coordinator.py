@@ -123,7 +123,7 @@ class Coordinator:
             ],
             [result.samples_used for result in self.inversion.results.values()],
         )
-        self.recorder.begin()
+        self.recorder.tally.begin()
         while not self.inversion.finished:
             if end := self._end(stop):
                 return end
@@ -274,7 +274,7 @@ class Coordinator:
 
     def _complete(self, rank: int, results: NDArray[np.void]) -> None:
         """Make the decisions that follow from samples, unless other ranks were first."""
-        self.recorder.count_skipped(results[results["reason"] == NOT_NEEDED])
+        self.recorder.tally.count_skipped(results[results["reason"] == NOT_NEEDED])
         for part, slices in first_returns(self._scheduler, rank, results):
             for where in slices:
                 rows = results[where]
@@ -290,16 +290,16 @@ class Coordinator:
         for _, slices in first_returns(self.reestimation.scheduler, rank, results):
             for where in slices:
                 rows = results[where]
-                self.recorder.count_fresh(rows)
+                self.recorder.tally.count_fresh(rows)
                 if not self._failures.incomplete:
                     self.reestimation.take(rows)
                 self._failures.add_samples(rows)
 
     def _search_progress(self) -> RunProgress:
-        recorder, stage = self.recorder, self._experiment.stage(self.inversion)
+        tally, stage = self.recorder.tally, self._experiment.stage(self.inversion)
         rest = stage.total - stage.done
-        remaining = remaining_in_turns(recorder.generation_times, rest, recorder.generation_seconds)
-        return recorder.progress(self._pool.size, self._scheduler.in_flight)._replace(
+        remaining = remaining_in_turns(tally.generation_times, rest, tally.generation_seconds)
+        return tally.progress(self._pool.size, self._scheduler.in_flight)._replace(
             done=stage.done,
             total=stage.total,
             unit=stage.unit,
@@ -310,14 +310,14 @@ class Coordinator:
 
     def _stage_progress(self, post_stage: PostStage, begun: float) -> RunProgress:
         """Return the progress of a stage that began at a time of the monotonic clock."""
-        recorder, stage = self.recorder, post_stage.stage
+        tally, stage = self.recorder.tally, post_stage.stage
         rest, done = stage.total - stage.done, stage.done - post_stage.done_before
         elapsed = time.monotonic() - begun
-        return recorder.progress(self._pool.size, post_stage.scheduler.in_flight)._replace(
+        return tally.progress(self._pool.size, post_stage.scheduler.in_flight)._replace(
             done=stage.done,
             total=stage.total,
             unit=stage.unit,
-            remaining=remaining_by_work(recorder.fresh_times, done, rest, elapsed),
+            remaining=remaining_by_work(tally.fresh_times, done, rest, elapsed),
         )
 
 

@@ -54,7 +54,8 @@ def run_leg(
     tuple
         How it ended, and ranks that do not answer any more: nothing collective can follow.
     """
-    ranks, recorder = 1 if world is None else world.size, coordinator.recorder
+    ranks = 1 if world is None else world.size
+    recorder, tally = coordinator.recorder, coordinator.recorder.tally
     database = request.database or GATHERED
     with display:
         _announce(display, request, ranks, coordinator.inversion)
@@ -75,9 +76,9 @@ def run_leg(
     ended = LegEnd(
         stopped=start.started + time.monotonic() - begun,  # also if the clock has been set
         exit_code=end.code,
-        samples=recorder.samples,
-        busy_seconds=recorder.busy_seconds,
-        cpu_seconds=recorder.cpu_seconds,
+        samples=tally.samples,
+        busy_seconds=tally.busy_seconds,
+        cpu_seconds=tally.cpu_seconds,
         database_seconds=writer.clock.seconds + pool.database_seconds,
     )
     writer.log.end_leg(leg, ended)

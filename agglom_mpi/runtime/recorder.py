@@ -1,6 +1,5 @@
 """Record samples and decisions in the campaign file, and notify progress listeners."""
 
-import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Protocol
@@ -8,9 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.display.progress import Best, RunProgress, best_of
-from agglom_mpi.display.remaining_time import DurationStatistics
-from agglom_mpi.outcome import FAILED, FailureReason
+from agglom_mpi.display.progress import RunProgress, best_of
+from agglom_mpi.outcome import FailureReason
+from agglom_mpi.runtime.tally import RunTally
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
 from agglom_mpi.search.decisions import (
     Decision,
@@ -60,13 +59,6 @@ class ProgressListener(Protocol):
         """Show an error, even in a quiet run."""
 
 
-def _seconds_of_legs(data: CampaignData) -> float:
-    """Wall-clock time of all earlier legs; of a killed one up to its last generation."""
-    legs, generations = data.legs(), data.generation_rows()
-    ended = float(np.nansum(legs["stopped"] - legs["started"]))
-    return max(ended, float(generations["seconds"].max()) if len(generations) else 0.0)
-
-
 class DigestAccumulator:
     """Collect what the decisions of a generation rest on, for the digest stored with it.
 
@@ -111,7 +103,7 @@ class DigestAccumulator:
 
 
 class RunRecorder:
-    """Store samples and decisions once each, and count what the progress display needs.
+    """Store samples and decisions once each.
 
     Parameters
     ----------
@@ -128,11 +120,8 @@ class RunRecorder:
 
     Attributes
     ----------
-    samples, busy_seconds, cpu_seconds
-        Samples of this leg, and the wall-clock and the processor time of their simulation, in s. A
-        rank is busy while it simulates, so that the busy share is one of wall-clock time.
-    generation_times, fresh_times
-        How long generations and fresh samples of this leg took, in s.
+    tally
+        Numbers and times of samples and generations.
     synced
         Called when a generation is on the disc.
     """
@@ -145,56 +134,20 @@ class RunRecorder:
         top: int,
         generations: int,
     ) -> None:
-        self.samples = 0
-        self.busy_seconds = self.cpu_seconds = 0.0
-        rows, searched = stored.all_sample_rows(), stored.searched_samples
-        judged = stored.judged_timed_out
-        timed_out = len(judged) + len(stored.fresh_timed_out)
-        self._failed = int((rows["state"] == FAILED).sum()) + timed_out
-        self._best: Best | None = None
-        self.generation_times = DurationStatistics()
-        self.fresh_times = DurationStatistics()
+        self.tally = RunTally(stored)
         self._generations = generations
-        self.begin()
         self._writer = writer
         results = stored.result_rows()
         self._stored_results = {
             string: results[i : i + 1] for i, string in enumerate(results["string"].tolist())
         }
         self._stored_generations = set(stored.generation_rows()["generation"].tolist())
-        self._stored_samples, self._stored_searched = len(rows), len(searched) + len(judged)
-        self._stored_seconds = _seconds_of_legs(stored)
         self._listener = listener
         self._top = top
-        self._digest = DigestAccumulator(searched, stored.format_version)
+        self._digest = DigestAccumulator(stored.searched_samples, stored.format_version)
         self._barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
-
-    def begin(self) -> None:
-        """Start the clock of this leg."""
-        self._begun = self._generation_begun = time.monotonic()
-
-    @property
-    def generation_seconds(self) -> float:
-        """Time of the generation under way so far, in s."""
-        return time.monotonic() - self._generation_begun
-
-    def progress(self, ranks: int, in_flight: int) -> RunProgress:
-        """Return what is known in every phase, with a number of samples in flight on the ranks."""
-        elapsed = self._elapsed
-        return RunProgress(
-            done=0,
-            total=0,
-            unit="",
-            elapsed=elapsed,
-            samples=self._stored_samples + self.samples,
-            rate=self._rate if self.samples else None,
-            busy=self.busy_seconds / (elapsed * ranks) if self.samples else None,
-            in_flight=in_flight,
-            failed=self._failed,
-            best=self._best,
-        )
 
     def store_samples(
         self,
@@ -221,26 +174,7 @@ class RunRecorder:
     def count(self, results: NDArray[np.void]) -> None:
         """Count samples that decisions are made from, (n,), each once."""
         self._digest.add_samples(results)
-        self._count(results)
-
-    def count_fresh(self, results: NDArray[np.void]) -> None:
-        """Count samples that no decision is made from, (n,), each once."""
-        self._count(results)
-        for seconds in results["seconds"].tolist():
-            self.fresh_times.add(seconds)
-
-    def _count(self, results: NDArray[np.void]) -> None:
-        self.samples += len(results)
-        self._add_times(results)
-        self._failed += results["state"].tolist().count(FAILED)
-
-    def count_skipped(self, results: NDArray[np.void]) -> None:
-        """Count the time of samples, (n,), that were begun at most, being unnecessary."""
-        self._add_times(results)
-
-    def _add_times(self, results: NDArray[np.void]) -> None:
-        self.busy_seconds += sum(results["seconds"].tolist())
-        self.cpu_seconds += sum(results["cpu_seconds"].tolist())
+        self.tally.count(results)
 
     def record(self, decisions: Iterable[Decision]) -> None:
         """Store decisions in their order, each before the next one is made."""
@@ -267,14 +201,6 @@ class RunRecorder:
     def finish(self) -> None:
         """Store what waits: all ranks have stopped, and written what they had."""
         self._barrier.finish()
-
-    @property
-    def _elapsed(self) -> float:
-        return max(1e-9, time.monotonic() - self._begun)
-
-    @property
-    def _rate(self) -> float:
-        return self.samples / self._elapsed
 
     def _store_strings(self, decision: StringsProposed) -> None:
         """Store strings that are not in the file yet; those proposed ahead end a generation."""
@@ -305,12 +231,11 @@ class RunRecorder:
 
     def _store_generation(self, summary: GenerationSummary) -> None:
         """Store a generation, and wait until it is on the disc."""
-        self._best = best_of(summary)
+        self.tally.best = best_of(summary)
         if summary.generation in self._stored_generations:
             return
-        self.generation_times.add(self.generation_seconds)
-        self._generation_begun = time.monotonic()
-        simulated = self._stored_searched + self.samples
+        self.tally.close_generation()
+        simulated = self.tally.searched_samples
         row = GenerationRow(
             generation=summary.generation,
             best_string=summary.best,
@@ -321,12 +246,12 @@ class RunRecorder:
             evaluations=summary.evaluations,
             samples_used=summary.samples_used,
             samples_simulated=simulated,
-            seconds=self._stored_seconds + self._elapsed,
+            seconds=self.tally.seconds_of_legs,
             population=summary.population,
             digest=self._digest.digest(),
         )
         self._barrier.store(lambda: self._commit(row))
-        self._listener.generation(summary, self._generations, simulated, self._rate)
+        self._listener.generation(summary, self._generations, simulated, self.tally.rate)
 
     def _commit(self, row: GenerationRow) -> None:
         self._writer.mark_running()

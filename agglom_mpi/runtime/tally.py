@@ -1,0 +1,118 @@
+"""Numbers and times of the samples and generations of a run, for its display and its file."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.display.progress import Best, RunProgress
+from agglom_mpi.display.remaining_time import DurationStatistics
+from agglom_mpi.outcome import FAILED
+from agglom_mpi.storage.reader import CampaignData
+
+
+class RunTally:
+    """Count the samples of a leg, and measure how long they and the generations take.
+
+    Parameters
+    ----------
+    stored
+        What earlier legs have written.
+
+    Attributes
+    ----------
+    samples, busy_seconds, cpu_seconds
+        Samples of this leg, and the wall-clock and the processor time of their simulation, in s. A
+        rank is busy while it simulates, so that the busy share is one of wall-clock time.
+    generation_times, fresh_times
+        How long generations and fresh samples of this leg took, in s.
+    best
+        The best string of the last generation; None before the first one.
+    """
+
+    def __init__(self, stored: CampaignData) -> None:
+        self.samples = 0
+        self.busy_seconds = self.cpu_seconds = 0.0
+        self.generation_times = DurationStatistics()
+        self.fresh_times = DurationStatistics()
+        self.best: Best | None = None
+        rows, judged = stored.all_sample_rows(), stored.judged_timed_out
+        timed_out = len(judged) + len(stored.fresh_timed_out)
+        self._failed = int((rows["state"] == FAILED).sum()) + timed_out
+        self._stored_samples = len(rows)
+        self._stored_searched = len(stored.searched_samples) + len(judged)
+        self._stored_seconds = _seconds_of_legs(stored)
+        self.begin()
+
+    def begin(self) -> None:
+        """Start the clock of this leg."""
+        self._begun = self._generation_begun = time.monotonic()
+
+    def close_generation(self) -> None:
+        """Note the time of the generation under way, and start the clock of the next one."""
+        self.generation_times.add(self.generation_seconds)
+        self._generation_begun = time.monotonic()
+
+    @property
+    def generation_seconds(self) -> float:
+        """Time of the generation under way so far, in s."""
+        return time.monotonic() - self._generation_begun
+
+    @property
+    def searched_samples(self) -> int:
+        """Samples of all legs that decisions may see; of this one all."""
+        return self._stored_searched + self.samples
+
+    @property
+    def seconds_of_legs(self) -> float:
+        """Wall-clock time of all legs, in s."""
+        return self._stored_seconds + self._elapsed
+
+    @property
+    def rate(self) -> float:
+        """Samples per second of this leg."""
+        return self.samples / self._elapsed
+
+    @property
+    def _elapsed(self) -> float:
+        return max(1e-9, time.monotonic() - self._begun)
+
+    def progress(self, ranks: int, in_flight: int) -> RunProgress:
+        """Return what is known in every phase, with a number of samples in flight on the ranks."""
+        elapsed = self._elapsed
+        return RunProgress(
+            done=0,
+            total=0,
+            unit="",
+            elapsed=elapsed,
+            samples=self._stored_samples + self.samples,
+            rate=self.rate if self.samples else None,
+            busy=self.busy_seconds / (elapsed * ranks) if self.samples else None,
+            in_flight=in_flight,
+            failed=self._failed,
+            best=self.best,
+        )
+
+    def count(self, results: NDArray[np.void]) -> None:
+        """Count samples, rows of `/samples`, (n,), each once."""
+        self.samples += len(results)
+        self.count_skipped(results)
+        self._failed += results["state"].tolist().count(FAILED)
+
+    def count_fresh(self, results: NDArray[np.void]) -> None:
+        """Count samples that no decision is made from, (n,), each once."""
+        self.count(results)
+        for seconds in results["seconds"].tolist():
+            self.fresh_times.add(seconds)
+
+    def count_skipped(self, results: NDArray[np.void]) -> None:
+        """Count the time of samples, (n,), that were begun at most, being unnecessary."""
+        self.busy_seconds += sum(results["seconds"].tolist())
+        self.cpu_seconds += sum(results["cpu_seconds"].tolist())
+
+
+def _seconds_of_legs(data: CampaignData) -> float:
+    """Wall-clock time of all earlier legs; of a killed one up to its last generation."""
+    legs, generations = data.legs(), data.generation_rows()
+    ended = float(np.nansum(legs["stopped"] - legs["started"]))
+    return max(ended, float(generations["seconds"].max()) if len(generations) else 0.0)
