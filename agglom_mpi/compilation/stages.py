@@ -73,10 +73,8 @@ class Stage:
 
     @functools.cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher of the function."""
-        from agglom_mpi.compilation.kernels import compiled_stage
-
-        return compiled_stage(self.py_func, self.manner)
+        """Numba's dispatcher of the function; there is one once a kernel has been declared."""
+        return _COMPILERS[0].compiled_stage(self.py_func, self.manner)
 
     @property
     def _numba_type_(self) -> Any:
