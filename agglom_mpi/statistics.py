@@ -233,6 +233,16 @@ def t_quantile(degrees_of_freedom: int, coverage: float) -> float:
     return float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * coverage))
 
 
+def weighted_quantiles(
+    values: NDArray[np.float64], weights: NDArray[np.float64], shares: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return the values, of some of shape (n,), below which these shares of the weights lie."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order]) / weights.sum()
+    places = np.minimum(np.searchsorted(below, shares), len(values) - 1)
+    return tuple(values[order][places].tolist())
+
+
 def probability_between(
     lower: float, upper: float, mean: NDArray[np.float64], deviation: NDArray[np.float64]
 ) -> NDArray[np.float64]:

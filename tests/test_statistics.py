@@ -15,6 +15,7 @@ from agglom_mpi.statistics import (
     t_95,
     t_quantile,
     t_tails,
+    weighted_quantiles,
 )
 
 numbers = st.floats(-100, 100)
@@ -108,3 +109,8 @@ def test_equal_values_have_no_error():
 def test_t_quantiles_are_those_of_printed_tables(degrees_of_freedom, quantile):
     assert t_95(degrees_of_freedom) == pytest.approx(quantile, abs=5e-4)
     assert t_tails(t_quantile(degrees_of_freedom, 0.9), degrees_of_freedom) == pytest.approx(0.1)
+
+
+def test_quantiles_weigh():
+    values, weights = np.array([3.0, 1.0, 2.0]), np.array([0.1, 0.8, 0.1])
+    assert weighted_quantiles(values, weights, (0.5, 0.85, 1.0)) == (1.0, 2.0, 3.0)

@@ -17,7 +17,7 @@ from agglom_mpi.accuracy.document import (
 from agglom_mpi.accuracy.study import Rows, Setup, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.loading import recorded_campaign
+from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
@@ -45,7 +45,7 @@ def best_strings(history: CampaignData) -> list[int]:
 
 def campaign_of(history: CampaignData) -> Campaign:
     """Return the campaign of a file; if its objective is a function, without the code."""
-    return recorded_campaign(history.campaign_text, str(history.path), history.identity)
+    return campaign_of_record(history.campaign_text, str(history.path), history.identity)
 
 
 def setups(

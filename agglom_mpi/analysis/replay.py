@@ -10,7 +10,7 @@ from agglom_mpi.analysis.completeness import check_finished
 from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
-from agglom_mpi.config.loading import recorded_campaign
+from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
 from agglom_mpi.formatting import pluralise
@@ -66,7 +66,7 @@ def replay(report: VerificationReport) -> Replayed:
     """
     try:
         text, identity = str(report.data.attributes["campaign"]), report.data.identity
-        campaign = recorded_campaign(text, str(report.data.path), identity)
+        campaign = campaign_of_record(text, str(report.data.path), identity)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         campaign.check_libraries()

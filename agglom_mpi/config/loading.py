@@ -72,7 +72,7 @@ def _campaign(name: str) -> Campaign:
     return Campaign.from_text(read_text(name), name, None, read_beside(Path(name).parent))
 
 
-def recorded_campaign(text: str, name: str, identity: Mapping[str, Any]) -> Campaign:
+def campaign_of_record(text: str, name: str, identity: Mapping[str, Any]) -> Campaign:
     """Return a stored campaign; what its text names other files for is in its identity.
 
     A user's function cannot be called.

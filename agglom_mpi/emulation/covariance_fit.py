@@ -148,10 +148,10 @@ def _half_product(slopes: Floats, matrix: Floats) -> float:
     return float(np.vdot(slopes, matrix))
 
 
-RECORDED: Final = Arithmetic(_recorded_exponentials, _whole_slopes, _whole_product)
+RECORDED_ARITHMETIC: Final = Arithmetic(_recorded_exponentials, _whole_slopes, _whole_product)
 """Arithmetic of searches, which are resumed and replayed to the last bit."""
 
-FAST: Final = Arithmetic(covariance_of, _half_slopes, _half_product)
+FAST_ARITHMETIC: Final = Arithmetic(covariance_of, _half_slopes, _half_product)
 """Arithmetic of emulators: half of the inverse matrix, in a third of the time."""
 
 
@@ -265,7 +265,9 @@ def fit_covariance(points: Floats, values: Floats, samples: NDArray[np.int64]) -
     """
     _, _, standard = standardised(values)
     d = points.shape[1]
-    data = fit_data(points, standard, samples.astype(np.float64), search_prior(d), RECORDED)
+    data = fit_data(
+        points, standard, samples.astype(np.float64), search_prior(d), RECORDED_ARITHMETIC
+    )
     return covariance_of(most_probable(first_guess(d), data, 100))
 
 
@@ -318,4 +320,6 @@ class LargeFit(NamedTuple):
     def _data(self, some: NDArray[np.int64] | slice = slice(None)) -> FitData:
         _, _, standard = standardised(self.values)
         prior = emulator_prior(self.points.shape[1], self.groups)
-        return fit_data(self.points[some], standard[some], self.weights[some], prior, FAST)
+        return fit_data(
+            self.points[some], standard[some], self.weights[some], prior, FAST_ARITHMETIC
+        )

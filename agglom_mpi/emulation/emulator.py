@@ -56,7 +56,7 @@ class NoisyMeans(NamedTuple):
     squares: Floats
 
 
-def merged(points: Floats, values: Floats) -> NoisyMeans:
+def merge_samples(points: Floats, values: Floats) -> NoisyMeans:
     """Return the means of samples, values (n,) at points (n, d), those at equal points together."""
     different, place = np.unique(points, axis=0, return_inverse=True)
     place = place.ravel()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from agglom_mpi.emulation.emulator import Emulator, merged
+from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
 
 NORMAL_POINTS: Final = 256
@@ -53,13 +53,14 @@ class JointEmulator:
             scales = numbers.std(axis=0)
             scales[scales == 0.0] = 1.0
             first = [
-                Emulator(merged(points, n), random, groups, rounds=0) for n in (numbers / scales).T
+                Emulator(merge_samples(points, n), random, groups, rounds=0)
+                for n in (numbers / scales).T
             ]
             residuals = np.array([e.data.means - e.held_out()[0] for e in first])
             noise = residuals @ residuals.T / residuals.shape[1] + 1e-9 * np.eye(k)
             self._mixing = scales[:, None] * np.linalg.cholesky(noise)
         mixed = np.linalg.solve(self._mixing, numbers.T)
-        self._emulators = [Emulator(merged(points, n), random, groups) for n in mixed]
+        self._emulators = [Emulator(merge_samples(points, n), random, groups) for n in mixed]
         # One number is the quantity itself.
         self._is_single = k == 1
         self._normal = _normal_points(k) if k > 1 else np.empty((0, 1))

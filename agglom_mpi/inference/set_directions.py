@@ -3,35 +3,37 @@
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.config.groups import Group
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.emulated_box import EmulatedBox
+from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
+from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.feasible_set import FeasibleSet
-
-Floats = NDArray[np.float64]
-
-MEMBERS: Final = 300
-"""Members at which the slopes are taken."""
-STEP: Final = 0.02
+SLOPE_MEMBERS: Final = 300
+"""Number of members at which the slopes are taken."""
+SLOPE_STEP: Final = 0.02
 """Half of the step of a slope, in units of the box."""
-FREE: Final = 0.8
-"""Share of its range over which a free variable may be moved, on average, all others kept."""
-LINES, PLACES = 150, 12
-"""Members that are moved along each variable, and places that they are moved to."""
-NEAR: Final = 0.95
-"""Cosine from which a direction is near a group, in units of the box."""
-LEAST_PART: Final = 0.1
-"""Part of a variable in a group's direction, in units of the box, from which it counts."""
-EDGE: Final = 0.03
-"""Share of a range at its end that is looked at for members."""
-TOUCHES: Final = 0.2
-"""Density of the set there over its largest, from which it touches the edge."""
-SLICES: Final = 20
-"""Parts of a range in which the density is compared."""
+MIN_FREE_SHARE: Final = 0.8
+"""Minimum share of its range over which a free variable may be moved, on average."""
+MOVED_MEMBERS, MOVED_PLACES = 150, 12
+"""Number of members that are moved along each variable, and of places that they are moved to."""
+MIN_COSINE: Final = 0.95
+"""Minimum cosine of the angle to a group's direction, in units of the box, of one near the group.
+"""
+MIN_COMPONENT: Final = 0.1
+"""Minimum component for a variable to count as part of a group, in units of the box."""
+EDGE_WIDTH: Final = 0.03
+"""Width of the ends of a range in which members are looked for, relative to the range."""
+MIN_EDGE_DENSITY: Final = 0.2
+"""Minimum density of a set at an edge that it touches, relative to its largest density."""
+DENSITY_BINS: Final = 20
+"""Number of bins of a range whose densities are compared."""
+QUARTER_PREFERENCE: Final = 0.02
+"""Distance by which a third must be nearer to an exponent than a quarter is."""
 
 
 class SetVariable(NamedTuple):
@@ -45,14 +47,14 @@ class SetVariable(NamedTuple):
     least, most
         Range of the outer set.
     low, median, high
-        5 %, 50 % and 95 % of the set lies below.
+        Quantiles of the set: 5 %, 50 % and 95 % of it lie below.
     kept
         Share of its range over which a member may be moved, the others kept, and stay a member.
     free
-        Whether that is `FREE` or more: the variable decides nothing, else it is decided, with
-        others or alone.
+        Whether that share is at least `MIN_FREE_SHARE`. A free variable decides nothing; any other
+        is decided, alone or together with others.
     touches
-        Edges of the box that the set touches: `lower`, `upper`; the set may go on there.
+        Edges of the box that the set touches, `lower` or `upper`; the set may go on there.
     """
 
     name: str
@@ -69,19 +71,19 @@ class SetVariable(NamedTuple):
     touches: tuple[str, ...]
 
 
-def variables(of: "FeasibleSet") -> list[SetVariable]:
+def set_variables(emulated: EmulatedBox, points: SetPoints) -> list[SetVariable]:
     """Return the searched variables of a set, in their order; none if the set is empty."""
-    points = of.points
-    mass = points.probability * points.weights
-    if of.empty or mass.sum() <= 0.0:
+    mass = points.mass
+    if mass.sum() <= 0.0:
         return []
-    kept = _kept_shares(of)
-    space = of.campaign.variables.space()
-    units = space.to_unit(points.strings)
+    kept = _kept_shares(emulated, points)
+    units = emulated.box.space.to_unit(points.strings)
+    # A range that was narrowed on both sides ends within the box.
+    narrowed = (points.lower > 0.0) & (points.upper < 1.0)
     found = []
-    for place, variable in enumerate(of.own):
+    for place, variable in enumerate(emulated.box.own):
         values = variable.values(points.strings)
-        outer = values[points.probability >= 0.05]
+        outer = values[points.probability >= OUTER_PROBABILITY]
         outer = values[points.probability > 0.0] if not len(outer) else outer
         low, median, high = weighted_quantiles(values, mass, (0.05, 0.5, 0.95))
         found.append(
@@ -96,81 +98,57 @@ def variables(of: "FeasibleSet") -> list[SetVariable]:
                 median,
                 high,
                 float(kept[place]),
-                bool(kept[place] >= FREE),
-                _touched(units[:, place], mass, place in _narrowed(of)),
+                bool(kept[place] >= MIN_FREE_SHARE),
+                () if narrowed[place] else _touched(units[:, place], mass),
             )
         )
     return found
 
 
-def weighted_quantiles(
-    values: Floats, weights: Floats, shares: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Return the values below which these shares of the weights lie."""
-    order = np.argsort(values)
-    below = np.cumsum(weights[order]) / weights.sum()
-    places = np.minimum(np.searchsorted(below, shares), len(values) - 1)
-    return tuple(values[order][places].tolist())
+def _touched(units: Floats, mass: Floats) -> tuple[str, ...]:
+    """Return the ends of a variable's range at which the set is about as dense as elsewhere."""
+    places = np.minimum((units * DENSITY_BINS).astype(np.int64), DENSITY_BINS - 1)
+    largest = np.bincount(places, mass, DENSITY_BINS).max() * DENSITY_BINS
+    ends = {"lower": units < EDGE_WIDTH, "upper": units > 1.0 - EDGE_WIDTH}
+    return tuple(
+        name
+        for name, at in ends.items()
+        if mass[at].sum() / EDGE_WIDTH > MIN_EDGE_DENSITY * largest
+    )
 
 
-def _narrowed(of: "FeasibleSet") -> list[int]:
-    """Return the places of variables whose range was narrowed down on both sides."""
-    inside = (of.points.lower > 0.0) & (of.points.upper < 1.0)
-    return np.flatnonzero(inside).tolist()
-
-
-def _touched(units: Floats, mass: Floats, inside: bool) -> tuple[str, ...]:
-    """Return at which ends of a variable's range the set is about as dense as elsewhere."""
-    if inside:
-        return ()
-    counts = np.bincount(np.minimum((units * SLICES).astype(np.int64), SLICES - 1), mass, SLICES)
-    largest = counts.max() * SLICES
-    ends = {"lower": units < EDGE, "upper": units > 1.0 - EDGE}
-    return tuple(name for name, at in ends.items() if mass[at].sum() / EDGE > TOUCHES * largest)
-
-
-def _kept_shares(of: "FeasibleSet") -> Floats:
-    """Return over which share of its range each variable may be moved, on average, (d,)."""
-    members = _some_members(of, LINES)
-    space = of.campaign.variables.space()
+def _kept_shares(emulated: EmulatedBox, points: SetPoints) -> Floats:
+    """Return the share of its range over which each variable may be moved, on average, (d,)."""
+    members, space = points.even_members(MOVED_MEMBERS), emulated.box.space
     start = space.to_unit(members)
-    here = of.probability_of(members).mean()
-    places = (np.arange(PLACES) + 0.5) / PLACES
+    here = emulated.probability(members).mean()
+    places = (np.arange(MOVED_PLACES) + 0.5) / MOVED_PLACES
     shares = []
     for i in range(start.shape[1]):
-        moved = np.repeat(start, PLACES, axis=0)
+        moved = np.repeat(start, MOVED_PLACES, axis=0)
         moved[:, i] = np.tile(places, len(start))
         strings = space.from_unit(moved)
-        allowed = of.campaign.allowed_strings(strings)
-        there = of.probability_of(strings)[allowed]
+        there = emulated.probability(strings)[emulated.box.allowed(strings)]
         shares.append(min(1.0, float(there.mean() / here)) if len(there) and here > 0.0 else 0.0)
     return np.array(shares)
 
 
-def _some_members(of: "FeasibleSet", count: int) -> Floats:
-    """Return strings of the points, (count, 10), drawn by their probability."""
-    mass = of.points.probability * of.points.weights
-    places = (np.arange(count) + 0.5) / count
-    chosen = np.searchsorted(np.cumsum(mass) / mass.sum(), places)
-    return of.points.strings[np.minimum(chosen, len(mass) - 1)]
-
-
-def directions(of: "FeasibleSet") -> "pd.DataFrame":
+def set_directions(emulated: EmulatedBox, points: SetPoints) -> "pd.DataFrame":
     """Return the active directions of a set (Constantine 2015); see `FeasibleSet.directions`."""
     import pandas as pd
 
-    names, coordinates = list(of.names), of.coordinates
+    names, coordinates = emulated.box.names, emulated.coordinates
     columns = ["eigenvalue", "share", *names, "group", "cosine"]
-    if of.empty or of.volume <= 0.0:
+    if points.volume <= 0.0:
         return pd.DataFrame(columns=columns)
-    slopes = _slopes(of)
+    slopes = _slopes(emulated, points)
     values, vectors = np.linalg.eigh(slopes.T @ slopes / len(slopes))
     if values.sum() <= 0.0:  # the emulated mean is the same everywhere
         return pd.DataFrame(columns=columns)
     rows = []
     for value, vector in list(zip(values, vectors.T, strict=True))[::-1]:
         group, cosine = nearest_group(vector, coordinates.group_directions, coordinates.groups)
-        exponents = vector / of.spans
+        exponents = vector / emulated.spans
         main = int(np.argmax(np.abs(vector)))
         near = group is not None and cosine < 0.0
         scaled = exponents / abs(exponents[main]) * (-1.0 if near else np.sign(vector[main]) * 1.0)
@@ -183,7 +161,7 @@ def directions(of: "FeasibleSet") -> "pd.DataFrame":
 
 
 def nearest_group(vector: Floats, along: Floats, groups: list[Group]) -> tuple[Group | None, float]:
-    """Return the group whose direction is nearest to a vector, if any is `NEAR`, and the cosine.
+    """Return the group whose direction is nearest to a vector, if any is near, and the cosine.
 
     Parameters
     ----------
@@ -196,40 +174,34 @@ def nearest_group(vector: Floats, along: Floats, groups: list[Group]) -> tuple[G
     best, cosine = None, 0.0
     for group, direction in zip(groups, along, strict=True):
         size = float(np.linalg.norm(direction))
-        if np.sum(np.abs(direction) > LEAST_PART * size) < 2:
+        if np.sum(np.abs(direction) > MIN_COMPONENT * size) < 2:
             continue  # over the box it is as good as one variable alone
         found = float(vector @ direction) / size if size > 0.0 else 0.0
         if abs(found) > abs(cosine):
             best, cosine = group, found
-    return (best, cosine) if abs(cosine) >= NEAR else (None, cosine)
+    return (best, cosine) if abs(cosine) >= MIN_COSINE else (None, cosine)
 
 
 def rounded(exponent: float) -> float:
     """Return an exponent rounded to a quarter or, where that is nearer, to a third."""
     quarter, third = round(4.0 * exponent) / 4.0, round(3.0 * exponent) / 3.0
-    return quarter if abs(quarter - exponent) <= abs(third - exponent) + 0.02 else third
+    is_quarter = abs(quarter - exponent) <= abs(third - exponent) + QUARTER_PREFERENCE
+    return quarter if is_quarter else third
 
 
-def _slopes(of: "FeasibleSet") -> Floats:
+def _slopes(emulated: EmulatedBox, points: SetPoints) -> Floats:
     """Return slopes along each variable's logarithm at members, in units of the box, (n, d)."""
-    coordinates = of.coordinates
-    own = coordinates.own(_some_members(of, MEMBERS))
-    scale = _scales(of)
+    coordinates = emulated.coordinates
+    own = coordinates.own(points.even_members(SLOPE_MEMBERS))
     columns = []
     for i in range(own.shape[1]):
         ends = []
         widths = np.zeros(len(own))
         for sign in (1.0, -1.0):
             moved = own.copy()
-            moved[:, i] = np.clip(moved[:, i] + sign * STEP, 0.0, 1.0)
+            moved[:, i] = np.clip(moved[:, i] + sign * SLOPE_STEP, 0.0, 1.0)
             widths += np.abs(moved[:, i] - own[:, i])
-            ends.append(of.emulator.mean_only(coordinates.of_strings(coordinates.strings(moved))))
-        columns.append((ends[0] - ends[1]) / widths[:, None] / scale)
+            ends.append(emulated.mean_only(coordinates.strings(moved)))
+        columns.append((ends[0] - ends[1]) / widths[:, None] / emulated.criterion.scales)
     # One row for each member and each quantity that is compared.
     return np.stack(columns, axis=-1).reshape(-1, own.shape[1])
-
-
-def _scales(of: "FeasibleSet") -> Floats:
-    """Return by what several quantities are divided to be compared, (q,)."""
-    half = getattr(of.criterion, "half_widths", None)
-    return np.ones(1) if half is None else np.asarray(half)

@@ -26,8 +26,8 @@ from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
-from agglom_mpi.report.figures.feasible_set import set_drawings
 from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.figures.set_figures import set_drawings
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
-from agglom_mpi.inference.criteria import criterion_of
-from agglom_mpi.inference.feasible_set import FeasibleSet, tolerance_of
-from agglom_mpi.inference.set_posterior import measurement_of
+from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.objective_criteria import criterion_of, tolerance_of
+from agglom_mpi.inference.posterior import measurement_of
 from agglom_mpi.report.export import with_units
-from agglom_mpi.report.set_summary import as_dict, grid_table, set_text
+from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.set_posterior import Posterior
+    from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
 DEFAULT_TOLERANCE: Final = 0.05
@@ -92,7 +92,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     posterior = request.posterior_of(found)
     write_files(request, found, posterior)
     if as_json:
-        return json.dumps(as_dict(found, posterior), indent=2, ensure_ascii=False)
+        return json.dumps(set_as_dict(found, posterior), indent=2, ensure_ascii=False)
     return set_text(found, posterior)
 
 

@@ -9,21 +9,23 @@ from rich.console import Group, RenderableType
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import format_digits, value_with_error
-from agglom_mpi.inference.criteria import NearMaximum
-from agglom_mpi.inference.feasible_set import INNER, OUTER, FeasibleSet
+from agglom_mpi.inference.emulated_box import BOX_POINTS
+from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.nearest import quantity_name
+from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import rounded
-from agglom_mpi.inference.set_nearest import quantity_name
+from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.set_posterior import Posterior
+    from agglom_mpi.inference.posterior import Posterior
 
-SHOWN: Final = 0.01
+MIN_SHOWN_SHARE: Final = 0.01
 """Minimum share of a direction that is shown."""
-LEAST_PROBABILITY: Final = 1e-6
+MIN_SHOWN_PROBABILITY: Final = 1e-6
 """Smallest probability that is shown as a number."""
-SMALL: Final = 0.1
+MIN_NAMED_WEIGHT: Final = 0.1
 """Minimum weight of a variable that is named in a direction, relative to the largest weight."""
 
 BIASED_CHOICE: Final = (
@@ -38,13 +40,13 @@ def percent(share: float, digits: int = 3) -> str:
     return f"{format_digits(100.0 * share, digits)} %"
 
 
-def measure_text(of: FeasibleSet) -> str:
+def measure_text(box: SearchedBox) -> str:
     """Return the measure of shares and volumes: uniform in the coordinates of the search."""
     kinds = {
-        "by the logarithm": [each.name for each in of.own if each.logarithmic],
-        "by the cube": [each.name for each in of.own if each.cubic],
+        "by the logarithm": [each.name for each in box.own if each.logarithmic],
+        "by the cube": [each.name for each in box.own if each.cubic],
     }
-    other = [name for name in of.names if not any(name in some for some in kinds.values())]
+    other = [name for name in box.names if not any(name in some for some in kinds.values())]
     parts = [f"{', '.join(some)} {kind}" for kind, some in kinds.items() if some]
     if not parts:
         return "uniform in every variable, as searched"
@@ -67,7 +69,7 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
     elif of.volume > 0.0:
         parts.append(_variable_table(of))
         parts += [_direction_table(of)] if len(of.directions) else []
-    parts += list(warnings(of))
+    parts += list(set_warnings(of))
     if posterior is not None:
         parts += ["", posterior_text(posterior)]
     return Group(*parts)
@@ -84,22 +86,23 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
         table.add_row("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}")
     else:
         table.add_row(
-            "share of the box", f"{_share_text(of.volume, of.volume_error)}; {measure_text(of)}"
+            "share of the box",
+            f"{_share_text(of.volume, of.volume_error)}; {measure_text(of.emulated.box)}",
         )
     if of.allowed < 1.0:
         shares = "" if of.empty else "; shares are of what they allow"
         table.add_row("constraints", f"{_allowed(of)} of the box{shares}")
     if not of.empty:
-        table.add_row(f"  surely (P ≥ {INNER:g})", percent(of.inner))
-        table.add_row(f"  possibly (P ≥ {OUTER:g})", percent(of.outer))
+        table.add_row(f"  surely (P ≥ {INNER_PROBABILITY:g})", percent(of.inner))
+        table.add_row(f"  possibly (P ≥ {OUTER_PROBABILITY:g})", percent(of.outer))
     if of.volume > 0.0 and not of.empty:
         table.add_row(
             "expected error",
             f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
             f"{samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
         )
-    if isinstance(of.criterion, NearMaximum):
-        table.add_row("maximum", f"mean b/b0 {value_with_error(*of.maximum)}")
+    if of.criterion.maximum is not None:
+        table.add_row("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}")
     if of.failing:
         table.add_row("failed", f"{of.failing} strings, which are no members")
     table.add_row("check", of.calibration.text)
@@ -110,8 +113,7 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
 
 def _taken_by(of: FeasibleSet) -> str:
     """Return which search would take samples that halve the error, where it is another one."""
-    campaign = of.campaign
-    if campaign.objective.law != "growth_target" or getattr(campaign.search, "aim", "") == "set":
+    if not of.criterion.can_be_aim or of.emulated.box.campaign.search.looks_for_a_set:
         return ""
     return " of a search with aim: set"
 
@@ -121,22 +123,25 @@ def _share_text(share: float, error: float) -> str:
 
 
 def _allowed(of: FeasibleSet) -> str:
-    return f"allow {allowed_share(of.campaign)}"
+    return f"allow {allowed_share(of.emulated.box.campaign)}"
 
 
 def empty_text(of: FeasibleSet) -> str:
     """Return why a set has no members, or none that the emulator can find."""
     if of.nearest.out_of_reach:
-        return f"empty: no string of the box is a member with P ≥ {OUTER:g}"
+        return f"empty: no string of the box is a member with P ≥ {OUTER_PROBABILITY:g}"
     return (
-        f"empty as far as is known: no string of the box is a member with P ≥ {OUTER:g}, for the "
-        "emulator is less sure of its means than the tolerance is wide"
+        f"empty as far as is known: no string of the box is a member with P ≥ "
+        f"{OUTER_PROBABILITY:g}, for the emulator is less sure of its means than the tolerance is "
+        "wide"
     )
 
 
 def _probability(value: float) -> str:
     """Return a probability that is nearly 0 as a text."""
-    return f"P = {value:.2g}" if value >= LEAST_PROBABILITY else f"P < {LEAST_PROBABILITY:g}"
+    return (
+        f"P = {value:.2g}" if value >= MIN_SHOWN_PROBABILITY else f"P < {MIN_SHOWN_PROBABILITY:g}"
+    )
 
 
 def _label(name: str, unit: str) -> str:
@@ -146,7 +151,7 @@ def _label(name: str, unit: str) -> str:
 def _nearest_table(of: FeasibleSet) -> FittedTable:
     """Return where the best that can be reached is."""
     table = FittedTable("variable", "searched", "nearest at", "", left=(0, 3))
-    for each in of.own:
+    for each in of.emulated.box.own:
         table.add_row(
             _label(each.name, each.unit),
             f"{each.lower:.4g} to {each.upper:.4g}",
@@ -183,13 +188,13 @@ def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
     """Return the directions that matter as plain values, with their products of powers."""
     found: list[dict[str, Any]] = []
     for row in of.directions.to_dict("records"):
-        if row["share"] < SHOWN and found:
+        if row["share"] < MIN_SHOWN_SHARE and found:
             break
         found.append(
             {
                 "eigenvalue": row["eigenvalue"],
                 "share": row["share"],
-                "exponents": {name: row[name] for name in of.names},
+                "exponents": {name: row[name] for name in of.emulated.box.names},
                 "product": product_text(of, row),
                 "group": row["group"] or None,
                 "cosine": row["cosine"] if row["group"] else None,
@@ -200,10 +205,11 @@ def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:
 
 def product_text(of: FeasibleSet, row: Any) -> str:
     """Return a direction as a product of powers, rounded, of the variables that matter in it."""
-    weights = {name: abs(row[name]) * span for name, span in zip(of.names, of.spans, strict=True)}
-    largest = max(weights.values())
+    spans = zip(of.emulated.box.names, of.emulated.spans, strict=True)
+    weights = {name: abs(row[name]) * span for name, span in spans}
+    least = MIN_NAMED_WEIGHT * max(weights.values())
     order = sorted(weights, key=lambda name: -weights[name])
-    factors = [_factor(n, rounded(row[n])) for n in order if weights[n] > SMALL * largest]
+    factors = [_factor(n, rounded(row[n])) for n in order if weights[n] > least]
     return " ".join(factor for factor in factors if factor)
 
 
@@ -213,7 +219,7 @@ def _factor(name: str, exponent: float) -> str:
     return name if exponent == 1.0 else f"{name}^{exponent:.3g}"
 
 
-def warnings(of: FeasibleSet) -> Iterator[str]:
+def set_warnings(of: FeasibleSet) -> Iterator[str]:
     """Yield warnings about a set: where it touches the box, and if it is empty or hard to see."""
     if of.empty:
         if of.nearest.ends:
@@ -239,30 +245,30 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
     """Return what is printed of a posterior."""
     measured = f"{posterior.measured:g} ± {posterior.error:g}"
     lines: list[RenderableType] = [
-        f"posterior, given a measured {_quantity(posterior.of)} of {measured}",
-        f"prior {measure_text(posterior.of)}; effective size "
+        f"posterior, given a measured {_quantity(posterior)} of {measured}",
+        f"prior {measure_text(posterior.of.box)}; effective size "
         f"{posterior.effective_size:,.0f} of {len(posterior.weights):,} ({posterior.method})",
     ]
     table = FittedTable("variable", "2.5 %", "25 %", "50 %", "75 %", "97.5 %")
-    for each in posterior.of.own:
+    for each in posterior.of.box.own:
         quantiles = (f"{value:.4g}" for value in posterior.quantiles(each.name))
         table.add_row(_label(each.name, each.unit), *quantiles)
     lines.append(table)
-    if len(posterior.of.names) > 1:
+    if len(posterior.of.box.names) > 1:
         lines.append(_correlation_table(posterior))
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
     return Group(*lines)
 
 
-def _quantity(of: FeasibleSet) -> str:
-    """Return the name of what is compared."""
-    return quantity_name(of.criterion.quantities[0])
+def _quantity(posterior: "Posterior") -> str:
+    """Return the name of the measured quantity."""
+    return quantity_name(posterior.of.criterion.quantities[0])
 
 
 def _correlation_table(posterior: "Posterior") -> FittedTable:
     """Return the largest correlations of pairs, partial ones first, which the others hide."""
-    names = posterior.of.names
+    names = posterior.of.box.names
     plain, partial = posterior.correlations, posterior.partial_correlations
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     pairs.sort(key=lambda pair: -abs(partial[pair]))
@@ -272,7 +278,7 @@ def _correlation_table(posterior: "Posterior") -> FittedTable:
     return table
 
 
-def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
+def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
     """Return a set as plain values for JSON; without a set where it is not calibrated."""
     found: dict[str, Any] = {
         "criterion": of.criterion.text,
@@ -284,7 +290,7 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
     if not of.calibration.passed:
         return found | {"set": None, "reason": of.calibration.text}
     found["set"] = {
-        "measure": measure_text(of),
+        "measure": measure_text(of.emulated.box),
         "empty": of.empty,
         "volume": of.volume,
         "volume_error": of.volume_error,
@@ -298,10 +304,10 @@ def as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, 
         "variables": [each._asdict() for each in of.variables],
         "directions": shown_directions(of),
         "nearest": of.nearest.as_dict() if of.empty else None,
-        "warnings": [text.removeprefix("warning: ") for text in warnings(of)],
+        "warnings": [text.removeprefix("warning: ") for text in set_warnings(of)],
     }
-    if isinstance(of.criterion, NearMaximum):
-        found["set"]["maximum"], found["set"]["maximum_error"] = of.maximum
+    if of.criterion.maximum is not None:
+        found["set"]["maximum"], found["set"]["maximum_error"] = of.criterion.maximum
     if posterior is not None:
         found["posterior"] = posterior.as_dict()
     return found
@@ -320,16 +326,15 @@ def grid_table(of: FeasibleSet, most: int = 20_000) -> "pd.DataFrame":
     """
     import numpy as np
 
-    d = len(of.names)
+    emulated, d = of.emulated, len(of.emulated.box.names)
     if d <= 4:
         places = (np.arange(side := int(most ** (1.0 / d) + 1e-9)) + 0.5) / side
         mesh = np.stack(np.meshgrid(*[places] * d, indexing="ij"), axis=-1).reshape(-1, d)
-        strings = of.campaign.variables.space().from_unit(mesh)
+        strings = emulated.box.space.from_unit(mesh)
     else:
-        strings = of.even_strings(1 << 13)
-    points = of.coordinates.of_strings(strings)
-    mean, deviation = of.emulator.mean(points), of.emulator.deviation(points)
-    columns = {"probability": of.probability_of(strings)}
+        strings = emulated.box.even_strings(BOX_POINTS)
+    mean, deviation = emulated.mean(strings), emulated.deviation(strings)
+    columns = {"probability": emulated.probability(strings)}
     for i, name in enumerate(of.criterion.quantities):
         columns |= {f"mean_of_{name}": mean[:, i], f"deviation_of_{name}": deviation[:, i]}
-    return of.table(strings, **columns)
+    return emulated.box.table(strings, **columns)

@@ -21,4 +21,4 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 
 def _campaign(data: "CampaignData") -> Campaign:
-    return loading.recorded_campaign(data.campaign_text, str(data.path), data.identity)
+    return loading.campaign_of_record(data.campaign_text, str(data.path), data.identity)

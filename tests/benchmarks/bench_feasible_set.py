@@ -38,8 +38,8 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.inference import feasible_set
-from agglom_mpi.inference.criteria import criterion_of
 from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.objective_criteria import criterion_of
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
@@ -147,7 +147,7 @@ def point_samples(arguments):
 
 def bounds_of(name, criterion):
     """Bounds of mean b/b0 about which the truth is told well."""
-    return criterion.bounds(3.2) if name == "maximum" else criterion.bounds()
+    return (criterion.share * 3.2, np.inf) if name == "maximum" else criterion.bounds()
 
 
 def known_truth(name, jobs, folder):
@@ -259,12 +259,12 @@ def away_at(bound, truth, found):
     near = np.abs(truth.values[:, 0] - bound) < NEAR
     if not near.any():
         return np.nan
-    means = found.emulator.mean(found.coordinates.of_strings(truth.strings[near]))[:, 0]
+    means = found.emulated.mean(truth.strings[near])[:, 0]
     return (means - truth.values[near, 0]).mean()
 
 
 def members(truth, found):
-    if hasattr(found, "_maxima"):
+    if found.criterion.maximum is not None:
         return truth.values[:, 0] >= found.criterion.share * truth.values[:, 0].max()
     return found.criterion.holds(truth.values)
 
@@ -277,11 +277,11 @@ def score(name, seed, samples, truth, folder, aim="best", batch=BATCH):
     _ = found.volume_error, found.variables
     directions = found.directions
     seconds = time.perf_counter() - began
-    inside, probability = members(truth, found), found.probability_of(truth.strings)
+    inside, probability = members(truth, found), found.emulated.probability(truth.strings)
     wrong = np.sum((probability >= 0.5) != inside) / inside.sum()
-    points = found.coordinates.of_strings(truth.strings[inside])
-    away = found.emulator.mean(points)[:, 0] - truth.values[inside, 0]
-    covered = np.abs(away) < 1.6449 * found.emulator.deviation(points)[:, 0]
+    strings = truth.strings[inside]
+    away = found.emulated.mean(strings)[:, 0] - truth.values[inside, 0]
+    covered = np.abs(away) < 1.6449 * found.emulated.deviation(strings)[:, 0]
     return (
         found,
         Score(

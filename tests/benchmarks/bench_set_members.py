@@ -33,15 +33,17 @@ def searched(seed, folder):
 
 def scores(found, members):
     """Mean P of members, how many are, coverage of 90 % intervals, and the mean z-score."""
-    strings = found.points.draw(found, members, np.random.default_rng(0))
-    mean, deviation = found.moments_of(strings)
-    values = [simulated(found.campaign, s, FRESH, SAMPLES)["mean_radius_ratio"] for s in strings]
+    emulated = found.emulated
+    strings = found.points.draw(emulated, members, np.random.default_rng(0))
+    _, mean, deviation, _ = emulated.known(strings)
+    campaign = emulated.box.campaign
+    values = [simulated(campaign, s, FRESH, SAMPLES)["mean_radius_ratio"] for s in strings]
     true = np.mean(values, axis=1)
     error = np.std(values, axis=1, ddof=1) / np.sqrt(SAMPLES)
     away = (mean - true) / np.hypot(deviation, error)
     maximum, _ = found.maximum
     share = np.mean(true >= (1.0 - TOLERANCE) * maximum)
-    probability = found.probability_of(strings).mean()
+    probability = emulated.probability(strings).mean()
     return maximum, probability, share, np.mean(np.abs(away) < 1.6449), away.mean()
 
 

@@ -135,7 +135,7 @@ def test_too_few_strings_are_one_line(tmp_path):
 
 
 def test_the_page_of_an_empty_set_shows_what_can_be_reached(path, tmp_path, monkeypatch):
-    from agglom_mpi.inference.set_calibration import Calibration
+    from agglom_mpi.inference.calibration import Calibration
 
     monkeypatch.setattr(Calibration, "passed", True)
     options = ["--tolerance", "1e-9", "--out", tmp_path / "page", "--stored-only"]

@@ -9,7 +9,7 @@ import pytest
 from campaign_text import campaign, edited
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.loading import load_campaign, recorded_campaign
+from agglom_mpi.config.loading import campaign_of_record, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics.size_distributions import size_classes
 from agglom_mpi.variables import volume_fraction
@@ -204,7 +204,7 @@ def test_the_content_of_a_file_of_sizes_is_in_the_identity_and_comes_back(folder
     stored = json.loads(json.dumps(first.identity()))
     (folder / "sizes.csv").write_text("diameter (um)\n40\n81\n")
     assert load_campaign(folder / "c.yaml").sha256() != first.sha256()
-    back = recorded_campaign(first.text, "c.h5", stored)
+    back = campaign_of_record(first.text, "c.h5", stored)
     assert back.identity() == stored
     assert back.scene.size_law.ratios.tolist() == first.scene.size_law.ratios.tolist()
     (folder / "other.csv").write_text("diameter (mm)\n0.04\n0.08\n")
@@ -273,7 +273,7 @@ def test_rows_of_a_file_may_have_the_same_volume_of_grains_each(folder):
     assert found.scene.diameter == pytest.approx((8 * 20e-6 + 40e-6) / 9, rel=1e-14)
     stored = json.loads(json.dumps(found.identity()))
     assert stored["scene.sizes.basis"] == "volume"
-    back = recorded_campaign(found.text, "c.h5", stored)
+    back = campaign_of_record(found.text, "c.h5", stored)
     assert back.identity() == stored
     assert back.scene.diameter == found.scene.diameter
 

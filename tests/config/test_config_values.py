@@ -10,7 +10,7 @@ import pytest
 from campaign_text import campaign, constant, edited
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.loading import load_campaign, recorded_campaign
+from agglom_mpi.config.loading import campaign_of_record, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import NAMES
 
@@ -276,7 +276,7 @@ def test_a_range_takes_units_on_both_ends_or_where_they_change_nothing(
 
 def test_a_recorded_range_is_read_as_it_was_run() -> None:
     text = edited(("  relative_speed", "  relative_speed: [0.05, 20 cm/s]"))
-    assert recorded_campaign(text, "old.h5", {}).variables.lower[0] == 0.05
+    assert campaign_of_record(text, "old.h5", {}).variables.lower[0] == 0.05
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, t
 
-from agglom_mpi.emulation.emulator import Emulator, merged
+from agglom_mpi.emulation.emulator import Emulator, merge_samples
 
 COUNT = 500
 
@@ -20,7 +20,7 @@ def emulator():
     points = qmc.Sobol(2, seed=3).random(512)[:COUNT]
     rng = np.random.default_rng(8)
     values = truth(points) + noise(points) * rng.normal(size=COUNT)
-    return Emulator(merged(points, values), np.random.default_rng(1))
+    return Emulator(merge_samples(points, values), np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_functions_can_be_asked_again_elsewhere(emulator, others):
 
 def test_equal_points_are_one_with_the_mean_of_their_samples():
     points = np.array([[0.2, 0.1], [0.5, 0.5], [0.2, 0.1]])
-    data = merged(points, np.array([1.0, 5.0, 2.0]))
+    data = merge_samples(points, np.array([1.0, 5.0, 2.0]))
     assert data.points.tolist() == [[0.2, 0.1], [0.5, 0.5]]
     assert data.means.tolist() == [1.5, 5.0]
     assert data.samples.tolist() == [2, 1]
@@ -88,6 +88,6 @@ def test_many_samples_of_a_point_say_its_noise():
     points, rng = qmc.Sobol(2, seed=4).random(64), np.random.default_rng(4)
     points = np.repeat(points, 30, axis=0)
     values = truth(points) + noise(points) * rng.normal(size=len(points))
-    found = Emulator(merged(points, values), np.random.default_rng(1))
+    found = Emulator(merge_samples(points, values), np.random.default_rng(1))
     ratio = found.noise(points[::30]) / noise(points[::30])
     assert ratio == pytest.approx(1.0, abs=4.0 * np.sqrt(1.0 / 58))

@@ -6,10 +6,10 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
 from agglom_mpi.emulation.covariance_fit import (
-    FAST,
+    FAST_ARITHMETIC,
     LENGTH_BOUNDS,
     NOISE_BOUNDS,
-    RECORDED,
+    RECORDED_ARITHMETIC,
     fit_covariance,
     fit_data,
     negative_log_posterior,
@@ -55,7 +55,7 @@ def logarithms(covariance):
     return np.log([covariance.variance, *covariance.lengths, covariance.noise])
 
 
-def data_of(points, values, samples, arithmetic=RECORDED):
+def data_of(points, values, samples, arithmetic=RECORDED_ARITHMETIC):
     """Return the data of a fit with the prior of a search."""
     prior = search_prior(points.shape[1])
     return fit_data(points, standardised(values)[2], samples.astype(float), prior, arithmetic)
@@ -67,7 +67,9 @@ def differences(function, at, step):
     return np.array([(function(at + h) - function(at - h)) / (2.0 * step) for h in steps])
 
 
-@pytest.mark.parametrize("arithmetic", [RECORDED, FAST], ids=["recorded", "fast"])
+@pytest.mark.parametrize(
+    "arithmetic", [RECORDED_ARITHMETIC, FAST_ARITHMETIC], ids=["recorded", "fast"]
+)
 @cases
 @modest
 def test_the_gradient_of_the_likelihood_is_its_derivative(
@@ -89,7 +91,7 @@ def test_both_arithmetics_give_the_same_likelihood_but_for_rounding(
     covariance, points, values, samples = drawn(dimensions, count, seed, decades)
     one, other = (
         negative_log_posterior(logarithms(covariance), data_of(points, values, samples, arithmetic))
-        for arithmetic in (RECORDED, FAST)
+        for arithmetic in (RECORDED_ARITHMETIC, FAST_ARITHMETIC)
     )
     assert one[0] == pytest.approx(other[0], rel=ROUNDING, abs=ROUNDING)
     size = 1.0 + abs(one[0]) + abs(one[1]).max()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from agglom_mpi.inference.criteria import Band, MomentBands, NearMaximum, criterion_of
+from agglom_mpi.inference.criteria import Band, MomentBands, NearMaximum
 from agglom_mpi.outcome import OUTCOME, summaries
 from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
 
@@ -46,21 +46,35 @@ def test_all_moments_must_be_within_the_tolerance_of_their_targets():
     assert criterion.holds(values).tolist() == [True, False, False]
 
 
+class Certain:
+    """An emulator whose mean and deviation are the coordinates of its points."""
+
+    def mean(self, points):
+        return points[:, :1]
+
+    def deviation(self, points):
+        return points[:, 1:]
+
+
 def test_the_probability_of_a_band_is_the_normal_one():
     band = Band("mean_radius_ratio", 1.9, 2.1, "")
     mean, deviation = np.array([2.0, 2.3]), np.array([0.1, 0.2])
     expected = norm.cdf(2.1, mean, deviation) - norm.cdf(1.9, mean, deviation)
-    assert band.probability(mean, deviation) == pytest.approx(expected)
+    found = band.probability(Certain(), np.column_stack((mean, deviation)))
+    assert found == pytest.approx(expected)
 
 
-def test_each_objective_has_its_criterion():
-    growth = criterion_of({"law": "growth_target", "ratio": 2.0}, 0.05)
-    assert isinstance(growth, Band)
-    assert growth.bounds() == pytest.approx((1.9, 2.1))
-    most = criterion_of({"law": "maximum_growth"}, 0.02)
-    assert isinstance(most, NearMaximum)
-    assert most.bounds(4.0) == pytest.approx((3.92, np.inf))
-    function = criterion_of({"law": "function", "call": "a:b"}, 0.3)
-    assert function.bounds() == (-np.inf, 0.3)
-    moments = criterion_of({"law": "moments", "targets": {"mean": 2.0, "spread": 0.4}}, 0.05)
-    assert moments.quantities == ("mean", "spread")
+def test_what_is_near_an_uncertain_maximum_is_near_that_of_each_function():
+    slopes = np.array([1.0, 2.0, 4.0])
+
+    class Lines:
+        def draw(self, number, random):
+            return lambda points: (slopes[:, None] * points[:, 0])[..., None]
+
+    ends, points = np.array([[0.5], [1.0]]), np.array([[0.85], [0.95]])
+    found = NearMaximum(0.1).with_emulator(Lines(), lambda: ends, None)
+    assert found.maximum == pytest.approx((slopes.mean(), slopes.std()))
+    assert found.bounds() == pytest.approx((0.9 * slopes.mean(), np.inf))
+    assert found.half_width == pytest.approx(0.1 * slopes.mean())
+    assert found.probability(Lines(), points).tolist() == [0.0, 1.0]
+    assert found.drawn_members(Lines(), points, None).tolist() == [[False, True]] * 3

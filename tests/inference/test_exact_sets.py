@@ -9,7 +9,6 @@ from set_runs import three_variable_file, three_variable_text
 
 from agglom_mpi import open_campaign
 from agglom_mpi.display.plain_console import PlainConsole
-from agglom_mpi.inference.feasible_set import _settled
 from agglom_mpi.report.set_summary import set_text
 
 EXACT = """
@@ -66,14 +65,7 @@ def test_a_mean_that_is_the_same_everywhere_is_known(tmp_path):
     assert "of the tolerance" in said
     assert "what decides" not in said
     pytest.importorskip("matplotlib")
-    from agglom_mpi.report.figures.feasible_set import set_drawings
+    from agglom_mpi.report.figures.set_figures import set_drawings
 
     names = [drawing.name for drawing in set_drawings(found)]
     assert names == ["set_pairs", "set_marginals", "set_reliability"]
-
-
-def test_numbers_that_differ_by_rounding_are_the_same_to_an_emulator():
-    ulp = np.finfo(np.float64).eps
-    numbers = np.array([[1.0, 2.0], [1.0 + ulp, 2.5], [1.0 - ulp, 3.0]])
-    assert np.array_equal(_settled(numbers), [[1.0, 2.0], [1.0, 2.5], [1.0, 3.0]])
-    assert np.array_equal(_settled(np.zeros((3, 1))), np.zeros((3, 1)))

@@ -7,7 +7,7 @@ from agglom_mpi import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet, NoFeasibleSetError
-from agglom_mpi.inference.set_directions import FREE, _slopes
+from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, _slopes
 from agglom_mpi.storage.reader import read_campaign
 
 MEMBER = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
@@ -37,7 +37,7 @@ def test_outside_of_the_box_nothing_is_known(doubling):
 
 def test_the_mean_is_that_of_many_samples(doubling):
     """An estimate of 200 samples, and the emulator's own deviation."""
-    simulated = doubling.campaign.estimate(MEMBER, samples=200).mean_radius_ratio
+    simulated = doubling.emulated.box.campaign.estimate(MEMBER, samples=200).mean_radius_ratio
     error = np.hypot(simulated.error, doubling.deviation(MEMBER)[0])
     assert abs(doubling.mean(MEMBER)[0] - simulated.value) < 4.0 * error
     # The standard deviation of a standard deviation of 200 values, and what 240 samples say of it.
@@ -59,7 +59,7 @@ def test_speed_and_hardness_decide_as_the_impact_pressure(doubling):
     assert directions["hardness"][0] == pytest.approx(-0.5, abs=0.15)
     kept = {v.name: v.kept for v in doubling.variables}
     assert kept["friction"] > 2.0 * max(kept["relative_speed"], kept["hardness"])
-    assert all(v.free == (v.kept >= FREE) for v in doubling.variables)
+    assert all(v.free == (v.kept >= MIN_FREE_SHARE) for v in doubling.variables)
 
 
 def test_a_set_that_goes_on_at_the_end_of_a_range_touches_it(doubling):
@@ -101,7 +101,9 @@ def test_texts_with_units_are_the_numbers_that_simulate_takes_them_for(doubling)
     texts = {"relative_speed": "430 cm/s", "hardness": ["67 MPa", "0.1 GPa"], "friction": 0.3}
     numbers = MEMBER | {"hardness": np.array([67e6, 1e8])}
     assert doubling.probability(texts) == pytest.approx(doubling.probability(numbers), abs=1e-12)
-    strings = [doubling.campaign.parameters(MEMBER | {"hardness": h}) for h in (67e6, 1e8)]
+    strings = [
+        doubling.emulated.box.campaign.parameters(MEMBER | {"hardness": h}) for h in (67e6, 1e8)
+    ]
     assert np.array_equal(doubling.mean(strings), doubling.mean(numbers))
 
 
@@ -124,8 +126,8 @@ def test_the_campaign_names_its_variables(half):
 
 def test_exponents_are_those_of_the_named_variables(half):
     """φ ~ l³, so that l^p is φ^(p/3)."""
-    slopes = _slopes(half)
-    along = np.linalg.eigh(slopes.T @ slopes)[1][:, -1] / half.coordinates.spans
+    slopes = _slopes(half.emulated, half.points)
+    along = np.linalg.eigh(slopes.T @ slopes)[1][:, -1] / half.emulated.coordinates.spans
     [row, *_] = half.directions.to_dict("records")
     wanted = along[1] / 3.0 / along[0]
     assert row["volume_fraction"] / row["relative_speed"] == pytest.approx(wanted)
@@ -175,8 +177,7 @@ def test_an_empty_set_names_the_nearest_string(unreachable):
 
 
 def test_no_string_of_the_box_is_nearer_than_the_nearest(unreachable):
-    strings = unreachable.even_strings(1 << 12)
-    means = unreachable.emulator.mean(unreachable.coordinates.of_strings(strings))[:, 0]
+    means = unreachable.emulated.mean(unreachable.emulated.box.even_strings(1 << 12))[:, 0]
     assert means.max() <= unreachable.nearest.mean["mean_radius_ratio"] + 1e-9
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.inference.set_directions import _touched
+from agglom_mpi.config.groups import IMPACT_PRESSURE
+from agglom_mpi.inference.set_directions import _touched, nearest_group, rounded, set_variables
 
 UNITS = (np.arange(10_000) + 0.5) / 10_000
 
@@ -17,8 +18,24 @@ UNITS = (np.arange(10_000) + 0.5) / 10_000
     ],
 )
 def test_a_set_touches_an_end_where_it_is_about_as_dense_as_elsewhere(density, ends):
-    assert _touched(UNITS, density, inside=False) == ends
+    assert _touched(UNITS, density) == ends
 
 
-def test_a_set_whose_box_was_narrowed_on_both_sides_touches_no_end():
-    assert _touched(UNITS, np.ones_like(UNITS), inside=True) == ()
+def test_a_set_whose_box_was_narrowed_on_both_sides_touches_no_end(doubling):
+    assert any(each.touches for each in doubling.variables)
+    narrowed = doubling.points._replace(lower=np.full(3, 0.1), upper=np.full(3, 0.9))
+    assert not any(each.touches for each in set_variables(doubling.emulated, narrowed))
+
+
+def test_exponents_are_rounded_to_simple_fractions():
+    assert [rounded(x) for x in (-0.498, 0.34, 1.02, 0.02)] == [-0.5, 1 / 3, 1.0, 0.0]
+
+
+def test_a_direction_is_near_a_group_of_either_sign():
+    along = np.array([[2.0, -1.0]])
+    unit = along[0] / np.sqrt(5.0)
+    assert nearest_group(-unit, along, [IMPACT_PRESSURE]) == (
+        IMPACT_PRESSURE,
+        pytest.approx(-1.0),
+    )
+    assert nearest_group(np.array([0.0, 1.0]), along, [IMPACT_PRESSURE])[0] is None

@@ -5,7 +5,6 @@ import pytest
 from set_runs import three_variable_file
 
 from agglom_mpi import open_campaign
-from agglom_mpi.inference.failing import FailingShare
 
 SLOW, FAST = {"relative_speed": 0.5}, {"relative_speed": 28.0}
 REST = {"hardness": 2e7, "friction": 0.3}
@@ -52,7 +51,7 @@ def test_moments_are_told_one_by_one_with_their_deviations(moments):
 
 def test_moments_are_those_of_many_samples(moments):
     at = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
-    reached = moments.campaign.estimate(at, samples=200).moments
+    reached = moments.emulated.box.campaign.estimate(at, samples=200).moments
     mean, deviation = moments.mean(at)[0], moments.deviation(at)[0]
     for each, found, unsure in zip(reached, mean, deviation, strict=True):
         # The mean of 160 samples all over the box, and that the spread of few particles is skewed.
@@ -66,8 +65,7 @@ def test_members_have_all_moments_at_once(moments):
 
 def test_the_nearest_string_to_a_maximum_is_where_the_mean_is_largest(growth):
     found = growth.nearest
-    strings = growth.even_strings(1 << 12)
-    means = growth.emulator.mean(growth.coordinates.of_strings(strings))[:, 0]
+    means = growth.emulated.mean(growth.emulated.box.even_strings(1 << 12))[:, 0]
     assert found.mean["mean_radius_ratio"] >= means.max() - 1e-9
     assert not growth.empty
 
@@ -86,23 +84,7 @@ def test_what_moments_reach_is_drawn_one_by_one(moments):
     pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
-    from agglom_mpi.report.figures.feasible_set import draw_reach
+    from agglom_mpi.report.figures.set_figures import draw_reach
 
     axes = draw_reach(Figure(), moments)
     assert [ax.get_xlabel() for ax in axes] == ["mean (1)", "spread (1)"]
-
-
-def test_failures_are_where_strings_failed():
-    rng = np.random.default_rng(1)
-    points = rng.random((300, 2))
-    failing = FailingShare(points, points[:, 0] > 0.8, rng)
-    assert failing.count == np.sum(points[:, 0] > 0.8)
-    found = failing.at(np.array([[0.95, 0.5], [0.2, 0.5]]))
-    assert found[0] > 0.8
-    assert found[1] < 0.1
-
-
-def test_without_failures_nothing_fails():
-    points = np.random.default_rng(2).random((60, 2))
-    failing = FailingShare(points, np.zeros(60, bool), np.random.default_rng(3))
-    assert failing.at(points).tolist() == [0.0] * 60

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.inference.set_posterior import PosteriorError, effective_size, measurement_of
+from agglom_mpi.inference.posterior import PosteriorError, effective_size, measurement_of
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def test_what_pairs_hide_partial_correlations_show(posterior):
 
     A hundredth of the weight in a corner without any sample lowers a correlation of 0.98 to 0.7.
     """
-    names = list(posterior.of.coordinates.names)
+    names = list(posterior.of.box.names)
     speed, hardness = names.index("relative_speed"), names.index("hardness")
     assert posterior.correlations[speed, hardness] > 0.5
     assert posterior.partial_correlations[speed, hardness] > 0.5
@@ -79,7 +79,7 @@ def test_a_measured_mean_that_no_string_comes_near_is_said(half):
 
 def test_a_measurement_of_several_numbers_is_refused_without_an_emulator(doubling):
     with pytest.raises(PosteriorError, match="compares mean, standard_deviation; a posterior"):
-        measurement_of(doubling.campaign, ("mean", "standard_deviation"), 2.0, 0.1)
+        measurement_of(doubling.emulated.box.campaign, ("mean", "standard_deviation"), 2.0, 0.1)
 
 
 def test_an_error_in_percent_is_relative_to_what_was_measured(doubling):
@@ -93,10 +93,10 @@ def test_quantiles_are_of_searched_variables(doubling):
 
 def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monkeypatch):
     pytest.importorskip("emcee")
-    monkeypatch.setattr("agglom_mpi.inference.set_posterior.TOO_SMALL", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior.MIN_SIZE", 1e9)
     chain = doubling.posterior(2.0, 0.05)
     assert chain.method == "chain"
-    for name in doubling.coordinates.names:
+    for name in doubling.emulated.box.names:
         share = np.mean(chain.draws[name] < posterior.quantiles(name)[2])
         # Half of the chain is below the median, by as many independent strings as it is worth.
         assert abs(share - 0.5) < 4.0 * 0.5 / np.sqrt(min(chain.effective_size, 1000))

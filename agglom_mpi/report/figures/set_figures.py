@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.inference.feasible_set import INNER, OUTER, FeasibleSet
+from agglom_mpi.inference.emulated_box import BOX_POINTS
+from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.drawing import (
     COLOURS,
     Drawing,
@@ -25,19 +27,20 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-POINTS: Final = 1 << 15
-"""Points that panels are made of."""
-CELLS: Final = 22
-"""Cells of a panel along each side."""
-BARS: Final = 24
-"""Bars of a marginal."""
-MOST: Final = 6
-"""Variables of the pair plot at most; the decided ones come first."""
-PANEL: Final = 1.9
+PLOTTED_POINTS: Final = 1 << 15
+"""Number of points that panels are made of."""
+PANEL_CELLS: Final = 22
+"""Number of cells of a panel along each side."""
+MARGINAL_BARS: Final = 24
+"""Number of bars of a marginal."""
+MAX_PLOTTED_VARIABLES: Final = 6
+"""Maximum number of variables of the pair plot; the decided ones come first."""
+PAIR_PANEL_SIZE: Final = 1.9
 """Width and height of a panel of a pair plot, inches."""
 REACH_BARS: Final = 40
-"""Bars of a distribution over the box."""
-LABELS: Final = {"mean_radius_ratio": "mean b/b⁰ (1)", "objective": "value of the function (1)"}
+"""Number of bars of a distribution over the box."""
+AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰ (1)", "objective": "value of the function (1)"}
+"""Labels of the axes of quantities, where the name of the column is not one."""
 
 
 class PlottedSet(NamedTuple):
@@ -61,7 +64,7 @@ class PlottedSet(NamedTuple):
 
     def place(self, variable: "SetVariable") -> int:
         """Return the column of a variable in `units`."""
-        return self.of.names.index(variable.name)
+        return self.of.emulated.box.names.index(variable.name)
 
     def ends(self, variable: "SetVariable") -> tuple[float, float]:
         """Return the range that the points span, in units of the box."""
@@ -71,11 +74,11 @@ class PlottedSet(NamedTuple):
 
 def plotted(of: FeasibleSet) -> PlottedSet:
     """Return a set with points to draw it by."""
-    space = of.campaign.variables.space()
-    strings = of.even_strings(POINTS, of.points.lower, of.points.upper)
-    probability = of.probability_of(strings)
+    box = of.emulated.box
+    strings = box.even_strings(PLOTTED_POINTS, of.points.lower, of.points.upper)
+    probability = of.emulated.probability(strings)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
-    return PlottedSet(of, ordered, space.to_unit(strings), probability)
+    return PlottedSet(of, ordered, box.space.to_unit(strings), probability)
 
 
 def set_drawings(of: FeasibleSet) -> list[Drawing]:
@@ -94,8 +97,8 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
         )
     elif of.volume > 0.0:
         shown = plotted(of)
-        count = min(len(shown.variables), MOST)
-        side = max(PANEL * count + 1.0, 4.0)
+        count = min(len(shown.variables), MAX_PLOTTED_VARIABLES)
+        side = max(PAIR_PANEL_SIZE * count + 1.0, 4.0)
         drawings += [
             Drawing(
                 "set_pairs",
@@ -135,7 +138,7 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
 
 def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
     """Draw a panel for each pair of variables, and return the axes, shape (m, m)."""
-    variables = shown.variables[:MOST]
+    variables = shown.variables[:MAX_PLOTTED_VARIABLES]
     count = len(variables)
     axes = figure.subplots(count, count, squeeze=False)
     image = None
@@ -160,8 +163,8 @@ def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
         bar.set_label("share of all other values in the set (1)", fontsize=8)
         bar.ax.tick_params(labelsize=7)
         handles = [
-            _line("black", f"possible (P ≥ {OUTER:g})"),
-            _line("white", f"sure (P ≥ {INNER:g})"),
+            _line("black", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
+            _line("white", f"sure (P ≥ {INNER_PROBABILITY:g})"),
         ]
         legend = figure.legend(
             handles=handles, loc="upper right", bbox_to_anchor=(0.93, 0.83), fontsize=7
@@ -180,14 +183,14 @@ def _line(colour: str, label: str) -> Any:
 def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVariable") -> Any:
     """Draw which share of the other variables' values is in the set, and where any may be."""
     x, y = shown.units[:, shown.place(column)], shown.units[:, shown.place(row)]
-    edges = [np.linspace(*shown.ends(each), CELLS + 1) for each in (column, row)]
+    edges = [np.linspace(*shown.ends(each), PANEL_CELLS + 1) for each in (column, row)]
     count = np.histogram2d(x, y, bins=edges)[0]
     mass = np.histogram2d(x, y, bins=edges, weights=shown.probability)[0]
     with np.errstate(invalid="ignore"):
         share = mass / count
     image = ax.pcolormesh(*edges, share.T, cmap="cividis", rasterized=True)
     middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    for bound, colour in ((OUTER, "black"), (INNER, "white")):
+    for bound, colour in ((OUTER_PROBABILITY, "black"), (INNER_PROBABILITY, "white")):
         some = shown.probability >= bound
         there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
         if there.any() and not there.all():
@@ -224,7 +227,7 @@ def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any
 
 def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
     low, high = shown.ends(each)
-    edges = np.linspace(low, high, BARS + 1)
+    edges = np.linspace(low, high, MARGINAL_BARS + 1)
     values = shown.units[:, shown.place(each)]
     mass = np.histogram(values, edges, weights=shown.probability)[0]
     density = mass / mass.sum() / np.diff(edges)
@@ -241,7 +244,8 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     from matplotlib.ticker import LogLocator, MaxNLocator
 
     place = shown.place(each)
-    variable, space = shown.of.own[place], shown.of.campaign.variables.space()
+    box = shown.of.emulated.box
+    variable, space = box.own[place], box.space
     low, high = shown.ends(each)
     units = np.zeros((2, shown.units.shape[1]))
     units[:, place] = low, high
@@ -265,10 +269,10 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
     of = shown.of
     style_axes(ax)
     [row, *_] = shown_directions(of)
-    strings = of.campaign.variables.space().from_unit(shown.units[: 1 << 13])
+    emulated = of.emulated
+    strings = emulated.box.space.from_unit(shown.units[:BOX_POINTS])
     x = _combination(of, row, strings)
-    points = of.coordinates.of_strings(strings)
-    mean, deviation = of.emulator.mean(points)[:, 0], of.emulator.deviation(points)[:, 0]
+    mean, deviation = emulated.mean(strings)[:, 0], emulated.deviation(strings)[:, 0]
     ax.vlines(
         x, mean - 1.645 * deviation, mean + 1.645 * deviation, color="0.85", linewidth=0.6, zorder=1
     )
@@ -300,15 +304,14 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
     name = f"{row['group']}" if row["group"] else row["product"].replace("_", " ")
     constant = " (without constants)" if row["group"] else " (SI units)"
     ax.set_xlabel(f"{name}{constant}")
-    ax.set_ylabel(LABELS.get(of.criterion.quantities[0], f"{of.criterion.quantities[0]} (1)"))
+    ax.set_ylabel(AXIS_NAMES.get(of.criterion.quantities[0], f"{of.criterion.quantities[0]} (1)"))
     return ax
 
 
 def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
     """Draw how each compared quantity is spread over the box, and return the axes, (q,)."""
-    points = of.coordinates.of_strings(of.even_strings(1 << 13))
-    values = of.emulator.mean_only(points)
-    bands = of.criterion.bands(of.maximum[0] if of.near_maximum else np.nan)
+    values = of.emulated.mean_only(of.emulated.box.even_strings(BOX_POINTS))
+    bands = of.criterion.bands()
     nearest = of.nearest
     axes = figure.subplots(1, len(bands), squeeze=False)[0]
     for ax, name, column, (lower, upper) in zip(
@@ -324,7 +327,7 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
         first = lower if np.isfinite(lower) else min(left, upper)
         last = upper if np.isfinite(upper) else max(right, lower)
         ax.axvspan(first, last, color=COLOURS[4], alpha=0.35, label="target")
-        ax.set_xlabel(LABELS.get(name, f"{name} (1)"))
+        ax.set_xlabel(AXIS_NAMES.get(name, f"{name} (1)"))
         legend_below(ax)
     axes[0].set_ylabel("share of the box (%)")
     return axes
@@ -332,11 +335,12 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
 
 def _combination(of: FeasibleSet, row: dict[str, Any], strings: Floats) -> Floats:
     """Return the group that a direction is near, or else its product of powers, (n,)."""
-    for group in of.coordinates.groups:
+    for group in of.emulated.coordinates.groups:
         if group.symbol == row["group"]:
-            return of.coordinates.group_values(strings, group)
-    powers = [row["exponents"][name] for name in of.names]
-    values = np.maximum(np.column_stack([each.values(strings) for each in of.own]), 1e-300)
+            return of.emulated.coordinates.group_values(strings, group)
+    powers = [row["exponents"][name] for name in of.emulated.box.names]
+    columns = [each.values(strings) for each in of.emulated.box.own]
+    values = np.maximum(np.column_stack(columns), 1e-300)
     return np.asarray(np.prod(values ** np.array(powers), axis=1))
 
 
@@ -372,11 +376,12 @@ def draw_reliability(ax: Any, of: FeasibleSet) -> Any:
 
 
 def _pairs_caption(shown: PlottedSet) -> str:
-    left = len(shown.variables) - MOST
+    left = len(shown.variables) - MAX_PLOTTED_VARIABLES
     more = f" {left} more variables are left out, the freest ones." if left > 0 else ""
     return (
         "The set in pairs of variables. Colours say of each pair of values which share of the "
         "others' values is in the set; lines bound where some value of the others is "
-        f"possible (P ≥ {OUTER:g}, black) and where one is sure (P ≥ {INNER:g}, white). On the "
-        f"diagonal, marginals as in the next figure.{more}"
+        f"possible (P ≥ {OUTER_PROBABILITY:g}, black) and where one is sure "
+        f"(P ≥ {INNER_PROBABILITY:g}, white). On the diagonal, marginals as in the next "
+        f"figure.{more}"
     )

@@ -1,7 +1,7 @@
 import pytest
 from set_runs import three_variable_file
 
-from agglom_mpi.inference.set_samples import favour_low_objectives
+from agglom_mpi.inference.stored_samples import favours_low_objectives
 from agglom_mpi.storage.reader import read_campaign
 
 SURROGATE = "method: surrogate, initial: 32, batch: 16"
@@ -21,8 +21,8 @@ SURROGATE = "method: surrogate, initial: 32, batch: 16"
         ("{method: random, population: 12}", 2, False),
     ],
 )
-def test_samples_favour_low_objectives_once_a_search_for_the_best_has_results(
+def test_samples_favours_low_objectives_once_a_search_for_the_best_has_results(
     tmp_path, search, generations, favoured
 ):
     path = three_variable_file(tmp_path, search=search, generations=generations)
-    assert favour_low_objectives(read_campaign(path)) is favoured
+    assert favours_low_objectives(read_campaign(path)) is favoured

@@ -1,10 +1,11 @@
-"""The samples of a campaign file that its emulator rests on: all that were completed."""
+"""The samples of a campaign file that its emulator rests on: all completed ones, each once."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.reader import parameters_of
@@ -13,10 +14,8 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
-Floats = NDArray[np.float64]
-
-MOST_FAILED = 0.1
-"""Share of failed samples above which a string is no member, as in an ensemble."""
+MAX_FAILED_SHARE: Final = 0.1
+"""Maximum share of failed samples of a member, as in an ensemble."""
 
 
 class StoredSamples(NamedTuple):
@@ -25,11 +24,11 @@ class StoredSamples(NamedTuple):
     Attributes
     ----------
     strings
-        Parameters of each completed sample, shape (n, 10).
+        Parameters of each completed sample of a string that did not fail, shape (n, 10).
     rows
-        Completed samples, shape (n,).
+        These samples, shape (n,).
     tried
-        Different strings, shape (m, 10).
+        Different strings that were simulated, shape (m, 10).
     failed
         Which of these have too many failed samples, shape (m,).
     """
@@ -41,17 +40,17 @@ class StoredSamples(NamedTuple):
 
 
 def stored_samples(data: "CampaignData") -> StoredSamples:
-    """Return all samples of a file, each once: equal strings have the same samples."""
+    """Return the samples of a file, each once: equal strings have the same samples."""
     campaign, rows = recorded_campaign(data), data.all_sample_rows()
     strings = data.string_rows()
-    known = np.isin(rows["string"], strings["string"])
-    rows = rows[known]
+    rows = rows[np.isin(rows["string"], strings["string"])]
     order = np.argsort(strings["string"], kind="stable")
     of_row = order[np.searchsorted(strings["string"][order], rows["string"])]
     parameters = parameters_of(strings)
-    keys = np.nan_to_num(parameters)  # of variables that the scene does not use
+    keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
     _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     different = parameters[one]
+    # A sample of equal strings is the same where its random stream, hence its number, is the same.
     first = np.array([campaign.first_sample(int(i)) for i in strings["string"]], np.int64)
     samples = np.column_stack((which.ravel()[of_row], first[of_row] + rows["sample"]))
     _, once = np.unique(samples, axis=0, return_index=True)
@@ -61,13 +60,13 @@ def stored_samples(data: "CampaignData") -> StoredSamples:
     bad = np.bincount(place[~completed], minlength=len(different))
     late = _late(data, strings, which.ravel(), len(different))
     tried = count + late > 0
-    failed = bad + late > MOST_FAILED * (count + late)
+    failed = bad + late > MAX_FAILED_SHARE * (count + late)
     good = completed & ~failed[place]
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
 
 
-def favour_low_objectives(data: "CampaignData") -> bool:
-    """Return whether strings of a file were proposed near those whose objectives came out low."""
+def favours_low_objectives(data: "CampaignData") -> bool:
+    """Return whether a search for the best proposed some strings by the results of others."""
     strings, search = data.string_rows(), recorded_campaign(data).search
     by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
     by_results &= strings["generation"] >= search.lag
@@ -77,7 +76,7 @@ def favour_low_objectives(data: "CampaignData") -> bool:
 def _late(
     data: "CampaignData", strings: NDArray[np.void], which: NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
-    """Return how many samples of each different string have no row, as they took too long."""
+    """Return the number of samples of each different string that took too long and have no row."""
     of_string = dict(zip(strings["string"].tolist(), which.tolist(), strict=True))
     late = [of_string[string] for string, _ in data.timed_out if string in of_string]
     return np.bincount(np.array(late, np.int64), minlength=count)

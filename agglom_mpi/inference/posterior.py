@@ -4,37 +4,39 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
-from agglom_mpi.inference.set_directions import weighted_quantiles
+from agglom_mpi.inference.emulated_box import EmulatedBox, KnownStrings
+from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.inference.feasible_set import FeasibleSet, Prior
 
-Floats = NDArray[np.float64]
-
-POINTS: Final = 1 << 14
-"""Points of the prior."""
-MOST_POINTS: Final = 1 << 17
-"""Points at most, where the effective size of fewer is too small."""
-SUFFICIENT: Final = 1000.0
-"""Effective size from which no more points are taken."""
-TOO_SMALL: Final = 200.0
-"""Effective size below which a chain is run, and there is a warning without one."""
-OUT_OF_REACH: Final = 6.0
-"""Standard deviations from the measured mean beyond which a string has no weight."""
-FARTHEST: Final = 4.0
-"""Standard deviations between the measured mean and that of the nearest string at most."""
-POSITIVE: Final = frozenset({"mean_radius_ratio", "mean"})
+PRIOR_POINTS: Final = 1 << 14
+"""Number of points of the prior to begin with."""
+MAX_PRIOR_POINTS: Final = 1 << 17
+"""Number of points of the prior at which no more are added."""
+SUFFICIENT_SIZE: Final = 1000.0
+"""Stop adding points of the prior at this effective size."""
+MIN_SIZE: Final = 200.0
+"""Effective size below which a chain is run; without the library for it there is a warning."""
+MAX_AWAY: Final = 6.0
+"""Distance from the measured mean, in standard deviations, beyond which a string has no weight."""
+MAX_AWAY_OF_NEAREST: Final = 4.0
+"""Maximum distance of the nearest mean in the box from the measured one, in standard deviations."""
+MIN_WALKERS, WALKERS_PER_VARIABLE = 32, 4
+"""Minimum number of walkers of a chain, and their number per searched variable."""
+CHAIN_STEPS: Final = 600
+"""Number of steps of each walker; the first third is discarded."""
+POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
 """Quantities that are positive, so that their error is a fraction of them."""
-CREDIBLE: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
+REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Reported quantiles."""
 
 
@@ -48,20 +50,20 @@ class Posterior(NamedTuple):
     Attributes
     ----------
     of
-        The feasible set, whose emulator it rests on.
+        The emulated box of the feasible set that it rests on.
     measured, error
         The measured mean and its standard error.
     strings
-        Shape (n, 10), in SI units.
+        Strings in SI units, shape (n, 10).
     weights
-        Shape (n,); their sum is 1.
+        Their weights, whose sum is 1, shape (n,).
     effective_size
         Number of independent strings that would be as informative.
     method
         `importance weights` or `chain`.
     """
 
-    of: "FeasibleSet"
+    of: EmulatedBox
     measured: float
     error: float
     strings: Floats
@@ -71,8 +73,8 @@ class Posterior(NamedTuple):
 
     @property
     def warning(self) -> str:
-        """What is wrong with it; empty if nothing is."""
-        if self.effective_size >= TOO_SMALL:
+        """Reason for which the posterior is unreliable; empty if there is none."""
+        if self.effective_size >= MIN_SIZE:
             return ""
         return (
             f"the effective size is {self.effective_size:.0f}, too small to trust the tails: the "
@@ -83,27 +85,27 @@ class Posterior(NamedTuple):
     @property
     def draws(self) -> "pd.DataFrame":
         """The searched variables in SI units and the weight of each string, as a DataFrame."""
-        return self.of.table(self.strings, weight=self.weights)
+        return self.of.box.table(self.strings, weight=self.weights)
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
-        """Draw n strings, with replacement, with equal weights; raises ValueError if n is none."""
-        n, seed = self.of.count("n", n, least=1), self.of.count("seed", seed)
+        """Draw n strings of equal weight, with replacement; raises ValueError for a wrong n."""
+        n, seed = self.of.box.count("n", n, least=1), self.of.box.count("seed", seed)
         chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
-        return self.of.table(self.strings[chosen])
+        return self.of.box.table(self.strings[chosen])
 
     def quantiles(self, name: str) -> tuple[float, ...]:
-        """Return the `CREDIBLE` quantiles of a searched variable, in SI units.
+        """Return the `REPORTED_QUANTILES` quantiles of a searched variable, in SI units.
 
         Raises
         ------
         CampaignError
             If the campaign does not search a variable of that name.
         """
-        if name not in self.of.names:
-            hint = suggestion(name, self.of.names)
-            raise self.of.mistaken(name, f"is no searched variable; {hint}")
-        variable = self.of.own[self.of.names.index(name)]
-        return weighted_quantiles(variable.values(self.strings), self.weights, CREDIBLE)
+        if name not in self.of.box.names:
+            hint = suggestion(name, self.of.box.names)
+            raise self.of.box.mistaken(name, f"is no searched variable; {hint}")
+        variable = self.of.box.own[self.of.box.names.index(name)]
+        return weighted_quantiles(variable.values(self.strings), self.weights, REPORTED_QUANTILES)
 
     @property
     def correlations(self) -> Floats:
@@ -114,8 +116,8 @@ class Posterior(NamedTuple):
 
     @property
     def partial_correlations(self) -> Floats:
-        """Correlations of two variables, the others kept, (d, d)."""
-        d = len(self.of.coordinates.names)
+        """Correlations of two searched variables, the others kept, (d, d)."""
+        d = len(self.of.box.names)
         precision = np.linalg.inv(self._covariance + 1e-12 * np.eye(d))
         scale = np.sqrt(np.diag(precision))
         return np.asarray(2.0 * np.eye(d) - precision / np.outer(scale, scale))
@@ -126,8 +128,8 @@ class Posterior(NamedTuple):
         return np.atleast_2d(np.cov(own.T, aweights=self.weights))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the draws as plain values."""
-        names = self.of.names
+        """Return the posterior without its draws as plain values."""
+        names = self.of.box.names
         return {
             "measured": self.measured,
             "error": self.error,
@@ -135,14 +137,14 @@ class Posterior(NamedTuple):
             "strings": len(self.weights),
             "method": self.method,
             "warning": self.warning or None,
-            "quantiles": list(CREDIBLE),
+            "quantiles": list(REPORTED_QUANTILES),
             "variables": {name: list(self.quantiles(name)) for name in names},
             "correlations": self.correlations.tolist(),
             "partial_correlations": self.partial_correlations.tolist(),
         }
 
 
-def posterior(of: "FeasibleSet", measured: float | str, error: float | str) -> Posterior:
+def posterior(emulated: EmulatedBox, measured: float | str, error: float | str) -> Posterior:
     """Return the posterior; see `FeasibleSet.posterior`.
 
     The weight of a string is the density of the measured mean, with a variance that is the square
@@ -155,26 +157,27 @@ def posterior(of: "FeasibleSet", measured: float | str, error: float | str) -> P
     ArgumentError
         If the measured mean or its error is impossible.
     """
-    measured, error = measurement_of(of.campaign, of.criterion.quantities, measured, error)
-    prior, count = of.prior(POINTS), POINTS
+    campaign, quantities = emulated.box.campaign, emulated.criterion.quantities
+    measured, error = measurement_of(campaign, quantities, measured, error)
+    prior, count = emulated.known_box(PRIOR_POINTS), PRIOR_POINTS
     _check_possible(prior, measured, error)
     # Where the mean is further away than this, weights are nothing to those elsewhere.
-    reach = OUT_OF_REACH * math.hypot(error, float(prior.deviation.max()))
+    reach = MAX_AWAY * math.hypot(error, float(prior.deviation.max()))
     while True:
         strings, logarithms = prior.strings, _log_weights(prior, measured, error)
         weights = np.exp(logarithms - logarithms.max())
         size = effective_size(weights)
-        if size >= SUFFICIENT or count >= MOST_POINTS:
+        if size >= SUFFICIENT_SIZE or count >= MAX_PRIOR_POINTS:
             break
-        count *= 2 if size > 0.5 * SUFFICIENT else 4
-        prior = of.prior_near(count, measured, reach)
-    if size < TOO_SMALL:
-        chain = _chain(of, strings, weights, measured, error)
+        count *= 2 if size > 0.5 * SUFFICIENT_SIZE else 4
+        prior = _prior_near(emulated, count, measured, reach)
+    if size < MIN_SIZE:
+        chain = _chain(emulated, strings, weights, measured, error)
         if chain is not None:
             return chain
     some = weights > 1e-12 * weights.max()
     weights = weights[some] / weights[some].sum()
-    return Posterior(of, measured, error, strings[some], weights, size, "importance weights")
+    return Posterior(emulated, measured, error, strings[some], weights, size, "importance weights")
 
 
 def measurement_of(
@@ -203,7 +206,7 @@ def measurement_of(
             "that is compared alone"
         )
     field: str = "measured"
-    is_radius = quantities[0] in POSITIVE
+    is_radius = quantities[0] in POSITIVE_QUANTITIES
     try:
         value = read_number(measured)
         if is_radius and value <= 0.0:
@@ -212,7 +215,7 @@ def measurement_of(
         deviation = read_error(error, value, positive=is_radius)
         field = "measured"
         largest = campaign.scene.equivalent_grains ** (1.0 / 3.0)
-        if is_radius and value - FARTHEST * deviation > largest:
+        if is_radius and value - MAX_AWAY_OF_NEAREST * deviation > largest:
             raise ValueError(
                 f"is {shown(measured)}; {campaign.scene.particles} grains in one give "
                 f"{largest:.4g}, which is the most"
@@ -228,18 +231,25 @@ def effective_size(weights: Floats) -> float:
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _check_possible(prior: "Prior", measured: float, error: float) -> None:
-    """Raise a PosteriorError if the measured mean is that of no string."""
+def _prior_near(emulated: EmulatedBox, count: int, mean: float, reach: float) -> KnownStrings:
+    """Return those of `count` points of the box whose emulated mean is within reach of a mean."""
+    strings = emulated.box.even_strings(count)
+    means = emulated.mean_only(strings)[:, 0]
+    return emulated.known(strings[np.abs(means - mean) <= reach])
+
+
+def _check_possible(prior: KnownStrings, measured: float, error: float) -> None:
+    """Raise a PosteriorError if no string has the measured mean."""
     mean = prior.mean
     away = np.abs(measured - mean) / np.hypot(error, prior.deviation)
-    if away.min(initial=np.inf) > FARTHEST:
+    if away.min(initial=np.inf) > MAX_AWAY_OF_NEAREST:
         raise PosteriorError(
             f"measured is {measured:g} ± {error:g}, which no string of the box can give: by the "
             f"emulator they reach {mean.min():.4g} to {mean.max():.4g}"
         )
 
 
-def _log_weights(at: "Prior", measured: float, error: float) -> Floats:
+def _log_weights(at: KnownStrings, measured: float, error: float) -> Floats:
     """Return the logarithms of the densities of a measured mean, (n,), but for a constant."""
     mean, variance = at.mean, error**2 + at.deviation**2
     alive = 1.0 - at.failing
@@ -250,33 +260,31 @@ def _log_weights(at: "Prior", measured: float, error: float) -> Floats:
 
 
 def _chain(
-    of: "FeasibleSet", strings: Floats, weights: Floats, measured: float, error: float
+    emulated: EmulatedBox, strings: Floats, weights: Floats, measured: float, error: float
 ) -> Posterior | None:
     """Return a posterior by an ensemble of Markov chains; None without the library emcee."""
     try:
         import emcee
     except ImportError:
         return None
-    from agglom_mpi.inference.feasible_set import Prior
-
-    space, d = of.campaign.variables.space(), len(of.coordinates.names)
-    walkers, steps = max(32, 4 * d), 600
+    box, space = emulated.box, emulated.box.space
+    d = len(box.names)
+    walkers = max(MIN_WALKERS, WALKERS_PER_VARIABLE * d)
 
     def log_density(points: Floats) -> Floats:
         inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
         found = np.full(len(points), -np.inf)
         chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
-        known = Prior(chosen, *of.moments_of(chosen), of.failing_of(chosen))
-        values = _log_weights(known, measured, error)
-        found[inside] = np.where(of.campaign.allowed_strings(chosen), values, -np.inf)
+        values = _log_weights(emulated.known(chosen), measured, error)
+        found[inside] = np.where(box.allowed(chosen), values, -np.inf)
         return found
 
-    random = np.random.default_rng(of.campaign.seed)
+    random = np.random.default_rng(box.campaign.seed)
     chosen = random.choice(len(weights), walkers, p=weights / weights.sum())
     starts = space.to_unit(strings[chosen]) + 1e-4 * random.normal(size=(walkers, d))
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
-    sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), steps)
-    drawn = sampler.get_chain(discard=steps // 3, flat=True)
+    sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), CHAIN_STEPS)
+    drawn = sampler.get_chain(discard=CHAIN_STEPS // 3, flat=True)
     time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
-    equal = np.full(len(drawn), 1.0 / len(drawn))
-    return Posterior(of, measured, error, space.from_unit(drawn), equal, len(drawn) / time, "chain")
+    size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
+    return Posterior(emulated, measured, error, space.from_unit(drawn), equal, size, "chain")

@@ -1,0 +1,114 @@
+"""The search box of a campaign: its variables, and the allowed strings in it."""
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.own_variables import OwnVariable, Parameters, own_variables, read_searched
+from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.errors import require_library
+from agglom_mpi.search.space import SearchSpace
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.config.campaign import Campaign
+
+MIN_EVEN_POINTS: Final = 512
+"""Minimum number of allowed even points; below it, allowed points are drawn at random."""
+MAX_RANDOM_POINTS: Final = 1 << 17
+"""Maximum number of points that are drawn at random."""
+
+
+class SearchedBox:
+    """The search box of a campaign, with its variables as the campaign's file names them.
+
+    Parameters
+    ----------
+    campaign
+
+    Attributes
+    ----------
+    campaign : Campaign
+    own : tuple of OwnVariable
+        The d searched variables.
+    names : tuple of str
+        Their names.
+    space : SearchSpace
+        The box without its constraints.
+    """
+
+    def __init__(self, campaign: "Campaign") -> None:
+        self.campaign = campaign
+        self.own: tuple[OwnVariable, ...] = own_variables(campaign.variables)
+        self.names = tuple(variable.name for variable in self.own)
+        self.space: SearchSpace = campaign.variables.space()
+
+    def strings(self, parameters: Parameters) -> Floats:
+        """Return strings, (n, 10), given as for `FeasibleSet.probability`."""
+        return read_searched(self.campaign, parameters)
+
+    def inside(self, strings: Floats) -> NDArray[np.bool_]:
+        """Return which strings, (n, 10), lie in the box or are outside by rounding alone, (n,)."""
+        box = self.campaign.variables
+        some = np.flatnonzero(box.lower < box.upper)
+        near = 1e-9 * (box.upper - box.lower)[some]
+        x = strings[:, some]
+        inside = (x >= box.lower[some] - near) & (x <= box.upper[some] + near)
+        return np.asarray(inside.all(axis=1))
+
+    def allowed(self, strings: Floats) -> NDArray[np.bool_]:
+        """Return which strings, (n, 10), the constraints allow, (n,)."""
+        return self.campaign.allowed_strings(strings)
+
+    def allowed_even_strings(
+        self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
+    ) -> Floats:
+        """Return the allowed ones of `count` even points, (n, 10).
+
+        The points fill the box, or a part of it in units of the box, (d,).
+        """
+        from scipy.stats import qmc
+
+        points = qmc.Sobol(self.space.dimensions, seed=self.campaign.seed).random(count)
+        strings = self.space.from_unit(lower + points * (upper - lower))
+        return strings[self.allowed(strings)]
+
+    def even_strings(
+        self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
+    ) -> Floats:
+        """Return the same, or random ones where the constraints leave too few of the whole box."""
+        strings = self.allowed_even_strings(count, lower, upper)
+        part = np.any(np.asarray(lower) > 0.0) or np.any(np.asarray(upper) < 1.0)
+        if (
+            part
+            or len(strings) >= min(MIN_EVEN_POINTS, count)
+            or not self.campaign.relations.constraints
+        ):
+            return strings
+        space, random = self.campaign.space(), np.random.default_rng(self.campaign.seed)
+        return space.from_unit(space.sample_points(random, min(count, MAX_RANDOM_POINTS)))
+
+    def table(self, strings: Floats, **columns: Floats) -> "pd.DataFrame":
+        """Tabulate the searched variables of strings, (n, 10), and more columns, (n,)."""
+        require_library("pandas", "report", "tables")
+        import pandas as pd
+
+        frame = pd.DataFrame({v.name: v.values(strings) for v in self.own} | columns)
+        units = {variable.name: variable.unit for variable in self.own}
+        frame.attrs["units"] = units | dict.fromkeys(columns, "1")
+        return frame
+
+    def mistaken(self, field: str, message: object) -> ArgumentError:
+        """Return the error about an argument."""
+        return ArgumentError.of(self.campaign.name, field, message)
+
+    def count(self, field: str, value: Any, least: int = 0) -> int:
+        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
+        try:
+            return read_count(value, least)
+        except ValueError as error:
+            raise self.mistaken(field, error) from None

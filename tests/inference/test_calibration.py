@@ -1,0 +1,14 @@
+import pytest
+from set_runs import calibrated
+
+
+@pytest.mark.parametrize(
+    ("coverage", "passed", "too_wide"),
+    [(0.79, False, False), (0.80, True, False), (0.97, True, False), (1.0, True, True)],
+)
+def test_only_too_narrow_intervals_are_refused(doubling, coverage, passed, too_wide):
+    found = calibrated(doubling, coverage)
+    assert (found.passed, found.too_wide) == (passed, too_wide)
+    assert ("is not calibrated" in found.text) is not passed
+    assert (f"half-width {found.width:.2g} of the tolerance" in found.text) is too_wide
+    assert 0.0 < found.width < 10.0
