@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from campaign_runs import finish
@@ -80,16 +82,16 @@ def test_the_same_file_gives_the_same_set(three, doubling):
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({"relative_speed": 4.0, "hardness": 6e7}, "friction: is missing"),
-        (MEMBER | {"speed": 4.0}, "speed: unknown variable; did you mean 'relative_speed'"),
-        (MEMBER | {"friction": [[0.1], [0.2]]}, "friction: .*one-dimensional"),
-        (MEMBER | {"friction": [0.1, np.nan]}, "friction: is nan; must be a finite number"),
-        (MEMBER | {"hardness": "60 m/s"}, "hardness: wrong unit: 'm/s' is speed"),
-        (MEMBER | {"density": 5000.0}, "density: is 5000; the campaign fixed it at 6141.898"),
+        ({"relative_speed": 4.0, "hardness": 6e7}, "friction: "),
+        (MEMBER | {"speed": 4.0}, "speed: .*'relative_speed'"),
+        (MEMBER | {"friction": [[0.1], [0.2]]}, r"friction: .*\(2, 1\)"),
+        (MEMBER | {"friction": [0.1, np.nan]}, "friction: .*nan"),
+        (MEMBER | {"hardness": "60 m/s"}, "hardness: .*'m/s'"),
+        (MEMBER | {"density": 5000.0}, "density: .*5000.*6141.898"),
         (MEMBER | {"friction": [0.1, 0.2], "hardness": [6e7] * 3}, "hardness 3, friction 2"),
-        (np.zeros(9), "parameters: have the shape"),
-        (7.0, "parameters: have the shape"),
-        ("fast", "parameters: are str"),
+        (np.zeros(9), "parameters: .*"),
+        (7.0, "parameters: .*"),
+        ("fast", "parameters: .*str"),
     ],
 )
 def test_wrong_parameters_are_named(doubling, parameters, said):
@@ -120,7 +122,7 @@ def test_the_campaign_names_its_variables(half):
     ratio = (6.0 * members["volume_fraction"] / np.pi) ** (1.0 / 3.0)
     by_ratio = members[names].drop(columns="volume_fraction").assign(size_ratio=ratio)
     assert half.probability(by_ratio) == pytest.approx(own, rel=1e-6, abs=1e-9)
-    with pytest.raises(CampaignError, match="volume_fraction: is missing"):
+    with pytest.raises(CampaignError, match="volume_fraction: "):
         half.probability(members[names].drop(columns="volume_fraction"))
 
 
@@ -136,12 +138,12 @@ def test_exponents_are_those_of_the_named_variables(half):
 
 @pytest.mark.parametrize("tolerance", [-1, 0, 5, 1.0, np.nan, np.inf, True, None, "wide", "-5%"])
 def test_a_tolerance_is_a_fraction(three, tolerance):
-    with pytest.raises(ValueError, match=r"tolerance: is .*; must be greater than 0 and less than"):
+    with pytest.raises(ValueError, match="tolerance: "):
         three.feasible_set(tolerance)
 
 
 def test_a_tolerance_that_is_too_large_may_be_meant_in_percent(three):
-    with pytest.raises(CampaignError, match=r"is 5, which is 500 %; .* did you mean '5%'\?"):
+    with pytest.raises(CampaignError, match=r"tolerance: .*500 %.*'5%'"):
         three.feasible_set(5)
 
 
@@ -153,10 +155,12 @@ def test_a_tolerance_in_percent_is_that_fraction(three, doubling):
 
 @pytest.mark.parametrize("count", [0, -1, 2.0, True, "3"])
 def test_counts_are_whole_numbers(three, doubling, count):
-    for call in (three.best, doubling.sample, doubling.posterior(2.0, 0.1).sample):
-        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+    calls = {"k": three.best, "n": doubling.sample}
+    calls["n of a posterior"] = doubling.posterior(2.0, 0.1).sample
+    for field, call in calls.items():
+        with pytest.raises(ValueError, match=rf"\b{field[0]}: .*{re.escape(str(count))}.*\b1\b"):
             call(count)
-    with pytest.raises(ValueError, match="seed: is -1; must be a whole number of at least 0"):
+    with pytest.raises(ValueError, match=r"seed: .*-1"):
         doubling.sample(1, seed=-1)
 
 
@@ -172,7 +176,7 @@ def test_an_empty_set_names_the_nearest_string(unreachable):
     assert found.away == pytest.approx((1.9 - mean) / deviation)
     assert unreachable.variables == []
     assert unreachable.directions.empty
-    with pytest.raises(NoFeasibleSetError, match="the set is empty"):
+    with pytest.raises(NoFeasibleSetError, match="nearest"):
         unreachable.sample(3)
 
 
@@ -209,16 +213,16 @@ def test_common_configurations_are_refused_with_the_reason(tmp_path):
         three_variable_text(generations=6, ensemble=ensemble, final="none")
     )
     finish(tmp_path, "three.yaml")
-    with pytest.raises(NoFeasibleSetError, match=r"common_configurations is true; the noise"):
+    with pytest.raises(NoFeasibleSetError, match=r"ensemble.common_configurations"):
         open_campaign(tmp_path / "three.h5").feasible_set()
 
 
 def test_too_few_strings_are_refused(tmp_path):
     path = three_variable_file(tmp_path, generations=2)
-    with pytest.raises(NoFeasibleSetError, match="of 32 different strings; at least 50"):
+    with pytest.raises(NoFeasibleSetError, match=r"\b32\b.*\b50\b"):
         open_campaign(path).feasible_set()
 
 
 def test_only_a_set_of_maximum_growth_has_a_maximum(doubling):
-    with pytest.raises(NoFeasibleSetError, match="maximum: the objective is growth_target"):
+    with pytest.raises(NoFeasibleSetError, match=r"maximum: .*growth_target"):
         _ = doubling.maximum

@@ -53,32 +53,32 @@ def test_drawn_strings_follow_the_weights(posterior):
 @pytest.mark.parametrize(
     ("measured", "error", "said"),
     [
-        (2.0, 0.0, "greater than 0"),
-        (float("nan"), 0.1, "must be a finite number"),
-        (2.0, 5, r"must be less than the measured 2, .*did you mean '5%'\?"),
-        (2.0, "wide", "a percentage like '5%'"),
-        (2.0, True, "is True"),
-        (2.0, "100%", "must be less than the measured 2"),
-        (9.0, 0.01, "measured: is 9.0; 100 grains in one give 4.642, which is the most"),
-        (-2.0, 0.01, "measured: is -2.0; must be greater than 0"),
-        (0.0, 0.01, "measured: is 0.0; must be greater than 0"),
-        (2.0, 1e300, "must be 0 or in size between"),
-        (1e300, 1e299, "must be 0 or in size between"),
-        (2.0, 1e-300, "must be 0 or in size between"),
+        (2.0, 0.0, "error: .*0"),
+        (float("nan"), 0.1, "measured: .*nan"),
+        (2.0, 5, "error: .*5.*2, .*'5%'"),
+        (2.0, "wide", "error: .*'wide'"),
+        (2.0, True, "error: .*True"),
+        (2.0, "100%", "error: .*100%.*2"),
+        (9.0, 0.01, "measured: .*9.0.*100 .*4.642"),
+        (-2.0, 0.01, "measured: .*-2.0"),
+        (0.0, 0.01, "measured: .*0.0"),
+        (2.0, 1e300, "error: .*1e.?300"),
+        (1e300, 1e299, "measured: .*1e.?300"),
+        (2.0, 1e-300, "error: .*1e-300"),
     ],
 )
-def test_impossible_measurements_are_said(doubling, measured, error, said):
+def test_impossible_measurements_are_refused(doubling, measured, error, said):
     with pytest.raises(ValueError, match=said):
         doubling.posterior(measured, error)
 
 
-def test_a_measured_mean_that_no_string_comes_near_is_said(half):
-    with pytest.raises(PosteriorError, match="no string of the box can give"):
+def test_a_measured_mean_that_no_string_comes_near_is_refused(half):
+    with pytest.raises(PosteriorError, match=r"4\.6 ± 0\.01"):
         half.posterior(4.6, 0.01)
 
 
 def test_a_measurement_of_several_numbers_is_refused_without_an_emulator(doubling):
-    with pytest.raises(PosteriorError, match="compares mean, standard_deviation; a posterior"):
+    with pytest.raises(PosteriorError, match="mean, standard_deviation"):
         measurement_of(doubling.emulated.box.campaign, ("mean", "standard_deviation"), 2.0, 0.1)
 
 
@@ -87,7 +87,7 @@ def test_an_error_in_percent_is_relative_to_what_was_measured(doubling):
 
 
 def test_quantiles_are_of_searched_variables(doubling):
-    with pytest.raises(CampaignError, match=r"speed: .* did you mean 'relative_speed'"):
+    with pytest.raises(CampaignError, match=r"speed: .*'relative_speed'"):
         doubling.posterior(2.0, 0.1).quantiles("speed")
 
 
