@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 LISTED: Final = 6
-"""Strings in a table, unless the campaign says how many are estimated again."""
+"""Number of strings in a table, unless the campaign sets how many are estimated again."""
 
 
 class RankedStrings(NamedTuple):

@@ -95,7 +95,7 @@ def wall_over_cpu(samples: np.ndarray) -> float:
 
 
 def samples(data: "CampaignData") -> "pd.DataFrame":
-    """Tabulate samples: `used` says whether a result rests on them, `fresh` if none ever does.
+    """Tabulate samples; results rest on those that are `used`, and never on those that are `fresh`.
 
     Temperatures are nan where the scene has none.
     """

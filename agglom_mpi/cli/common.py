@@ -1,4 +1,4 @@
-"""What all commands share: launching on ranks, exit codes, options and how their texts are read."""
+"""Shared by all commands: launching on ranks, exit codes, options and how their texts are read."""
 
 import functools
 import io
@@ -28,11 +28,11 @@ from agglom_mpi.launcher import is_first_rank
 from agglom_mpi.runtime.stop_request import ignore_signals
 
 LEAST_ADDRESS_SPACE: Final = 1 << 29
-"""Bytes that a simulation is not begun without: libraries, short of them, abort or hang."""
+"""Minimum address space of a simulation, bytes: with less, libraries abort or hang."""
 
 
 def say(text: str, error: bool = False) -> None:
-    """Print a text, on standard error if asked for, without what would command a terminal."""
+    """Print a text without control sequences, on standard error if asked for."""
     click.echo(printable(text), err=error)
 
 
@@ -45,7 +45,7 @@ class _SaidOnStandardError(logging.Handler):
 
 @contextmanager
 def printing_log() -> Iterator[None]:
-    """Print what the package logs meanwhile, such as what is being compiled, on standard error."""
+    """Print the log of the package, such as kernels being compiled, on standard error meanwhile."""
     log, handler = logging.getLogger("agglom_mpi"), _SaidOnStandardError()
     level = log.level
     log.addHandler(handler)
@@ -165,7 +165,7 @@ def examples(*commands: str) -> str:
 
 
 LONGEST_DURATION: Final = 1e9
-"""Seconds that can be asked for: 30 years, and less than what waits and timers take."""
+"""Maximum duration, s: 30 years, which waits and timers can handle."""
 
 
 def read_duration(
@@ -199,7 +199,7 @@ def read_duration(
 def checked_by(read: Callable[[str], object]) -> Callable[..., str | None]:
     """Return a function that passes the text of an option on if `read` raises no ValueError.
 
-    What is allowed of a campaign's own numbers is known, and checked, where its file is read.
+    The limits of a campaign's own numbers are checked where its file is read.
     """
 
     def check(context: click.Context, parameter: click.Parameter, text: str | None) -> str | None:

@@ -16,8 +16,9 @@ from agglom_mpi.cli.common import (
 from agglom_mpi.errors import FAILURE
 
 MOST_RANKS: Final = 10**6
+"""Maximum number of ranks of a forecast."""
 MOST_DIGITS: Final = 18
-"""Of a number of ranks; Python refuses to read some thousand."""
+"""Maximum number of digits of a number of ranks; Python refuses to read some thousand."""
 
 
 def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, ...]:

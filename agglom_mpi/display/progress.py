@@ -36,7 +36,7 @@ class Best(NamedTuple):
 
     @property
     def source(self) -> str:
-        """What tells the objective from that of the table; empty if it is the same."""
+        """Label that distinguishes this objective from that in the table; empty if they agree."""
         return "as the search estimates" if self.estimated else ""
 
 

@@ -10,11 +10,11 @@ from agglom_mpi.errors import BROKEN_PIPE
 from agglom_mpi.formatting import ASCII_REPLACEMENT
 
 _LOST: Final = (errno.EPIPE, errno.EIO, errno.EBADF)
-"""What a write raises once nobody reads: a closed pipe, a terminal that has gone, a closed file."""
+"""Error numbers of a write without a reader: a closed pipe, a lost terminal, a closed file."""
 
 
 class StandardOutput(io.FileIO):
-    """Standard output or error of which somebody may stop reading.
+    """Standard output or error whose reader may go away.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class StandardOutput(io.FileIO):
         Raises
         ------
         OSError
-            If the disk is full, say, unless the program endures it.
+            For example if the disk is full, unless the program endures it.
         SystemExit
             If nobody reads, unless the program endures it.
         """

@@ -1,4 +1,4 @@
-"""What a check has found."""
+"""The finding of a check."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ class Finding(NamedTuple):
     Attributes
     ----------
     topic : str
-        What was checked, a word or two.
+        Subject of the check, a word or two.
     found : str
-        What was found, one line.
+        Result, one line.
     advice : str
-        What to change, and how; empty if nothing.
+        Advised change; empty if there is none.
     broken : bool
         Whether campaigns cannot run, or not on several ranks, unless this is changed.
     """

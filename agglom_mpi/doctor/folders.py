@@ -29,9 +29,9 @@ SHARED_FILE_SYSTEMS: Final = {
 INCOHERENT_FILE_SYSTEMS: Final = {"nfs", "nfs4", "cifs", "smb3", "9p"}
 """Shared file systems on which concurrent writes of two machines can mix."""
 SLOW_FSYNC: Final = 0.5
-"""Time of an fsync, s, from which it slows down campaigns of short generations."""
+"""Minimum time of an fsync, s, that slows down campaigns of short generations."""
 LITTLE_SPACE: Final = 2**30
-"""Free space, bytes, below which to warn."""
+"""Free space, bytes, below which a warning is given."""
 
 
 def check_storage(folder: Path) -> Iterator[Finding]:

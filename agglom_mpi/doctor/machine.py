@@ -18,7 +18,7 @@ NEEDED_FOR: Final = {
     "report": "tables, figures, pages and posteriors",
     "search": "the searches surrogate and cmaes",
 }
-"""What each extra that users install is needed for; `check_mpi` looks for the extra `mpi`."""
+"""Purpose of each extra that users install; `check_mpi` looks for the extra `mpi`."""
 
 _REQUIREMENT: Final = re.compile(r"([\w.-]+)[^;]*(?:;.*\bextra == ['\"]([\w.-]+)['\"])?")
 

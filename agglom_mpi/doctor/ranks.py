@@ -32,7 +32,7 @@ if world.rank == 0:
 """
 """Code that each rank runs: prints size of the world, thread level and library."""
 RANK_PREFIXES: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
-"""Prefixes of environment variables that tell a process that it is a rank."""
+"""Prefixes of environment variables by which a process knows that it is a rank."""
 
 
 def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
@@ -141,11 +141,11 @@ LARGER_SHARED_MEMORY: Final = (
 SHARED_MEMORY: Final = Path("/dev/shm")
 """Where the ranks of one machine share memory."""
 SHARED_BY_RANK: Final = 11 * 2**19
-"""Space that each rank takes of it, bytes: 5.4 million with MPICH, and some more to begin with."""
+"""Shared memory of a rank, bytes: MPICH takes 5.4 million, and some more at the start."""
 
 
 def shared_ranks() -> int:
-    """Return the number of ranks for which there is shared memory now; 0 without any."""
+    """Return the number of ranks that the free shared memory suffices for; 0 without any."""
     try:
         return shutil.disk_usage(SHARED_MEMORY).free // SHARED_BY_RANK
     except OSError:

@@ -17,7 +17,7 @@ SAMPLE_SECONDS: Final = 40e-6
 """Time of rank 0 to evaluate and to store a sample, s."""
 
 WELL_USED: Final = 0.5
-"""A number of ranks is advised if this share of their time, at least, goes to needed samples."""
+"""Minimum share of the ranks' time spent on needed samples for a number of ranks to be advised."""
 
 WALLTIME_MARGIN: Final = 2.0
 """Ratio of the advised walltime to the forecast: pilot strings are faster or slower than others."""
@@ -29,16 +29,16 @@ ROUND_SECONDS: Final = 300.0
 """Walltimes are multiples of this, s."""
 
 MAX_SIMULATED: Final = 2_000_000
-"""Number of samples after which a forecast is given up, some minutes."""
+"""Number of samples after which a forecast is given up; they take some minutes."""
 
 WORK: Final = "work"
 CHAIN: Final = "chain"
 MASTER: Final = "rank 0"
-"""What limits the speed, as the table names it."""
+"""Limits of the speed, by their names in the table."""
 
 
 class MessageCosts(NamedTuple):
-    """Times of everything but simulating, s.
+    """Costs of messages and decisions, s.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Forecast(NamedTuple):
 
     @property
     def limit(self) -> str:
-        """What alone would take longest: `WORK`, `CHAIN` or `MASTER`."""
+        """The limit that alone takes longest: `WORK`, `CHAIN` or `MASTER`."""
         alone = {
             WORK: self.work / self.ranks,
             CHAIN: self.chain,
@@ -159,7 +159,7 @@ class Saturation(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """What to ask a batch system for: number of ranks, and time in s."""
+    """Advised request to a batch system: number of ranks, and time in s."""
 
     ranks: int
     walltime: float

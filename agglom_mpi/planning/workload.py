@@ -16,8 +16,8 @@ from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 
 LEAST_SAMPLES: Final = 5
-"""Samples that a string needs for others to draw from it, if any has that many: two that happen to
-be alike would let every string near it converge at once."""
+"""Minimum number of samples of a string that others draw from, if any string has that many. Two
+samples that happen to be alike would let every string near it converge at once."""
 
 _MASK: Final = 2**64 - 1
 
@@ -134,7 +134,7 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
         campaign.user_function is not None
         and recorded_function(file.identity) != campaign.user_function.without_source
     ):
-        message = f"has samples that another objective has judged than that of {campaign.name}"
+        message = f"was run with a different objective than {campaign.name}"
         raise CampaignError(Problem(path, None, "objective.call", message))
     boxes = file.variable_rows()
     searched = [str(name.decode()) for name in boxes["name"][boxes["searched"] == 1]]

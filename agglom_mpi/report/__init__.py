@@ -1,1 +1,1 @@
-"""What people read: tables from a campaign file."""
+"""Pages, figures and exports of a campaign file."""

@@ -48,11 +48,11 @@ PROVENANCE: Final = ("seed", "created", "code_version", "campaign_sha256", "sour
 MAX_SVG_BYTES: Final = 400_000
 """Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
 PIXELS_PER_INCH: Final = 120
-"""Of a figure on the page, at most."""
+"""Maximum resolution of a figure on the page."""
 TEXT_WIDTH: Final = 140
-"""Characters in a line of text on the page."""
+"""Number of characters in a line of text on the page."""
 WIDE: Final = 8.0
-"""Width from which a figure takes the whole width of the page, inches."""
+"""Minimum width of a figure that takes the whole width of the page, inches."""
 
 RESIMULATION_MESSAGE: Final = (
     "simulating the best string again for pictures of its particles, which are not stored; the "
@@ -255,7 +255,7 @@ def plain_text(content: RenderableType) -> str:
 
 
 def comparison_lines(data: CampaignData) -> list[str]:
-    """Return what may be said of the order of the best strings, a sentence a line."""
+    """Return sentences on the order of the best strings and its significance."""
     if not rank_strings(data).order:
         return []
     shown = rank_strings(data).order[: listed_strings(data)]
@@ -266,7 +266,7 @@ def comparison_lines(data: CampaignData) -> list[str]:
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:
-    """Return what the template says of the scene: its submodels, and what it leaves out."""
+    """Return the template's variables on the scene: its submodels, and what it leaves out."""
     try:
         first, *rest = sections(recorded_campaign(data))
     except CampaignError as error:
@@ -282,7 +282,7 @@ def scene_content(data: CampaignData) -> dict[str, Any]:
 
 
 def failure_content(data: CampaignData) -> dict[str, Any]:
-    """Return what the template says of the samples that failed."""
+    """Return the template's variables on the samples that failed."""
     failed = data.all_sample_rows()[data.all_sample_rows()["state"] == FAILED]
     late = data.timed_out
     return {

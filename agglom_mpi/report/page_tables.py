@@ -23,9 +23,9 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import VARIABLES
 
 LAST: Final = 20
-"""Starts of the program and texts of failures that are listed, the last ones."""
+"""Maximum number of starts of the program, and of texts of failures, that are listed."""
 MOST_FAILING: Final = 6
-"""Strings that are named for their failures."""
+"""Maximum number of strings that are named for their failures."""
 
 
 class PageTable(NamedTuple):
@@ -39,7 +39,7 @@ class PageTable(NamedTuple):
     classes
         CSS class of each row, if they have any.
     text_columns
-        Places of columns of text; the others, of numbers, are set to the right.
+        Indices of columns of text; columns of numbers are aligned to the right.
     """
 
     headings: Sequence[str]
@@ -185,7 +185,7 @@ def _replay(data: CampaignData, row: np.void) -> str:
 
 
 class FailedSamples(NamedTuple):
-    """The samples that failed: how many for each reason, of which strings, and their texts.
+    """The samples that failed: their reasons, strings and texts.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class FailedSamples(NamedTuple):
 
 
 def failed_samples(data: CampaignData, failed: np.ndarray) -> FailedSamples:
-    """Return the failures of a campaign, of which `failed` are the rows of `/samples`."""
+    """Return the failures of a campaign; `failed` are their rows of `/samples`."""
     counts = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
     strings, failures = np.unique(failed["string"], return_counts=True)
     most = np.argsort(-failures, kind="stable")[:MOST_FAILING]

@@ -1,4 +1,4 @@
-"""What a run executes: its strings and their samples, and the sizes of its file."""
+"""The work of a run: its strings and their samples, and the sizes of its file."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ class SampleSetup(NamedTuple):
 
 
 class FramePlan(NamedTuple):
-    """Samples, as (string, sample), of which frames are stored, and the number of each."""
+    """Samples, as (string, sample), whose frames are stored, and the number of frames of each."""
 
     samples: tuple[tuple[int, int], ...] = ()
     frames: int = 0
@@ -45,12 +45,12 @@ class ReestimationPlan(NamedTuple):
 
 
 class StageProgress(NamedTuple):
-    """How much of a phase of a run is done.
+    """Progress of a phase of a run.
 
     Attributes
     ----------
     done, total, unit
-        `12` of `100` `generations`, say.
+        For example `12` of `100` `generations`.
     in_turns
         Whether they are done one after the other, each about as much work.
     may_end_sooner
@@ -65,7 +65,7 @@ class StageProgress(NamedTuple):
 
 
 class Experiment(ABC):
-    """What a run executes; it is broadcast to all ranks.
+    """The work of a run; it is broadcast to all ranks.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ class InversionExperiment(Experiment):
         )
 
     def end_reason(self, inversion: Inversion) -> str:
-        """Return a sentence that says whether the target was reached."""
+        """Return the reason for the end of the search, a sentence."""
         stopping = self.campaign.stopping
         if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:
             top, objective = stopping.target.top, stopping.target.objective

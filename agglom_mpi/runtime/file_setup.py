@@ -82,16 +82,16 @@ DECIDING: Final = (
     "analysis/ranking.py",
     "analysis/warm_start.py",
 )
-"""Files of the package that decide what a sample computes, and what is decided by it."""
+"""Files of the package that decide the results of samples and the decisions made from them."""
 NOT_DECIDING: Final = (
     # Several numbers of a sample, for the feasible set.
     "emulation/joint_emulator.py",
-    # What `agglom check` prints.
+    # Output of `agglom check`.
     "config/consequences.py",
     "config/describe.py",
     "config/plausibility.py",
     "config/size_warnings.py",
-    # What a campaign in Python, its tables and its reports answer.
+    # Answers of a campaign in Python, of its tables and its reports.
     "config/derived.py",
     "config/estimate.py",
     # The box for other programs.
@@ -100,7 +100,7 @@ NOT_DECIDING: Final = (
 """Files among them that take no part in a run; a test finds those that are missing here."""
 _ERROR_CLASSES: Final = ("Problem",)
 _MESSAGES: Final = ("message",)
-"""Classes whose texts are those of errors, and names of variables that hold such texts."""
+"""Classes that carry texts of errors, and names of variables that hold such texts."""
 _TEXT_METHODS: Final = ("problems", "summary")
 """Methods and attributes of components that give texts."""
 _NO_MEANING: Final = ("ctx", "kind", "type_comment")
@@ -125,7 +125,7 @@ def sources_digest(package: Path = PACKAGE) -> str:
 def _words(node: Any, in_error: bool = False) -> Iterator[str]:
     """Yield the parts of a syntax tree in order, without absent ones and docstrings.
 
-    Of what makes the text of an error, which `in_error` says, texts are left out.
+    Within the text of an error, where `in_error` is true, texts are left out.
     """
     if in_error and _is_text(node):
         return
@@ -260,7 +260,7 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
 
 
 def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> list[str]:
-    """Return lines on what a campaign asks for that a file which is there does not follow."""
+    """Return lines on requests of a campaign that its existing file does not follow."""
     lines = []
     held, asked = len(file.generation_rows()), experiment.table_sizes.generations
     if held > asked:
@@ -340,7 +340,7 @@ def leg_start(ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered
 
 
 def processor() -> str:
-    """Return the model of the processor, as far as the system says."""
+    """Return the model of the processor; its architecture where the system does not name it."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
             for line in file:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class RunRequest(NamedTuple):
-    """What a run executes, and the file that records it."""
+    """The work of a run, and the file that records it."""
 
     experiment: Experiment
     path: Path

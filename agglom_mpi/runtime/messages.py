@@ -1,4 +1,4 @@
-"""What travels between ranks: fixed-size typed records, never pickles."""
+"""Messages between ranks: fixed-size typed records, never pickles."""
 
 import socket
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ PROGRAM: Final = 12  # from a worker, first of all: its program, as in `programs
 """Message tags."""
 
 RESULT: Final = sample_dtype
-"""One simulated sample, as it stands in the campaign file."""
+"""Record of a simulated sample, a row of `/samples`."""
 
 NOT_NEEDED: Final = 255
 """The `reason` of a sample that was left out, as its string was cancelled."""
@@ -63,10 +63,10 @@ NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 
 
 class RankMessage(NamedTuple):
-    """What a rank reports; without any content a heartbeat.
+    """Report of a rank; a heartbeat if it has no content.
 
-    The simulating thread of a rank makes one of all that it has finished; what comes from another
-    rank is several, one a record type.
+    The simulating thread of a rank makes one message of all that it has finished; another rank
+    sends several, one for each record type.
     """
 
     rank: int
@@ -79,7 +79,7 @@ class RankMessage(NamedTuple):
     frames: tuple[NDArray[np.void], ...] = ()
     """Consecutive rows of `/frames` of one sample each, (n,)."""
     written: int = 0
-    """Number of samples that the rank has written itself since it reported that last."""
+    """Number of samples that the rank has written itself since its last such report."""
     stopped: bool = False
     """Whether this is the last message of the rank."""
     database_seconds: float = 0.0
@@ -87,14 +87,14 @@ class RankMessage(NamedTuple):
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is reported of samples."""
+        """Whether the message reports no samples."""
         return (
             not (len(self.results) or len(self.failures) or self.frames)
             and self.final_particles is None
         )
 
     def records(self) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Yield the messages, each a tag and records, (n,), that tell rank 0 of samples.
+        """Yield the messages, each a tag and records, (n,), that report samples to rank 0.
 
         Final particles come before the results that they belong to, and each frame alone, as it
         may be large.
@@ -111,7 +111,7 @@ class RankMessage(NamedTuple):
 
 
 def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
-    """Return one message of what several of the same rank report of samples, in order."""
+    """Return one message with the samples of several messages of the same rank, in order."""
     final = [each.final_particles for each in messages if each.final_particles is not None]
     return RankMessage(
         rank,
@@ -123,7 +123,7 @@ def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
 
 
 def record_types(grains: int) -> dict[int, np.dtype]:
-    """Return the record type by tag of what rank 0 receives; `grains` is the most of a sample."""
+    """Return the types of records that rank 0 receives, by tag, for samples of up to `grains`."""
     return {
         RESULTS: RESULT,
         FAILURE: FAILED_SAMPLE,
@@ -137,7 +137,7 @@ def record_types(grains: int) -> dict[int, np.dtype]:
 
 
 def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
-    """Return what `rank` has reported by records, (n,), under a tag.
+    """Return the message of a rank whose records, (n,), came under a tag.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _host() -> bytes:
 
 
 def storable(results: NDArray[np.void]) -> NDArray[np.void]:
-    """Return those results that are stored.
+    """Return the results that are stored.
 
     A sample that took too long may be tried again, and one that was left out has no result.
     """

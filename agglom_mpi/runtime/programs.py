@@ -1,4 +1,4 @@
-"""Whether all ranks of a job run the same program: the first message of each, and of rank 0."""
+"""Check that all ranks of a job run the same program, by the first messages of all ranks."""
 
 import socket
 import time
@@ -22,18 +22,18 @@ RECORD: Final = "S256"
 """Version, digest of the sources and host of a rank."""
 
 NOTED_AFTER: Final = 60.0
-"""Seconds without the first message of a rank after which that is said."""
+"""Time, s, after which a missing first message of a rank is reported."""
 
 GIVEN_UP_AFTER: Final = 900.0
-"""Seconds without it after which the job is ended: programs may take minutes to load from a disc
-that thousands of ranks share, but one that does not send it would hold up the job for ever."""
+"""Time, s, after which a missing first message ends the job. Programs may take minutes to load from
+a disc that thousands of ranks share, but a silent one would hold up the job for ever."""
 
 POLLED_EVERY: Final = 0.002
-"""Seconds between two looks for first messages."""
+"""Time between two polls for first messages, s."""
 
 
 class MixedJobError(LaunchError):
-    """Ranks do not speak with each other: nothing that all of them join can follow."""
+    """The ranks run different programs; collective calls are impossible."""
 
 
 def own_program() -> str:
@@ -44,7 +44,7 @@ def own_program() -> str:
 def check_programs(
     world: "Intracomm | None", show: Callable[[str], None] = lambda line: None
 ) -> None:
-    """Tell rank 0 which program each rank runs, before anything else is sent.
+    """Send the program of each rank to rank 0, before anything else is sent.
 
     On rank 0, `show` is called with a line on ranks that are waited for.
 
@@ -53,7 +53,7 @@ def check_programs(
     LaunchError
         On rank 0, if a rank runs another version, or other sources that decide results.
     MixedJobError
-        On rank 0, if ranks do not tell, as programs older than this message.
+        On rank 0, if ranks do not send their program, as versions older than this message.
     """
     if world is None:
         return
@@ -67,7 +67,7 @@ def check_programs(
 
 
 def receive_programs(world: "Intracomm", programs: Any, show: Callable[[str], None]) -> None:
-    """Receive the programs of the other ranks, (ranks,); raise a MixedJobError if some tell none.
+    """Receive the programs of the other ranks, (ranks,); raise a MixedJobError if some send none.
 
     Each sends to rank 0 itself: in a collective call, a silent rank would hide others.
     """
@@ -91,25 +91,25 @@ def receive_programs(world: "Intracomm", programs: Any, show: Callable[[str], No
 
 
 class Start(NamedTuple):
-    """What rank 0 lets the others begin with."""
+    """Broadcast of rank 0 with which the other ranks begin."""
 
     program: str
-    """That of rank 0."""
+    """Program of rank 0."""
     code: int
     """Exit code if there is nothing to run."""
     experiment: Experiment | None
-    """What to run; None if nothing is."""
+    """Work to run; None if there is none."""
     path: Path | None
     """The campaign file, if ranks write their samples there themselves."""
 
 
 def receive_start(world: "Intracomm") -> Start:
-    """Return what rank 0 lets this rank begin with.
+    """Return the broadcast of rank 0 with which this rank begins.
 
     Raises
     ------
     MixedJobError
-        If rank 0 runs another program, one that does not look at what the others run.
+        If rank 0 runs another program, which does not check those of the others.
     """
     try:
         start = Start(*world.bcast(None, root=0))

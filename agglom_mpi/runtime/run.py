@@ -133,7 +133,7 @@ def open_with_rank_zero(path: Path, world: "Intracomm", nodes: Nodes) -> RankWri
     try:
         return RankWriter(path, world, syncs=nodes.syncs)
     except (OSError, NotACampaign):
-        time.sleep(30.0)  # rank 0 has failed too, says so and ends the job
+        time.sleep(30.0)  # rank 0 has failed too, reports it and ends the job
         raise
 
 
@@ -223,7 +223,7 @@ def run_rank_zero(
 
 
 def ended_by(error: BaseException) -> tuple[str, str]:
-    """Return state and reason of a run that an error ends, or somebody who does not wait."""
+    """Return state and reason of a run that ends by an error, or by a second interrupt."""
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "ended by SIGINT before it had stopped"
     return "failed", named_error(error)

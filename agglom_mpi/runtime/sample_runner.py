@@ -69,7 +69,7 @@ class SampleRunner:
             compile_kernels(scene, bool(self.experiment.table_sizes.frames), show)
 
     def begin(self, task: np.void) -> "Task":
-        """Return a `TASK` record as a task of which no sample is simulated yet."""
+        """Return the task of a `TASK` record, with no sample simulated yet."""
         return FrameTask(self, task) if task["frames"] else SampleTask(self, task)
 
     def scene_of(self, string: int, setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
@@ -279,7 +279,7 @@ class SampleTask(Task):
 
 
 class FrameTask(Task):
-    """Samples simulated once more, of which frames are stored."""
+    """Samples that are simulated once more to store their frames."""
 
     def __init__(self, runner: SampleRunner, task: np.void) -> None:
         super().__init__(runner, task)

@@ -78,7 +78,7 @@ class RunTally:
         return max(1e-9, time.monotonic() - self._begun)
 
     def progress(self, ranks: int, in_flight: int) -> RunProgress:
-        """Return what is known in every phase, with a number of samples in flight on the ranks."""
+        """Return the progress as far as it is known in every phase of a run."""
         elapsed = self._elapsed
         return RunProgress(
             done=0,

@@ -1,4 +1,4 @@
-"""The loop of every rank but rank 0: simulate what is sent until rank 0 says stop."""
+"""The loop of every rank but rank 0: simulate what rank 0 sends until it sends a stop."""
 
 import time
 from typing import TYPE_CHECKING
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter | None) -> int:
-    """Serve rank 0 until it says stop; return the exit code that it sends.
+    """Serve rank 0 until it sends a stop; return the exit code that comes with it.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter
     Raises
     ------
     OSError
-        If the file cannot be written; rank 0 has been told.
+        If the file cannot be written; rank 0 has had a report.
     """
     worker = Worker(world, runner, file)
     try:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 STOP_TIMEOUT: Final = 20.0
-"""Seconds without a message of any rank after which those that should stop are not waited for."""
+"""Time without a message of any rank, s, after which a shutdown waits no longer."""
 
 
 class WorkerPool:
@@ -50,7 +50,7 @@ class WorkerPool:
     database_seconds
         Time that ranks which have stopped spent on the campaign file, in s.
     missing
-        Ranks that did not stop when they were told to.
+        Ranks that did not stop when they were asked to.
     """
 
     def __init__(self, runner: SampleRunner, world: "Intracomm | None") -> None:
@@ -116,7 +116,7 @@ class WorkerPool:
     def sync(self) -> None:
         """Ask all other ranks to put on the disc what they have written; never waits.
 
-        Ranks that were told to stop do so without being asked.
+        Ranks that have been asked to stop do so by themselves.
         """
         for rank in range(1, 0 if self._shutting_down else self.size):
             self._post(np.zeros(1, np.int32), rank, SYNC)

@@ -19,7 +19,7 @@ class DuplicateSample:
 
 
 class DuplicateSamples:
-    """Samples that several ranks may return, of which the first result counts.
+    """Samples that several ranks may return; the first result counts.
 
     They are kept as long as a rank has them in flight; `len` is their number.
     """

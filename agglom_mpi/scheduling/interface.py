@@ -1,4 +1,4 @@
-"""What the scheduler needs to know of a campaign, and what it assigns."""
+"""Interface of the scheduler: the campaign as it sees it, and the tasks that it assigns."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
@@ -47,8 +47,8 @@ class SampleDemand(Protocol):
 
 
 ProposeAhead = Callable[[int], Sequence[int]]
-"""Proposes strings of one more coming generation, at most that many ahead of this one, that depend
-on no further result; returns their numbers, none if there are none."""
+"""Proposes strings of one more coming generation that depend on no further result. The argument is
+the maximum number of generations ahead; returns the numbers of the strings, perhaps none."""
 
 TASK: Final = np.dtype(
     [

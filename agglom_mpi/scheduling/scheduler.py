@@ -16,32 +16,32 @@ from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
 from agglom_mpi.scheduling.interface import TASK, ProposeAhead, SampleDemand, StringProgress
 
 TAIL_SHARE: Final = 0.01
-"""Share of all samples that known strings need which one batch of each rank may add up to."""
+"""Maximum of one batch of each rank together, as a share of all samples that known strings need."""
 
 URGENCY: Final = 1.5
-"""Largest factor by which the priority of a sample that decisions wait for exceeds that of an
-equally probable one of a coming generation."""
+"""Maximum ratio of the priority of a sample that decisions wait for to that of an equally probable
+one of a coming generation."""
 
 URGENCY_PER_RANK: Final = 0.02
-"""What each rank adds to an urgency of 1: few ranks lose little by waiting for the last strings of
-a generation, and more by samples that turn out not to be needed."""
+"""Increase of the urgency per rank, from 1: few ranks lose little by waiting for the last strings
+of a generation, and more by samples that turn out not to be needed."""
 
 MIN_PROBABILITY: Final = 0.02
-"""Samples less likely than this to be needed are not simulated."""
+"""Minimum probability that a sample is needed for it to be simulated."""
 
 RELATIVE_PROBABILITY: Final = 0.95
-"""The last sample of a range is at least this much as likely to be needed as the first."""
+"""Minimum ratio of the probabilities that the last and the first sample of a range are needed."""
 
 GENERATIONS_AHEAD: Final = 4
-"""Number of coming generations of which samples may be simulated."""
+"""Maximum number of generations ahead whose samples may be simulated."""
 
 
 class Scheduler:
     """Assign samples to ranks, those first that are most likely to be needed soonest.
 
     A string gets its samples in order. Open strings go before those of coming generations
-    (speculative), which go before samples that are hardly needed. What a silent rank has in flight
-    is assigned to others, too, and the first result counts.
+    (speculative), which go before samples that are hardly needed. Samples in flight on a silent
+    rank are assigned to others, too, and the first result counts.
 
     Parameters
     ----------

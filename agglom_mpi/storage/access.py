@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 
 _LEAST_ROOM: Final = 1 << 16
-"""Bytes; a disk with less free space counts as full."""
+"""Free space of a disk, bytes, below which it counts as full."""
 
 SYMPTOMS: Final = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
 )
-"""What h5py, NumPy and what evaluates rows raise where a file is damaged."""
+"""Exceptions that h5py, NumPy and the evaluation of rows raise where a file is damaged."""
 
 _MOST_COMPRESSED: Final = 1032
-"""Bytes that one byte compressed by gzip stands for, at most."""
+"""Maximum compression ratio of gzip."""
 _SMALL: Final = 1 << 20
-"""Bytes of a table that are not much, whether they are in the file or not."""
+"""Size of a table, bytes, up to which it may be absent from the file."""
 
 
 class NotACampaign(UserError, ValueError):  # noqa: N818 - public name
@@ -126,7 +126,7 @@ def _check_kind(path: Path) -> None:
 def _check_structure(file: h5py.File, path: Path) -> None:
     """Raise NotACampaign if data lie in other files: to read them would show what is in those.
 
-    Nothing is read that could lead there: links are looked at before they are followed, and the
+    Nothing is read that could lead there: links are examined before they are followed, and the
     layout of datasets before their extent, for which HDF5 would open the sources of a virtual one.
     """
     groups, seen = [file.id], set()

@@ -46,7 +46,7 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
     with open_file(source) as old, atomic_file(target) as temporary, report_damage(source):
         attributes = dict(old.attrs)
         tables = table_schemas(attributes)
-        # Before the rows: what the status tells of is then in the file.
+        # Before the rows: the file then has all that the status states.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
         final = final_rows(old, source)
         damaged = 0

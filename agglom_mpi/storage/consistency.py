@@ -64,8 +64,8 @@ def check_digests(report: VerificationReport) -> int:
             wrong.append(int(row["generation"]))
     if wrong:
         report.faults.append(
-            f"generations: what {row_list(wrong)} rests on is not what it was: a parameter, result "
-            "or used sample has been changed together with its checksum"
+            f"generations: digest mismatch in {row_list(wrong)}: parameters, results or used "
+            "samples were altered together with their checksums"
         )
     return right
 
@@ -166,7 +166,7 @@ def _mismatches(report: VerificationReport) -> Iterator[tuple[str, int]]:
         number = int(row["generation"])
         ids = strings["string"][strings["generation"] <= number].tolist()
         if report.lost_strings & set(range(max(ids, default=0) + 1)):
-            continue  # nothing can be said
+            continue  # it cannot be checked
         if not set(ids) <= results.keys():
             continue
         if row["evaluations"] != len(ids):

@@ -34,14 +34,14 @@ _COPY_BYTES: Final = 1 << 25
 
 
 class CampaignRecord(NamedTuple):
-    """What a new campaign file states of its campaign, in its attributes and in `/variables`.
+    """Attributes of a new campaign file that describe its campaign, and the box in `/variables`.
 
     Attributes
     ----------
     text
         The campaign file, YAML.
     identity, sha256
-        What makes the campaign what it is, stored as JSON, and its digest.
+        Identity of the campaign, stored as JSON, and its digest.
     lower, upper
         Search box in SI units, (10,); equal where a variable is fixed, nan where it is unused.
     code_version, sources_sha256
@@ -72,7 +72,7 @@ def create_campaign_file(
     path
         The file; it must not exist.
     campaign
-        What the file states of the campaign.
+        Description of the campaign.
     sizes
         Sizes of its tables. The attribute `max_samples` of the file counts fresh samples, too.
 

@@ -26,7 +26,7 @@ class AlteredFileError(OSError):
 
 
 class Fingerprint:
-    """Size of a campaign file and HDF5's own bytes, none of which change while rows are written.
+    """Size of a campaign file and HDF5's own bytes; neither changes while rows are written.
 
     A comparison takes some 50 µs.
 

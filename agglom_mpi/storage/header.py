@@ -1,4 +1,4 @@
-"""The attributes of a campaign file: what it says of the campaign as a whole."""
+"""The attributes of a campaign file, which describe the campaign as a whole."""
 
 import json
 from collections.abc import Mapping
@@ -25,8 +25,8 @@ _TEXTS_OPTIONAL: Final = ("purpose",)
 def check_attributes(attributes: Mapping[str, Any]) -> None:
     """Raise a ValueError if the attributes of a file are not what a campaign file has.
 
-    The identity must have the digest that is stored with it, so that whoever asks for one of its
-    entries finds it as it was written.
+    The identity must have the digest that is stored with it, so that its entries are those that
+    were written.
     """
     for name in _TEXTS + _TEXTS_OPTIONAL:
         if not _is_text(attributes.get(name, None if name in _TEXTS else "")):
@@ -95,7 +95,7 @@ class CampaignHeader:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What makes the campaign what it is, flat: `scene.particles` -> 100, in SI units."""
+        """Identity of the campaign, flat: `scene.particles` -> 100, in SI units."""
         return _entries(self.attributes)
 
     def section(self, name: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ _DATA_LOCK: Final = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_
 """A `struct flock` for writing."""
 
 
-class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - it says what is the matter
+class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - the name states the condition
     """Another process is writing to this campaign file."""
 
 
@@ -78,7 +78,7 @@ class CampaignLock:
             self.release()
             raise
         # A full disc leaves the lock without a name. The name is synced, or NFS would keep it on
-        # this machine, and a start on another could not tell it.
+        # this machine, and a start on another could not report it.
         with suppress(OSError):
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)

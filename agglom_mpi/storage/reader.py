@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Status(NamedTuple):
-    """What a campaign is doing, since when (Unix time, s), and why."""
+    """State of a campaign, time of the last change (Unix, s), and the reason."""
 
     state: str
     updated: float
@@ -103,7 +103,7 @@ class CampaignData(CampaignHeader):
     # Rows
 
     def status(self) -> Status:
-        """Return what the campaign was doing when the rows were read: read before all others."""
+        """Return the state of the campaign at the time of the snapshot; it is read first."""
         return status_of(self.rows("status"))
 
     def variable_rows(self) -> np.ndarray:
@@ -202,14 +202,14 @@ class CampaignData(CampaignHeader):
 
     @property
     def judged_timed_out(self) -> list[tuple[int, int]]:
-        """Those of `timed_out` that results rest on, in order."""
+        """Timed-out samples that results rest on, as (string, sample), in order."""
         late = self.timed_out
         used = self.samples_used if late else {}
         return sorted((string, sample) for string, sample in late if sample < used.get(string, 0))
 
     @property
     def fresh_timed_out(self) -> set[tuple[int, int]]:
-        """Those of `timed_out` that are fresh."""
+        """Timed-out samples that are fresh, as (string, sample)."""
         return {pair for pair in self.timed_out if pair[1] >= self.fresh_from}
 
     @property
@@ -220,7 +220,7 @@ class CampaignData(CampaignHeader):
 
 
 def read_campaign(path: str | os.PathLike[str]) -> CampaignData:
-    """Open a campaign file for reading; of its rows none is read yet.
+    """Open a campaign file for reading; no rows are read yet.
 
     Raises
     ------

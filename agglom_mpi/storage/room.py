@@ -28,7 +28,7 @@ class TableSizes(NamedTuple):
 
     strings: int
     max_samples: int
-    """Of each string, without fresh ones."""
+    """Samples of each string, without fresh ones."""
     generations: int
     population: int
     fresh: int = 0

@@ -10,7 +10,7 @@ from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
 FORMAT_VERSION: Final = 3
-"""What is written; files of any version from 1 up to this one are read."""
+"""Version of the files written; files of versions from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
 """Purpose of the strings of a campaign, which a search proposed."""

@@ -78,7 +78,7 @@ class TableSnapshot:
         return sum(self._damaged.values())
 
     def _read_tables(self, file: h5py.File) -> None:
-        """Read all tables but `/samples`, the status before anything that it tells of."""
+        """Read all tables but `/samples`, the status before the rows that it describes."""
         status = Rows(file["status"], self._path).read_all()
         for name in READ_TOGETHER:
             table = Table(file, name, self._path)

@@ -44,7 +44,7 @@ _LOSABLE: Final = (*_READ, "final_particles", "frames")
 
 @dataclass
 class VerificationReport:
-    """What is wrong in a campaign file, and the rows with which nothing is.
+    """Faults of a campaign file, and its valid rows.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class VerificationReport:
 
     @property
     def lost_strings(self) -> set[int]:
-        """Strings of which a row is lost that their generation rests on."""
+        """Strings with a lost row that their generation rests on."""
         samples = self.lost["samples"] - self.unused_samples - self.estimates
         lost = self.lost["strings"] | self.lost["results"] | samples
         return {key[0] if isinstance(key, tuple) else key for key in lost}
@@ -218,9 +218,8 @@ def _key(name: str, place: int, report: VerificationReport) -> Key:
 def check_particles(file: h5py.File, report: VerificationReport) -> None:
     """Verify the rows of `/final_particles` and `/frames`: checksums, and numbers for their places.
 
-    A final state must have as many particles as its sample says, and a frame its place among those
-    of its sample. That a final state is absent cannot be seen: a leg need not have stored
-    any.
+    A final state must have as many particles as its sample states, and a frame its place among
+    the frames of its sample. An absent final state is no fault: a leg need not have stored any.
     """
     rows = report.data.all_sample_rows()[["string", "sample", "particles"]].tolist()
     left = {(string, sample): particles for string, sample, particles in rows}

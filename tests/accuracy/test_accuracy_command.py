@@ -140,7 +140,7 @@ def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
         table.write(1, row)
     text, code = check_file(str(path))
     assert code == 1
-    assert "generations: what 0 rests on is not what it was" in text
+    assert "generations: digest mismatch in 0:" in text
 
 
 @pytest.mark.slow

