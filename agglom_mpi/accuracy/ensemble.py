@@ -97,7 +97,7 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
     draws = search_stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
-    if plan and plan.ensemble.rule != "fixed":
+    if plan and plan.ensemble.is_adaptive:
         rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)

@@ -5,6 +5,7 @@ The rules are those of `search.stopping.STUDIED_RULES`; a new one there is studi
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -25,8 +26,6 @@ from agglom_mpi.statistics import t_95
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from agglom_mpi.config.ensemble import AdaptiveEnsemble
 
 FIRST_MOMENT: Final = "successive difference, mean radius"
 """Name of a studied rule, which the moments rule of order 1 is too."""
@@ -66,7 +65,7 @@ class RuleFamily(NamedTuple):
     """A stopping rule at several tolerances, and the limits of its ensembles."""
 
     label: str
-    make: Callable[[float], StoppingRule]
+    make: Callable[..., StoppingRule]
     tolerances: tuple[float, ...]
     min_samples: int
     max_samples: int
@@ -89,17 +88,18 @@ def families(truth: Truth, most: int) -> list[RuleFamily]:
     """Return the rules to study, in ensembles of at most `most` samples."""
     found = []
     for label, make in STUDIED_RULES:
-        rule = make(1.0)
+        make = partial(make, max_samples=most)
+        rule = make(tolerance=1.0)
         widths = half_widths(truth, rule.min_samples, most)
         tolerances = PUBLISHED_TOLERANCES if rule.relative_to else tuple(widths)
         found.append(RuleFamily(label, make, tolerances, rule.min_samples, most))
     return found
 
 
-def campaigns_own(model: "AdaptiveEnsemble", most: int) -> RuleFamily:
+def campaigns_own(rule: StoppingRule, most: int) -> RuleFamily:
     """Return the rule that a campaign's `ensemble` asks for, with its one tolerance."""
-    rule, limit = model.build(), min(model.max_samples, most)
-    return RuleFamily(OWN, lambda _: rule, (model.tolerance,), model.min_samples, limit)
+    limit = min(rule.max_samples, most)
+    return RuleFamily(OWN, lambda tolerance: rule, (rule.tolerance,), rule.min_samples, limit)
 
 
 def half_widths(truth: Truth, fewest: int, most: int) -> Iterator[float]:
@@ -151,12 +151,13 @@ def evaluate(
     family: RuleFamily, tolerance: float, paths: EstimatePaths, truth: Truth
 ) -> dict[str, object]:
     """Return the row of a rule at a tolerance; proportions come with binomial standard errors."""
-    rule = family.make(tolerance)
+    rule = family.make(tolerance=tolerance)
     stops = stop(rule, paths, family.min_samples, family.max_samples)
     bound = nominal_error(rule, tolerance, truth)
     error = at_stop(paths.mean, stops) / truth.mean - 1.0
     rms, low, high = root_mean_square(error)
-    highest = at_stop(paths.moments[rule.order - 1], stops) / truth.moments[rule.order - 1]
+    place = rule.highest_moment - 1
+    highest = at_stop(paths.moments[place], stops) / truth.moments[place]
     factor = np.array([t_95(used - 1) for used in stops.used.tolist()])
     half_width = factor * at_stop(paths.standard_error, stops)
     covered = np.abs(at_stop(paths.deviation, stops) - truth.deviation) <= half_width

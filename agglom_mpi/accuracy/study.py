@@ -85,10 +85,11 @@ def with_scene(campaign: Campaign, **changes: object) -> Campaign:
     return replace(campaign, scene=scene)
 
 
-class _Never(StoppingRule):
-    """The rule of a set-up: nothing but the number of samples ends it."""
+class _EverySample(StoppingRule):
+    """The rule of a set-up: nothing but its number of samples, or its budget, ends it."""
 
-    label = "every sample"
+    max_samples: int
+    min_samples: int = 1
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         return False
@@ -105,7 +106,7 @@ class BudgetedEnsemble(Ensemble):
     def __init__(self, setup: Setup, min_samples: int, budget: float) -> None:
         particles = setup.campaign.scene.particles
         objective = setup.campaign.objective.build(setup.campaign.scene.equivalent_grains)
-        super().__init__(_Never(), objective, particles, 1, setup.samples)
+        super().__init__(_EverySample(max_samples=setup.samples), objective, particles)
         self._min_used = min_samples
         self._budget_left = budget
 

@@ -14,7 +14,7 @@ from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import Bounds, bounds_of
 from agglom_mpi.config.document import read_document
-from agglom_mpi.config.ensemble import Ensemble, FinalAnswer, Output, Plan, Stopping
+from agglom_mpi.config.ensemble import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
@@ -36,6 +36,7 @@ from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.method import SearchMethod
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import COUNT, NAMES, columns_by_name, values_by_name, volume_fraction
 
@@ -134,7 +135,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         return self._required_plan.search
 
     @property
-    def ensemble(self) -> Ensemble:
+    def ensemble(self) -> StoppingRule:
         """Section `ensemble`; raises a CampaignError for a scene alone."""
         return self._required_plan.ensemble
 

@@ -171,7 +171,7 @@ def _search(campaign: "Campaign") -> list[str]:
         f"{_between(ensemble.min_samples, ensemble.max_samples)} per string",
         f"final answer: {_final(campaign)}",
     ]
-    if ensemble.rule in ("successive_difference", "moments"):
+    if ensemble.is_published:
         lines.append("samples per string in the papers: 125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)")
     return lines
 

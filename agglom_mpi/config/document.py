@@ -15,8 +15,6 @@ from agglom_mpi.config.bounds import (
     volume_fraction,
 )
 from agglom_mpi.config.ensemble import (
-    AnyEnsemble,
-    Ensemble,
     FinalAnswer,
     Output,
     Plan,
@@ -48,6 +46,7 @@ from agglom_mpi.declaration.sections import (
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.genetic import Genetic
 from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.stopping import StoppingRule
 
 
 class SceneDocument(Section):
@@ -139,7 +138,9 @@ class CampaignDocument(SceneDocument):
 
     objective: AnyObjective = Field(description=f"allowed: {LAWS}")
     search: Annotated[SearchMethod, Choice(SearchMethod)] = Genetic()
-    ensemble: AnyEnsemble = Field(description="the section on the samples of a string")
+    ensemble: Annotated[StoppingRule, Choice(StoppingRule)] = Field(
+        description="the section on the samples of a string"
+    )
     stopping: Stopping = Field(description="the section on what ends the campaign")
 
     @property
@@ -184,7 +185,7 @@ class CampaignDocument(SceneDocument):
 
     @field_validator("ensemble")
     @classmethod
-    def _races_are_for_parents(cls, ensemble: Ensemble, info: ValidationInfo) -> Ensemble:
+    def _races_are_for_parents(cls, ensemble: StoppingRule, info: ValidationInfo) -> StoppingRule:
         if "search" in info.data and ensemble.racing is not None:
             search = info.data["search"]
             if not search.has_parents:

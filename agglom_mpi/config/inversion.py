@@ -39,8 +39,7 @@ def inversion_of(
     ensemble, stopping = campaign.ensemble, campaign.stopping
     particles = campaign.scene.particles
     objective = campaign.objective.build(campaign.scene.equivalent_grains)
-    rule = ensemble.build()
-    target, race = stopping.target, ensemble.racing
+    target = stopping.target
     coordinates = coordinates_of(campaign)
     inputs = SearchInputs(
         campaign.space(),
@@ -61,12 +60,12 @@ def inversion_of(
 
     return Inversion(
         search,
-        lambda: Ensemble(rule, objective, particles, ensemble.min_samples, ensemble.max_samples),
+        lambda: Ensemble(ensemble, objective, particles),
         stopping.generations,
         target=None if target is None else Target(target.top, target.objective),
         restore=restore,
         signed=signed,
-        racing=None if race is None else race.build(campaign.search.kept),
+        racing=ensemble.racing,
         more_samples=campaign.search.added_samples or 1,
         enough=None if error is None else lambda: search.set_error() <= error,
     )

@@ -42,15 +42,12 @@ class Ensemble:
     Parameters
     ----------
     rule
-        When to stop; asked after each completed sample from `min_samples` on.
+        Limits on the samples, and the test that ends them; made after each completed sample from
+        `min_samples` on.
     objective
         Accumulated over the completed samples.
     particles
         N, particles at the start of a sample.
-    min_samples
-        Smallest number of completed samples.
-    max_samples
-        Largest number of samples, failed ones included.
 
     Attributes
     ----------
@@ -60,24 +57,14 @@ class Ensemble:
         Whether no more samples are needed.
     """
 
-    def __init__(
-        self,
-        rule: StoppingRule,
-        objective: Objective,
-        particles: int,
-        min_samples: int,
-        max_samples: int,
-    ) -> None:
-        if not 1 <= min_samples <= max_samples:
-            raise ValueError("max_samples must be at least min_samples, and that at least 1")
-        self.max_samples = max_samples
+    def __init__(self, rule: StoppingRule, objective: Objective, particles: int) -> None:
+        self.max_samples = rule.max_samples
         self.samples_used = 0
         self.failed = 0
         self._before = 0, 0
         self.finished = False
         self._rule = rule
         self._particles = particles
-        self._min_samples = min_samples
         self._converged = False
         self._ratio = RunningMean()
         self._objective = objective.accumulator()
@@ -114,7 +101,7 @@ class Ensemble:
         more.samples_used = more.failed = 0
         more.max_samples = samples
         more.finished = more._converged = False
-        more._rule = FixedNumber()
+        more._rule = FixedNumber(samples=samples)
         return more
 
     @property
@@ -139,7 +126,7 @@ class Ensemble:
     @property
     def _hit_maximum(self) -> bool:
         at_maximum = self.samples_used >= self.max_samples
-        return at_maximum and not self._converged and not isinstance(self._rule, FixedNumber)
+        return at_maximum and not self._converged and self._rule.is_adaptive
 
     @property
     def _unreliable(self) -> bool:
@@ -154,7 +141,7 @@ class Ensemble:
         if self._rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
         before, self._last = self._last, self._state()
-        if before is not None and self._last.samples >= self._min_samples:
+        if before is not None and self._last.samples >= self._rule.min_samples:
             self._converged = self._rule.satisfied(before, self._last)
 
     def _state(self) -> EnsembleState:

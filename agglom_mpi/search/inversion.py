@@ -21,7 +21,7 @@ from agglom_mpi.search.decisions import (
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
-from agglom_mpi.search.stopping import Race, RaceEntry
+from agglom_mpi.search.racing import RaceEntry, Racing
 
 
 class Inversion:
@@ -78,7 +78,7 @@ class Inversion:
         target: Target | None = None,
         restore: Callable[[Proposals, int], Proposals] | None = None,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
-        racing: Race | None = None,
+        racing: Racing | None = None,
         more_samples: int = 1,
         enough: Callable[[], bool] | None = None,
     ) -> None:
@@ -223,7 +223,7 @@ class Inversion:
         self._open = {}
         self._round = 0
         if self._racing is not None and self.generation:
-            self._parents = [ranked.string for ranked in self._search.best(self._racing.kept)]
+            self._parents = [ranked.string for ranked in self._search.best(self._search.parents)]
         for place, string in enumerate(self._numbers.tolist()):
             self._strings_ahead.pop(string, None)
             ahead = self._ahead.pop(string, None)
@@ -291,7 +291,7 @@ class Inversion:
             done = [string for string in self._numbers.tolist() if string in self.results]
             kept = () if AGAIN in self._origins else self._parents
             others = [_race_entry(self._ended[string]) for string in [*kept, *done]]
-            for string in self._racing.dropped(self._round, running, others):
+            for string in self._racing.dropped(self._search.parents, self._round, running, others):
                 yield self._close(string, self._open[string])
             self._round += 1
             for string, ensemble in list(self._open.items()):

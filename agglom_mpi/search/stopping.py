@@ -1,24 +1,32 @@
-"""Stopping rules of an ensemble, and races that end the sampling of hopeless strings.
+"""Stopping rules of an ensemble: each a test, and the limits on the samples of a string.
 
 A rule is one expression of two successive states of an ensemble, `StoppingRule.holds`. The search
 evaluates it for one string after each sample, studies for many sequences of samples at once.
-
-Strings race in rounds (Maron and Moore 1994). When every string of a generation that needs samples
-has r of them, the intervals of all strings are compared, and those that are out are judged by what
-they have; then r is doubled. Rounds, not arrivals, decide: the ranks play no part.
 """
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Final, Generic, Literal, NamedTuple, TypeVar
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    Generic,
+    Literal,
+    NamedTuple,
+    TypeVar,
+)
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.statistics import t_95, t_quantile
+from agglom_mpi.declaration.components import Component, Count, In
+from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Flag
+from agglom_mpi.formatting import pluralise
+from agglom_mpi.search.racing import Racing
+from agglom_mpi.statistics import t_95
 
 Floats = NDArray[np.float64]
 Number = TypeVar("Number", float, Floats)
@@ -49,38 +57,79 @@ class EnsembleState(NamedTuple, Generic[Number]):
     central_moments: tuple[Number, Number, Number] | None
 
 
-class StoppingRule(ABC):
-    """A test that is made after each completed sample but the first.
+class StoppingRule(Component):
+    """Base class of the stopping rules: a test after each completed sample but the first.
 
     Attributes
     ----------
-    order
-        Highest moment of the radii that the rule compares; 1 is the mean.
-    min_samples
-        Samples from which a study evaluates the rule; a campaign sets its own.
+    is_adaptive
+        Whether the samples decide how many there are.
+    is_published
+        Whether the papers end their ensembles by it.
+    limits
+        Fields that are limits on the samples, and no part of the test.
+    common_configurations
+        Whether sample k of all strings starts from the same random numbers.
     """
 
-    order: int = 1
-    min_samples: int = 2
+    named_by: ClassVar[str] = "rule"
+    found_in: ClassVar[str] = "agglom_mpi.search"
+    is_adaptive: ClassVar[bool] = True
+    is_published: ClassVar[bool] = False
+    limits: ClassVar[frozenset[str]] = frozenset({"common_configurations"})
+    common_configurations: Annotated[Flag, LATER] = False
+
+    if TYPE_CHECKING:  # fields of most rules, which cannot hide attributes of their base class
+
+        @property
+        def min_samples(self) -> int:
+            """Minimum number of completed samples of a string."""
+
+        @property
+        def max_samples(self) -> int:
+            """Maximum number of samples of a string, failed ones included."""
+
+        @property
+        def tolerance(self) -> float:
+            """What the test compares with."""
+
+        @property
+        def racing(self) -> Racing | None:
+            """When strings are dropped that will not be kept; None: never."""
+
+    @classmethod
+    def as_mapping(cls, entry: Any) -> Any:
+        """Return the entry: a rule has no short form."""
+        return entry
+
+    @property
+    def highest_moment(self) -> int:
+        """Order of the highest moment of the radii that is compared; 1 is the mean."""
+        return 1
 
     @property
     def needs_moments(self) -> bool:
         """Whether `EnsembleState.central_moments` must be given."""
-        return self.order > 1
+        return self.highest_moment > 1
 
     @property
-    @abstractmethod
     def label(self) -> str:
         """The rule with its tolerance, for legends."""
+        raise NotImplementedError
 
     @property
     def relative_to(self) -> Literal["mean_radius", "objective"] | None:
         """What the tolerance is a share of; None if it is absolute, in units of the objective."""
         return None
 
-    @abstractmethod
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Return whether the sample between two states was the last one needed, elementwise."""
+        raise NotImplementedError
+
+    def tests_like(self, other: "StoppingRule") -> bool:
+        """Return whether another rule makes the same test, whatever its limits are."""
+        ours, theirs = (rule.model_dump(exclude=set(self.limits)) for rule in (self, other))
+        return type(other) is type(self) and ours == theirs
 
     def satisfied(self, before: EnsembleState[float], after: EnsembleState[float]) -> bool:
         """Return whether the sample between two states of one ensemble was the last one needed."""
@@ -121,27 +170,51 @@ def _share(tolerance: float) -> str:
     return f"{tolerance:g}".replace("e-0", "e-")
 
 
-@dataclass(frozen=True)
-class SuccessiveDifference(StoppingRule):
+class AdaptiveRule(StoppingRule):
+    """Base class of rules with a tolerance and limits on the samples of a string."""
+
+    limits: ClassVar[frozenset[str]] = StoppingRule.limits | {
+        *("min_samples", "max_samples", "racing"),
+    }
+    tolerance: Annotated[float, In("1", above=0, meaning="a small number like 1e-3")]
+    max_samples: Annotated[
+        int, Count(at_least=2, at_most=10**6, meaning="the most samples of a string")
+    ]
+    min_samples: Annotated[int, Count(at_least=2)] = 2
+    racing: Annotated[Racing | None, NONE, LATER] = None
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield limits that are out of order."""
+        if self.min_samples > self.max_samples:
+            message = f"is {self.min_samples}; must be at most max_samples, {self.max_samples}"
+            yield ("min_samples",), message
+
+
+class SuccessiveDifference(AdaptiveRule):
     """One sample more changes the mean by less than a share of itself [A 27] [B 8.1].
 
     As published. It also stops by luck, when one sample happens to lie near the mean: the
     standard error must be read next to what it accepts.
 
-    Parameters
+    Attributes
     ----------
     tolerance
-        Largest relative change.
+        Maximum relative change.
     quantity
         `mean_radius` [A 27] or `objective` [B 8.1] of the samples so far.
     """
 
-    tolerance: float
+    is_published: ClassVar[bool] = True
+    rule: Literal["successive_difference"] = "successive_difference"
     quantity: Literal["mean_radius", "objective"] = "objective"
 
-    def __post_init__(self) -> None:
-        if self.quantity not in ("mean_radius", "objective"):
-            raise ValueError(f"unknown quantity {self.quantity!r}")
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        radius = self.quantity == "mean_radius"
+        quantity, source = ("mean radius", "[A 27]") if radius else ("objective", "[B 8.1]")
+        what = f"until one more sample changes the {quantity} by less than"
+        return f"{what} {self.tolerance:g} of itself {source}"
 
     @property
     def label(self) -> str:
@@ -160,25 +233,32 @@ class SuccessiveDifference(StoppingRule):
         return _settled(before.objective, after.objective, self.tolerance)
 
 
-@dataclass(frozen=True)
-class Moments(StoppingRule):
-    """One sample more changes no moment of the radii by more than a share of itself [A 25].
+class Moments(AdaptiveRule):
+    """One sample more changes no moment of the radii by more than a share of itself [A 25, 27].
 
-    Parameters
+    Attributes
     ----------
     tolerance
-        Largest relative change of each moment.
+        Maximum relative change of each moment.
     order
-        Moments 1 … order are compared, order at most 4: the mean over samples first, then the
-        central moments pooled over the particles of all samples.
+        Moments 1 … order are compared: the mean over samples first, then the central moments pooled
+        over the particles of all samples.
     """
 
-    tolerance: float
-    order: int = 1
+    is_published: ClassVar[bool] = True
+    rule: Literal["moments"] = "moments"
+    order: Annotated[int, Count(at_least=1, at_most=4)] = 4
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.order <= 4:
-            raise ValueError("the order of the moments must be 1 to 4")
+    @property
+    def highest_moment(self) -> int:
+        """Order of the highest moment that is compared."""
+        return self.order
+
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        what = f"until one more sample changes no moment up to {self.order} by more than"
+        return f"{what} {self.tolerance:g} of itself [A 25, 27]"
 
     @property
     def label(self) -> str:
@@ -201,24 +281,25 @@ class Moments(StoppingRule):
         return settled
 
 
-@dataclass(frozen=True)
-class StandardError(StoppingRule):
+class StandardError(AdaptiveRule):
     """The 95 % t interval of the objective is narrow enough.
 
-    Parameters
+    Attributes
     ----------
     tolerance
-        Largest half-width, absolute, in units of the objective.
+        Maximum half-width, absolute, in units of the objective.
     min_samples
-        Fewest completed samples, at least 3: the error of two or three is often small by luck.
+        Minimum number of completed samples: the error of two or three is often small by luck.
     """
 
-    tolerance: float
-    min_samples: int = 5
+    limits: ClassVar[frozenset[str]] = AdaptiveRule.limits - {"min_samples"}
+    rule: Literal["standard_error"] = "standard_error"
+    min_samples: Annotated[int, Count(at_least=3)] = 5
 
-    def __post_init__(self) -> None:
-        if self.min_samples < 3:
-            raise ValueError("a standard error needs at least 3 samples")
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        return f"until half the 95 % interval of the objective is at most {self.tolerance:g}"
 
     @property
     def label(self) -> str:
@@ -240,7 +321,35 @@ def _t_95_of(samples: Any) -> Any:
 
 
 class FixedNumber(StoppingRule):
-    """As many samples as the ensemble may have at most, whatever they give."""
+    """The same number of samples for every string, whatever they give."""
+
+    is_adaptive: ClassVar[bool] = False
+    rule: Literal["fixed"] = "fixed"
+    samples: Annotated[int, Count(at_least=1, at_most=10**6, meaning="a number of samples")]
+
+    @property
+    def min_samples(self) -> int:
+        """Minimum number of completed samples, 1: the others may fail."""
+        return 1
+
+    @property
+    def max_samples(self) -> int:
+        """Number of samples."""
+        return self.samples
+
+    @property
+    def tolerance(self) -> float:
+        """None, so nan."""
+        return math.nan
+
+    @property
+    def racing(self) -> None:
+        """None: all strings get the same number."""
+
+    @property
+    def summary(self) -> str:
+        """One line on the rule."""
+        return f"{pluralise(self.samples, 'sample')} of every string"
 
     @property
     def label(self) -> str:
@@ -248,96 +357,33 @@ class FixedNumber(StoppingRule):
         return "a fixed number of samples"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
-        """Return False: the largest number of samples ends the ensemble."""
+        """Return False: the number of samples ends the ensemble."""
         return False
 
 
-STUDIED_RULES: Final[tuple[tuple[str, Callable[[float], StoppingRule]], ...]] = (
+STUDIED_RULES: Final[tuple[tuple[str, Callable[..., StoppingRule]], ...]] = (
     ("successive difference, mean radius", partial(SuccessiveDifference, quantity="mean_radius")),
     ("successive difference, objective", SuccessiveDifference),
     *((f"moments 1 to {order}", partial(Moments, order=order)) for order in (2, 3, 4)),
     ("standard error", StandardError),
 )
-"""Rules whose tolerance `agglom accuracy` varies: name, and the rule of a tolerance."""
+"""Rules whose tolerance `agglom accuracy` varies: name, and the rule of a `tolerance` and of
+`max_samples`."""
 
-COMPARED_RULES: Final[tuple[tuple[str, StoppingRule], ...]] = (
-    ("mean radius within 1e-5 [A 27]", SuccessiveDifference(1e-5, "mean_radius")),
-    ("objective within 5e-4 [B 8.1]", SuccessiveDifference(5e-4, "objective")),
-    ("four moments within 1e-3 [A 25]", Moments(1e-3, 4)),
-    ("half-width ≤ 0.01", StandardError(0.01)),
+UNLIMITED_SAMPLES: Final = 10**6
+"""Maximum number of samples where a rule alone is to end them."""
+
+COMPARED_RULES: Final[tuple[tuple[str, StoppingRule], ...]] = tuple(
+    (label, rule(max_samples=UNLIMITED_SAMPLES))
+    for label, rule in (
+        (
+            "mean radius within 1e-5 [A 27]",
+            partial(SuccessiveDifference, tolerance=1e-5, quantity="mean_radius"),
+        ),
+        ("objective within 5e-4 [B 8.1]", partial(SuccessiveDifference, tolerance=5e-4)),
+        ("four moments within 1e-3 [A 25]", partial(Moments, tolerance=1e-3, order=4)),
+        ("half-width ≤ 0.01", partial(StandardError, tolerance=0.01)),
+    )
 )
 """Rules that the figure of a campaign's ensembles compares: the papers' own with their tolerances,
 and two that look at more."""
-
-
-FEWEST_SAMPLES: Final = 2
-"""Samples that an interval needs."""
-
-
-class RaceEntry(NamedTuple):
-    """Objective of a string so far, its standard error, and the samples that they rest on."""
-
-    objective: float
-    standard_error: float
-    samples: int
-
-
-class Race(NamedTuple):
-    """Rules of the race.
-
-    Attributes
-    ----------
-    kept
-        Strings that the search keeps, K.
-    confidence
-        Least probability that a string which belongs among the best K is not dropped.
-    first
-        Samples of each string before the first round.
-    """
-
-    kept: int
-    confidence: float
-    first: int
-
-    def samples(self, round_number: int) -> int:
-        """Return the samples that each string has when a round, counted from 0, is held."""
-        return self.first << round_number
-
-    def dropped(
-        self, round_number: int, running: dict[int, RaceEntry], others: list[RaceEntry]
-    ) -> list[int]:
-        """Return the running strings that are out, in the order of `running`.
-
-        A string is out if its objective lies above that of K others, wherever in their intervals
-        the true objectives are. If all intervals hold, none that belongs among the best K is
-        dropped. Its own and those K intervals all hold with the wanted confidence, over all rounds,
-        if each fails with a probability of (1 - confidence) / 2^(round + 1) / (K + 1) at most
-        (Bonferroni).
-
-        Parameters
-        ----------
-        round_number
-            Counted from 0.
-        running
-            Strings that still get samples, by number.
-        others
-            Parents, and strings of this generation that have enough.
-        """
-        risk = (1.0 - self.confidence) / 2.0 ** (round_number + 1) / (self.kept + 1)
-        coverage = 1.0 - 2.0 * risk
-        ends = {string: _interval(entry, coverage) for string, entry in running.items()}
-        uppers = [_interval(entry, coverage)[1] for entry in others]
-        uppers = sorted(uppers + [upper for _, upper in ends.values()])
-        if len(uppers) <= self.kept:
-            return []
-        # A string's own upper end is never below its lower one, so it need not be left out.
-        threshold = uppers[self.kept - 1]
-        return [string for string, (lower, _) in ends.items() if lower > threshold]
-
-
-def _interval(entry: RaceEntry, coverage: float) -> tuple[float, float]:
-    """Return the t interval of an objective; (-inf, inf) where its error is not known."""
-    if entry.samples < FEWEST_SAMPLES or not math.isfinite(entry.standard_error):
-        return -math.inf, math.inf
-    half = t_quantile(entry.samples - 1, coverage) * entry.standard_error
-    return entry.objective - half, entry.objective + half

@@ -5,6 +5,7 @@ import sys
 import matplotlib.figure
 import numpy as np
 import pytest
+from rules import difference, ensemble_of, half_width, settled_moments
 
 from agglom_mpi.accuracy import stopping_study
 from agglom_mpi.accuracy.ensemble import ensemble_section
@@ -25,14 +26,10 @@ from agglom_mpi.accuracy.stopping_study import (
 )
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import (
     STUDIED_RULES,
-    Moments,
-    StandardError,
-    StoppingRule,
-    SuccessiveDifference,
+    AdaptiveRule,
 )
 from agglom_mpi.statistics import t_95
 
@@ -80,14 +77,14 @@ def drawn(pool, samples, orders, seed):
 @pytest.mark.parametrize(
     "rule",
     [
-        SuccessiveDifference(1e-3, "mean_radius"),
-        SuccessiveDifference(1e-4, "objective"),
-        Moments(1e-3, 1),
-        Moments(3e-3, 2),
-        Moments(3e-3, 3),
-        Moments(1e-3, 4),
-        StandardError(0.02),
-        StandardError(1e-6, 9),
+        difference(1e-3, "mean_radius"),
+        difference(1e-4, "objective"),
+        settled_moments(1e-3, 1),
+        settled_moments(3e-3, 2),
+        settled_moments(3e-3, 3),
+        settled_moments(1e-3, 4),
+        half_width(0.02),
+        half_width(1e-6, 9),
     ],
     ids=str,
 )
@@ -99,7 +96,7 @@ def test_stops_are_those_of_the_ensemble_that_judges_one_by_one(rule, min_sample
     paths = run_paths(pool, objective, draws)
     stops = stop(rule, paths, min_samples, most)
     for order, rows in enumerate(draws.T):
-        judged = Ensemble(rule, objective, GRAINS, min_samples, most)
+        judged = ensemble_of(rule, objective, GRAINS, min_samples, most)
         for row in rows:
             judged.add(outcomes[row])
             if judged.finished:
@@ -136,8 +133,8 @@ def test_moments_of_a_path_are_those_of_all_its_particles():
 def test_the_first_moment_alone_is_the_successive_difference_of_the_mean_radius():
     pool = pool_of_radii(50, seed=4)
     paths = run_paths(pool, GrowthTarget(), drawn(pool, 200, 50, seed=5))
-    first = stop(Moments(1e-3, 1), paths, 2, 200)
-    published = stop(SuccessiveDifference(1e-3, "mean_radius"), paths, 2, 200)
+    first = stop(settled_moments(1e-3, 1), paths, 2, 200)
+    published = stop(difference(1e-3, "mean_radius"), paths, 2, 200)
     assert np.array_equal(first.used, published.used)
 
 
@@ -145,8 +142,8 @@ def test_equal_samples_end_every_rule_at_once():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
     paths = run_paths(pool, GrowthTarget(), drawn(pool, 20, 3, seed=7))
     for rule, fewest in (
-        (SuccessiveDifference(1e-300, "objective"), 2),
-        (StandardError(1e-300), 5),
+        (difference(1e-100, "objective"), 2),
+        (half_width(1e-100), 5),
     ):
         assert np.all(stop(rule, paths, 2, 20).used == fewest)
 
@@ -154,8 +151,8 @@ def test_equal_samples_end_every_rule_at_once():
 def test_a_rule_that_is_satisfied_by_the_last_sample_did_not_end_at_the_limit():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
     paths = run_paths(pool, GrowthTarget(), drawn(pool, 20, 3, seed=7))
-    assert np.all(stop(SuccessiveDifference(1e-6), paths, 2, 2).satisfied)
-    assert not np.any(stop(StandardError(1e-6, 5), paths, 2, 4).satisfied)
+    assert np.all(stop(difference(1e-6), paths, 2, 2).satisfied)
+    assert not np.any(stop(half_width(1e-6, 5), paths, 2, 4).satisfied)
 
 
 def test_intervals_of_a_fixed_number_of_normal_samples_cover_95_percent():
@@ -324,13 +321,12 @@ def test_sections_are_imported_without_the_libraries_of_the_report():
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
-class NarrowMean(StoppingRule):
+class NarrowMean(AdaptiveRule):
     """A rule that the package does not have: a standard error below a share of the mean."""
 
-    relative_to = "mean_radius"
-
-    def __init__(self, tolerance):
-        self.tolerance = tolerance
+    @property
+    def relative_to(self):
+        return "mean_radius"
 
     @property
     def label(self):

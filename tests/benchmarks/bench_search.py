@@ -138,14 +138,12 @@ def searched_by_pymoo(name, seed, samples):
     algorithm = GA(pop_size=20)
     algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)
     objective = of.objective.build(of.scene.particles)
-    rule, used = ensemble.build(), 0
+    used = 0
     while used < samples:
         found = algorithm.ask()
         worth = []
         for parameters in space.from_unit(found.get("X")):
-            judging = Ensemble(
-                rule, objective, of.scene.particles, ensemble.min_samples, ensemble.max_samples
-            )
+            judging = Ensemble(ensemble, objective, of.scene.particles)
             while not judging.finished:
                 judging.add(summaries(simulate(of, parameters, judging.samples_used))[0])
             used += judging.samples_used

@@ -1,4 +1,4 @@
-"""Whole samples of scenes at all extremes at once: nothing hangs, overflows or is lost.
+"""Count samples of scenes at all extremes at once: nothing hangs, overflows or is lost.
 
 `AGGLOM_EXTREMES_EXAMPLES` sets how many scenes of the event engine's most general kind are drawn;
 of the other kinds a share of that. `--hypothesis-show-statistics` says what became of them.

@@ -5,6 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 from decision_log import DecisionLog
+from rules import difference
 from searches import genetic_search
 from summary_rows import rows_of
 
@@ -17,7 +18,6 @@ from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.stopping import SuccessiveDifference
 from agglom_mpi.storage.table import runs_of
 from agglom_mpi.variables import COUNT
 
@@ -30,7 +30,7 @@ class Judge(Ensemble):
     """An ensemble that insists on samples of one string, each once and in order."""
 
     def __init__(self, max_samples=MAX_SAMPLES):
-        super().__init__(SuccessiveDifference(0.02), GrowthTarget(), 100, 2, max_samples)
+        super().__init__(difference(0.02, max_samples=max_samples), GrowthTarget(), 100)
         self._string = None
 
     def add(self, outcome):

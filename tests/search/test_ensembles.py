@@ -1,23 +1,25 @@
 import numpy as np
 import pytest
+from rules import difference, ensemble_of, fixed, half_width
 from search_fakes import PARTICLES, completed, failed
 
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
+from agglom_mpi.search.stopping import AdaptiveRule
 
 
-class Never:
+class Never(AdaptiveRule):
     """A rule that is never satisfied."""
 
-    needs_moments = False
+    tolerance: float = 1.0
+    max_samples: int = 1000
 
-    def satisfied(self, before, after):
+    def holds(self, before, after):
         return False
 
 
 def filled(outcomes, rule=None, objective=None, max_samples=1000):
-    ensemble = Ensemble(rule or Never(), objective or GrowthTarget(), PARTICLES, 2, max_samples)
+    ensemble = ensemble_of(rule or Never(), objective or GrowthTarget(), PARTICLES, 2, max_samples)
     for outcome in outcomes:
         if ensemble.finished:
             break
@@ -47,7 +49,7 @@ def test_the_largest_number_of_samples_always_ends_it():
 
 
 def test_a_rule_satisfied_by_the_last_allowed_sample_did_not_hit_the_maximum():
-    ensemble = filled([completed(1.0)] * 2, SuccessiveDifference(1e-5), max_samples=2)
+    ensemble = filled([completed(1.0)] * 2, difference(1e-5), max_samples=2)
     assert ensemble.finished
     assert not ensemble.result().hit_maximum
 
@@ -61,13 +63,13 @@ def test_a_failed_sample_is_counted_but_left_out_of_the_mean():
 
 
 def test_a_failed_sample_does_not_look_like_a_mean_that_has_settled():
-    rule = SuccessiveDifference(1e-5)
+    rule = difference(1e-5)
     ensemble = filled([completed(1.0), completed(2.0), failed(), failed()], rule)
     assert not ensemble.finished
 
 
 def test_failed_samples_do_not_count_towards_the_least_number():
-    rule = StandardError(1.0, 5)
+    rule = half_width(1.0, 5)
     outcomes = [failed(), *[completed(2.0)] * 9]
     assert filled(outcomes, rule).samples_used == 6
 
@@ -104,7 +106,7 @@ def test_a_string_whose_samples_all_fail_is_worth_inf_and_says_so():
 
 
 def test_a_single_sample_is_an_ensemble_without_an_error():
-    ensemble = Ensemble(Never(), GrowthTarget(), PARTICLES, 1, 1)
+    ensemble = Ensemble(fixed(1), GrowthTarget(), PARTICLES)
     ensemble.add(completed(2.5))
     assert ensemble.finished
     assert ensemble.result().objective == 0.25
@@ -112,7 +114,7 @@ def test_a_single_sample_is_an_ensemble_without_an_error():
 
 
 def test_a_finished_ensemble_takes_no_more_samples():
-    ensemble = filled([completed(1.0)] * 2, SuccessiveDifference(1e-5))
+    ensemble = filled([completed(1.0)] * 2, difference(1e-5))
     with pytest.raises(ValueError, match="no more"):
         ensemble.add(completed(1.0))
 
@@ -120,4 +122,4 @@ def test_a_finished_ensemble_takes_no_more_samples():
 @pytest.mark.parametrize(("least", "most"), [(0, 5), (6, 5)])
 def test_numbers_of_samples_that_make_no_ensemble_are_refused(least, most):
     with pytest.raises(ValueError, match="min_samples"):
-        Ensemble(Never(), GrowthTarget(), PARTICLES, least, most)
+        half_width(0.1, least, most)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rules import difference, ensemble_of, half_width
 from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 from searches import genetic_search
 
@@ -16,10 +17,8 @@ from agglom_mpi.search.decisions import (
     StringsProposed,
     Target,
 )
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
-from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 
 SEED = 11
 
@@ -46,10 +45,10 @@ class Book(Decisions):
 
 def inversion(generations=4, target=None, restore=None, rule=None):
     search = genetic_search(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
-    rule = rule or SuccessiveDifference(0.02)
+    rule = rule or difference(0.02)
 
     def ensemble():
-        return Ensemble(rule, GrowthTarget(), PARTICLES, 2, 12)
+        return ensemble_of(rule, GrowthTarget(), PARTICLES, 2, 12)
 
     return Inversion(search, ensemble, generations, target, restore), Book()
 
@@ -158,7 +157,7 @@ def test_a_generation_is_stored_before_it_can_be_dispatched():
 
 
 def test_live_strings_show_what_is_judged_and_the_most_there_can_be():
-    process, book = inversion(rule=StandardError(1e-9))
+    process, book = inversion(rule=half_width(1e-9))
     book.start(process)
     assert set(process.open_strings.values()) == {(0, 12)}
     book.complete(process, 3, 1, [completed(2.0)])
@@ -168,7 +167,7 @@ def test_live_strings_show_what_is_judged_and_the_most_there_can_be():
 
 
 def test_the_first_copy_of_a_sample_wins():
-    process, book = inversion(rule=StandardError(1e-9))
+    process, book = inversion(rule=half_width(1e-9))
     book.start(process)
     for sample, ratio in ((1, 2.0), (1, 9.0), (0, 2.0), (0, 9.0), (1, 9.0)):
         book.complete(process, 0, sample, [completed(ratio)])

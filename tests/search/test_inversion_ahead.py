@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rules import difference, ensemble_of
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
 from agglom_mpi.search.decisions import Progress
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import RANDOM
-from agglom_mpi.search.stopping import SuccessiveDifference
 
 GENERATIONS = 5
 POPULATION, PARENTS = 8, 2
@@ -51,7 +50,7 @@ def inversion(rescale=None, restore=None, generations=GENERATIONS):
     search = genetic_search(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
 
     def ensemble():
-        return Ensemble(SuccessiveDifference(0.02), GrowthTarget(), PARTICLES, 2, 12)
+        return ensemble_of(difference(0.02), GrowthTarget(), PARTICLES, 2, 12)
 
     return Inversion(search, ensemble, generations, restore=restore), Book()
 

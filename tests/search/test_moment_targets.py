@@ -5,15 +5,14 @@ import itertools
 
 import numpy as np
 import pytest
+from rules import difference, ensemble_of, half_width
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
 from agglom_mpi.outcome import COMPLETED, OUTCOME
 from agglom_mpi.search import objectives
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets, interval_notes
 from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget
-from agglom_mpi.search.stopping import StandardError, SuccessiveDifference
 from agglom_mpi.statistics import PooledMoments
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
@@ -194,9 +193,9 @@ def test_radii_without_spread_have_no_shape_and_are_worth_inf(name, target, roun
     assert objective.of_ensemble([]) == (np.inf, pytest.approx(np.nan, nan_ok=True))
 
 
-@pytest.mark.parametrize("rule", [SuccessiveDifference(1e-3), StandardError(0.01)])
+@pytest.mark.parametrize("rule", [difference(1e-3), half_width(0.01)])
 def test_a_string_without_shape_ranks_last_and_takes_no_more_samples_than_it_must(rule):
-    ensemble = Ensemble(rule, MomentTargets((MomentTarget("skewness", 0.0),)), PARTICLES, 2, 100)
+    ensemble = ensemble_of(rule, MomentTargets((MomentTarget("skewness", 0.0),)), PARTICLES, 2, 100)
     while not ensemble.finished:
         ensemble.add(completed(1.0))
     result = ensemble.result()
@@ -222,7 +221,7 @@ def test_the_standard_error_rule_stops_at_the_first_narrow_interval_of_moments()
     half_widths = stats.t.ppf(0.975, np.arange(4, 300)) * errors
     tolerance = 0.5 * (half_widths[0] + half_widths[-1])
     direct = 5 + int(np.argmax(half_widths <= tolerance))
-    ensemble = Ensemble(StandardError(tolerance), objective, PARTICLES, 2, 10**6)
+    ensemble = ensemble_of(half_width(tolerance), objective, PARTICLES, 2, 10**6)
     while not ensemble.finished:
         ensemble.add(outcomes[ensemble.samples_used])
     assert ensemble.samples_used == direct
@@ -234,7 +233,7 @@ def test_the_mean_of_a_function_keeps_its_sign():
     value, error = MEAN_OF_FUNCTION.of_ensemble(outcomes)
     assert value == -1.0
     assert error == pytest.approx(stats.sem(numbers), rel=1e-14)
-    ensemble = Ensemble(StandardError(1e-9), MEAN_OF_FUNCTION, PARTICLES, 2, 4)
+    ensemble = ensemble_of(half_width(1e-9), MEAN_OF_FUNCTION, PARTICLES, 2, 4)
     for outcome in outcomes:
         ensemble.add(outcome)
     assert ensemble.result().objective == -1.0

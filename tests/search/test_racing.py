@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rules import ensemble_of, half_width
 from scipy import stats
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import MaximumGrowth
-from agglom_mpi.search.stopping import Race, RaceEntry, StandardError
+from agglom_mpi.search.racing import RaceEntry, Racing
 
 GENERATIONS, MOST = 4, 60
 
@@ -33,10 +33,10 @@ def simulate(parameters, sample):
 
 
 def inversion(racing, generations=GENERATIONS):
-    rule, objective = StandardError(0.005), MaximumGrowth(PARTICLES)
+    rule, objective = half_width(0.005), MaximumGrowth(PARTICLES)
     return Inversion(
         genetic_search(unit_box(), 3, population=12, parents=4),
-        lambda: Ensemble(rule, objective, PARTICLES, 5, MOST),
+        lambda: ensemble_of(rule, objective, PARTICLES, 5, MOST),
         generations,
         racing=racing,
     )
@@ -62,23 +62,23 @@ def run(racing, shuffle=None):
 
 
 def test_a_string_whose_interval_lies_above_those_of_all_kept_is_dropped():
-    racing = Race(kept=2, confidence=0.95, first=5)
+    racing = Racing(confidence=0.95, first=5)
     running = {7: RaceEntry(0.9, 0.001, 5), 8: RaceEntry(0.50002, 0.001, 5)}
     others = [RaceEntry(0.5, 0.001, 20), RaceEntry(0.4, 0.001, 20)]
-    assert racing.dropped(0, running, others) == [7]
+    assert racing.dropped(2, 0, running, others) == [7]
 
 
 def test_no_string_is_dropped_while_there_are_no_more_than_are_kept():
-    racing = Race(kept=4, confidence=0.95, first=5)
+    racing = Racing(confidence=0.95, first=5)
     running = {i: RaceEntry(float(i), 1e-6, 50) for i in range(4)}
-    assert racing.dropped(0, running, []) == []
+    assert racing.dropped(4, 0, running, []) == []
 
 
 @pytest.mark.parametrize("unknown", [RaceEntry(0.9, math.nan, 1), RaceEntry(math.inf, math.nan, 0)])
 def test_a_string_without_an_error_is_not_dropped_and_drops_nobody(unknown):
-    racing = Race(kept=1, confidence=0.95, first=5)
-    assert racing.dropped(0, {1: unknown}, [RaceEntry(0.1, 1e-9, 50)]) == []
-    assert racing.dropped(0, {1: RaceEntry(0.9, 1e-9, 50)}, [unknown]) == []
+    racing = Racing(confidence=0.95, first=5)
+    assert racing.dropped(1, 0, {1: unknown}, [RaceEntry(0.1, 1e-9, 50)]) == []
+    assert racing.dropped(1, 0, {1: RaceEntry(0.9, 1e-9, 50)}, [unknown]) == []
 
 
 @given(st.data())
@@ -90,7 +90,7 @@ def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
         st.lists(st.builds(RaceEntry, number, number, st.integers(2, 100)), min_size=1, max_size=20)
     )
     running = dict(enumerate(standings))
-    dropped = Race(kept, 0.95, 5).dropped(data.draw(st.integers(0, 4)), running, [])
+    dropped = Racing().dropped(kept, data.draw(st.integers(0, 4)), running, [])
     best = sorted(running, key=lambda i: standings[i].objective)[:kept]
     assert not set(best) & set(dropped)
 
@@ -99,7 +99,8 @@ def test_more_confidence_drops_fewer():
     rng = np.random.default_rng(0)
     running = {i: RaceEntry(rng.uniform(), 0.05, 10) for i in range(40)}
     counts = [
-        len(Race(4, c, 5).dropped(0, running, [])) for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
+        len(Racing(confidence=c).dropped(4, 0, running, []))
+        for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
     ]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] > counts[-1]
@@ -108,7 +109,7 @@ def test_more_confidence_drops_fewer():
 def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
     """Strings with known means race with normal noise; a dropped one of the best is an error."""
     rng, kept, confidence, races = np.random.default_rng(1), 3, 0.8, 400
-    racing, wrong, best_strings = Race(kept, confidence, 3), 0, 0
+    racing, wrong, best_strings = Racing(confidence=confidence, first=3), 0, 0
     for _ in range(races):
         means = np.sort(rng.uniform(0.0, 1.0, 8))
         noise = rng.normal(size=(8, 96))
@@ -121,7 +122,7 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
             }
             running = {i: standings[i] for i in alive}
             out = [standings[i] for i in set(range(8)) - alive]
-            alive -= set(racing.dropped(race, running, out))
+            alive -= set(racing.dropped(kept, race, running, out))
         wrong += sum(i not in alive for i in range(kept))
         best_strings += kept
     error = math.sqrt(confidence * (1.0 - confidence) / best_strings)
@@ -130,7 +131,7 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
 
 def test_racing_saves_samples_and_keeps_the_parents():
     plain, without = run(None)
-    raced, samples = run(Race(kept=4, confidence=0.9, first=5))
+    raced, samples = run(Racing(confidence=0.9, first=5))
     assert samples < 0.8 * without
     # The parents of the first generation are the same, so the second is bred of the same.
     assert raced.batches[:2] == plain.batches[:2]
@@ -140,12 +141,12 @@ def test_racing_saves_samples_and_keeps_the_parents():
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 10))]
 )
 def test_no_order_of_arrival_changes_a_race(seed):
-    racing = Race(kept=4, confidence=0.9, first=5)
+    racing = Racing(confidence=0.9, first=5)
     assert run(racing, random.Random(seed))[0].text() == run(racing)[0].text()
 
 
 def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
-    book, _ = run(Race(kept=4, confidence=0.9, first=5))
+    book, _ = run(Racing(confidence=0.9, first=5))
     ended = [r.samples_used for r in book.results.values() if not r.hit_maximum]
     assert set(ended) & {5, 10, 20, 40}
 
@@ -156,10 +157,10 @@ def test_a_string_is_dropped_where_intervals_of_the_confidence_of_its_round_part
     round_number, kept
 ):
     """All rounds together fail with 1 - 0.9 at most: the risks of K + 1 intervals, halved each."""
-    race = Race(kept=kept, confidence=0.9, first=4)
+    race = Racing(confidence=0.9, first=4)
     risk = 0.1 / 2.0 ** (round_number + 1) / (kept + 1)
     half = stats.t.ppf(1.0 - risk, df=9) * 0.3
     others = [RaceEntry(1.0, 0.3, 10)] * kept
     for factor, dropped in ((1.0 + 1e-9, [7]), (1.0 - 1e-9, [])):
         running = {7: RaceEntry(1.0 + 2.0 * half * factor, 0.3, 10)}
-        assert race.dropped(round_number, running, others) == dropped
+        assert race.dropped(kept, round_number, running, others) == dropped

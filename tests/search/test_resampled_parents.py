@@ -4,6 +4,7 @@ import random
 
 import numpy as np
 import pytest
+from rules import fixed
 from search_fakes import PARTICLES, Decisions, completed, failed, judged, unit_box
 from searches import genetic_search
 
@@ -11,13 +12,12 @@ from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import AGAIN, OFFSPRING, RANDOM
-from agglom_mpi.search.stopping import FixedNumber
 
 TARGET = GrowthTarget(2.0)
 
 
 def ensemble(samples):
-    return Ensemble(FixedNumber(), TARGET, PARTICLES, 1, samples)
+    return Ensemble(fixed(samples), TARGET, PARTICLES)
 
 
 def fed(ensemble, outcomes):

@@ -4,26 +4,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rules import difference, ensemble_of, fixed, half_width, settled_moments
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
-from agglom_mpi.config.ensemble import ENSEMBLE
-from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import (
     COMPARED_RULES,
     STUDIED_RULES,
     EnsembleState,
-    FixedNumber,
-    Moments,
-    StandardError,
-    SuccessiveDifference,
+    StoppingRule,
 )
 
 
 def samples_until_end(rule, outcomes, objective, min_samples=2):
     """Feed an ensemble and return after how many samples it ends, None if it does not."""
-    ensemble = Ensemble(rule, objective, PARTICLES, min_samples, max_samples=10**6)
+    ensemble = ensemble_of(rule, objective, PARTICLES, min_samples, 10**6)
     for count, outcome in enumerate(outcomes, 1):
         ensemble.add(outcome)
         if ensemble.finished:
@@ -47,20 +43,20 @@ def test_a_harmonic_series_stops_where_its_steps_fall_below_the_tolerance():
     # Samples 1, 2, 3, … have means (E+1)/2: successive difference 1/2, relative 1/(E+2), so
     # that it first is below 1/10.5 at E + 2 = 11.
     outcomes = [completed(float(ratio)) for ratio in range(1, 40)]
-    rule = SuccessiveDifference(1 / 10.5, "mean_radius")
+    rule = difference(1 / 10.5, "mean_radius")
     assert samples_until_end(rule, outcomes, GrowthTarget()) == 10
 
 
 def test_a_sample_that_hits_the_mean_stops_by_luck():
     outcomes = [completed(ratio) for ratio in (1.0, 3.0, 2.0, 5.0)]
-    rule = SuccessiveDifference(1e-9, "mean_radius")
+    rule = difference(1e-9, "mean_radius")
     assert samples_until_end(rule, outcomes, GrowthTarget()) == 3
 
 
 def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
     outcomes = [completed(ratio) for ratio in (2.5, 2.4, 2.4, 2.4, 2.4, 2.4)]
-    radius = SuccessiveDifference(0.03, "mean_radius")
-    objective = SuccessiveDifference(0.03, "objective")
+    radius = difference(0.03, "mean_radius")
+    objective = difference(0.03, "objective")
     # Means 2.5, 2.45, 2.433, 2.425, …; misses of 2 (doubled) 0.5, 0.45, 0.433, 0.425, …
     assert samples_until_end(radius, outcomes, GrowthTarget(2.0)) == 2
     assert samples_until_end(objective, outcomes, GrowthTarget(2.0)) == 4
@@ -80,19 +76,19 @@ def test_successive_differences_stop_where_the_printed_formula_does(ratios, tole
     # Two roundings of the means may disagree only where the formula is undecided to their size.
     if any(0 < abs(margin) < 1e-12 for margin in margins):
         return
-    rule = SuccessiveDifference(tolerance, quantity)
+    rule = difference(tolerance, quantity)
     outcomes = [completed(ratio) for ratio in ratios]
     assert samples_until_end(rule, outcomes, objective) == first_settled(means, tolerance)
 
 
 def test_an_objective_that_stays_at_zero_has_settled():
     outcomes = [completed(2.0)] * 3
-    assert samples_until_end(SuccessiveDifference(1e-5), outcomes, GrowthTarget(2.0)) == 2
+    assert samples_until_end(difference(1e-5), outcomes, GrowthTarget(2.0)) == 2
 
 
 def test_the_least_number_of_samples_holds_the_rule_back():
     outcomes = [completed(1.5)] * 9
-    rule = SuccessiveDifference(1e-5)
+    rule = difference(1e-5)
     assert samples_until_end(rule, outcomes, GrowthTarget(), min_samples=7) == 7
 
 
@@ -120,19 +116,21 @@ def test_moments_stop_where_those_of_all_particles_settle(order, tolerance):
         if np.all(abs(b - a) <= tolerance * abs(b))
     )
     outcomes = [of_radii(radii) for radii in samples]
-    assert samples_until_end(Moments(tolerance, order), outcomes, GrowthTarget()) == direct
+    assert samples_until_end(settled_moments(tolerance, order), outcomes, GrowthTarget()) == direct
 
 
 def test_higher_orders_never_stop_earlier():
     outcomes = [of_radii(radii) for radii in random_radii(7, 400)]
-    ends = [samples_until_end(Moments(0.01, r), outcomes, GrowthTarget()) for r in (1, 2, 3, 4)]
+    ends = [
+        samples_until_end(settled_moments(0.01, r), outcomes, GrowthTarget()) for r in (1, 2, 3, 4)
+    ]
     assert ends == sorted(ends)
     assert ends[0] < ends[3]
 
 
 def test_moments_that_are_zero_both_times_have_settled():
     outcomes = [of_radii(np.ones(100))] * 3
-    assert samples_until_end(Moments(1e-5, 4), outcomes, GrowthTarget()) == 2
+    assert samples_until_end(settled_moments(1e-5, 4), outcomes, GrowthTarget()) == 2
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.05, 0.02])
@@ -148,40 +146,49 @@ def test_the_standard_error_rule_stops_at_the_first_narrow_interval(seed, tolera
         half_widths = stats.t.ppf(0.975, counts - 1) * errors
         direct = counts[np.argmax(half_widths <= tolerance)]
         outcomes = [completed(ratio) for ratio in ratios]
-        assert samples_until_end(StandardError(tolerance), outcomes, objective) == direct
+        assert samples_until_end(half_width(tolerance), outcomes, objective) == direct
 
 
 def test_the_standard_error_rule_waits_for_its_least_number():
     outcomes = [completed(2.5)] * 9
-    assert samples_until_end(StandardError(0.1), outcomes, GrowthTarget()) == 5
-    assert samples_until_end(StandardError(0.1, 3), outcomes, GrowthTarget()) == 3
-    with pytest.raises(ValueError, match="at least 3"):
-        StandardError(0.1, 2)
+    assert samples_until_end(half_width(0.1), outcomes, GrowthTarget()) == 5
+    assert samples_until_end(half_width(0.1, 3), outcomes, GrowthTarget()) == 3
+    with pytest.raises(ValueError, match="min_samples"):
+        half_width(0.1, 2)
 
 
 def test_rules_that_mean_nothing_are_refused():
     with pytest.raises(ValueError, match="order"):
-        Moments(0.1, 5)
+        settled_moments(0.1, 5)
     with pytest.raises(ValueError, match="quantity"):
-        SuccessiveDifference(0.1, "median")
+        difference(0.1, "median")
 
 
 def test_a_campaign_names_its_rule():
-    def built(**entries):
-        return ENSEMBLE.validate_python({"max_samples": 10, **entries}).build()
+    def tests_like(wanted, **entries):
+        return StoppingRule.of_entries({"max_samples": 10, **entries}).tests_like(wanted)
 
     published = {"rule": "successive_difference", "tolerance": 1e-5}
-    assert built(**published) == SuccessiveDifference(1e-5, "objective")
-    assert built(rule="moments", tolerance=1e-3, order=3) == Moments(1e-3, 3)
-    assert built(rule="standard_error", tolerance=0.01, min_samples=6) == StandardError(0.01, 6)
+    assert tests_like(difference(1e-5, "objective"), **published)
+    assert not tests_like(difference(1e-5, "mean_radius"), **published)
+    assert tests_like(difference(1e-5), **published, min_samples=7)
+    assert tests_like(settled_moments(1e-3, 3), rule="moments", tolerance=1e-3, order=3)
+    six = {"rule": "standard_error", "tolerance": 0.01, "min_samples": 6}
+    assert tests_like(half_width(0.01, 6), **six)
+    assert not tests_like(half_width(0.01, 5), **six)
+    assert not tests_like(difference(0.01), **six)
 
 
 RULES = (
-    *(make(tolerance) for _, make in STUDIED_RULES for tolerance in (1e-3, 0.1, 2.0)),
+    *(
+        make(tolerance=tolerance, max_samples=100)
+        for _, make in STUDIED_RULES
+        for tolerance in (1e-3, 0.1, 2.0)
+    ),
     *(rule for _, rule in COMPARED_RULES),
-    Moments(0.1, 1),
-    StandardError(0.5, 3),
-    FixedNumber(),
+    settled_moments(0.1, 1),
+    half_width(0.5, 3),
+    fixed(100),
 )
 EDGES = st.sampled_from([0.0, -0.0, 1.0, np.inf, -np.inf, np.nan, 1e-308, 1e308, -1e308])
 NUMBERS = st.one_of(EDGES, st.floats(), st.floats(0.99, 1.01))
@@ -210,10 +217,10 @@ def test_decisions_on_whole_paths_are_those_after_each_sample(rule, numbers):
 
 def test_an_objective_that_stays_at_infinity_has_settled():
     same = EnsembleState(2, 2.0, np.inf, np.nan, None)
-    assert SuccessiveDifference(1e-5).satisfied(same, same)
+    assert difference(1e-5).satisfied(same, same)
     columns = (np.array([[number], [number]]) for number in (2.0, np.inf, np.nan))
     paths = EnsembleState(np.array([[1], [2]]), *columns, None)
-    assert SuccessiveDifference(1e-5).satisfied_paths(paths).ravel().tolist() == [False, True]
+    assert difference(1e-5).satisfied_paths(paths).ravel().tolist() == [False, True]
 
 
 def test_an_objective_that_is_not_a_number_never_settles():

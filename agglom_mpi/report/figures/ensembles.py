@@ -13,7 +13,7 @@ from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, styl
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives import Objective
-from agglom_mpi.search.stopping import COMPARED_RULES, FixedNumber, StoppingRule
+from agglom_mpi.search.stopping import COMPARED_RULES, StoppingRule
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -95,22 +95,20 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
     samples = summaries(data.sample_rows(string))
-    own, own_minimum = own_rule(data), int(data.identity.get("ensemble.min_samples", 2))
+    own = own_rule(data)
     particles = int(data.identity["scene.particles"])
-    compared = [(name, rule, 2) for name, rule in COMPARED_RULES if rule != own]
-    if not isinstance(own, FixedNumber):
-        compared.insert(0, (f"this campaign's: {own.label}", own, own_minimum))
+    compared = [(name, rule) for name, rule in COMPARED_RULES if not rule.tests_like(own)]
+    if own.is_adaptive:
+        compared.insert(0, (f"this campaign's: {own.label}", own))
     return [
-        StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles, minimum))
-        for name, rule, minimum in compared
+        StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles))
+        for name, rule in compared
     ]
 
 
 def own_rule(data: CampaignData) -> StoppingRule:
     """Return the stopping rule of a campaign's ensembles."""
-    from agglom_mpi.config.ensemble import ENSEMBLE
-
-    return ENSEMBLE.validate_python(data.section("ensemble")).build()
+    return StoppingRule.of_entries(data.section("ensemble"))
 
 
 def samples_until(
@@ -118,7 +116,6 @@ def samples_until(
     rule: StoppingRule,
     objective: Objective,
     particles: int,
-    min_samples: int,
 ) -> int | None:
     """Return the completed samples after which a rule is satisfied; None if it never is.
 
@@ -130,10 +127,9 @@ def samples_until(
     objective
     particles
         Grains of the scene.
-    min_samples
-        Samples before which the rule is not asked.
     """
-    ensemble = Ensemble(rule, objective, particles, min_samples, max(len(samples) + 1, min_samples))
+    limit = max(len(samples) + 1, rule.min_samples)
+    ensemble = Ensemble(rule.model_copy(update={"max_samples": limit}), objective, particles)
     for sample in samples:
         ensemble.add(sample)
         if ensemble.finished:
