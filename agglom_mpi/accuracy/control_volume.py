@@ -162,7 +162,7 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
     ratios = good["mean_radius_ratio"]
     growth = mean_of(ratios)
     grains = particles * campaign.scene.third_moment
-    value, error = campaign.objective.build(grains).of_rows(good)
+    value, error = campaign.objective.of_grains(grains).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,

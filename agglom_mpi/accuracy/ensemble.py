@@ -33,7 +33,7 @@ from agglom_mpi.formatting import format_percent
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.search.objectives import MaximumGrowth, RadiusObjective
+from agglom_mpi.search.growth_objectives import MaximumGrowth
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -84,10 +84,10 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
     if len(pool) < FEWEST_ROWS:
         too_few = sentences.paragraph("too_few")
         return _nothing(sentences, "no pool to draw from", failures=(too_few,))
-    plan, particles = campaign.plan, campaign.scene.equivalent_grains
-    objective, other = campaign.objective.build(particles), False
-    if not isinstance(objective, RadiusObjective):
-        plan, objective, other = None, MaximumGrowth(particles), True
+    plan, objective, other = campaign.plan, campaign.objective.by_mean_radius, False
+    if objective is None:
+        greatest = MaximumGrowth().of_grains(campaign.scene.equivalent_grains)
+        plan, objective, other = None, greatest, True
     truth = truth_of(pool, objective)
     most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
     reference = sentences.paragraph("reference", truth=truth)

@@ -147,8 +147,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
 
 def campaign_objective(history: CampaignData) -> Objective:
     """Return the objective that the campaign of a file searched by."""
-    campaign = campaign_of(history)
-    return campaign.objective.build(campaign.scene.equivalent_grains)
+    return campaign_of(history).objective
 
 
 def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:

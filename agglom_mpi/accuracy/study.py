@@ -105,7 +105,7 @@ class BudgetedEnsemble(Ensemble):
 
     def __init__(self, setup: Setup, min_samples: int, budget: float) -> None:
         particles = setup.campaign.scene.particles
-        objective = setup.campaign.objective.build(setup.campaign.scene.equivalent_grains)
+        objective = setup.campaign.objective
         super().__init__(_EverySample(max_samples=setup.samples), objective, particles)
         self._min_used = min_samples
         self._budget_left = budget

@@ -192,7 +192,7 @@ def measure(
 
 def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstimate:
     """Return the bias of the objective, signed where the objective is a magnitude."""
-    objective = campaign.objective.build(campaign.scene.equivalent_grains)
+    objective = campaign.objective
     pair = []
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])

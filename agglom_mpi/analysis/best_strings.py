@@ -16,7 +16,6 @@ from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.outcome import COMPLETED, summaries
-from agglom_mpi.search.moment_targets import MomentTargets
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES
 
@@ -132,7 +131,7 @@ def reached_moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
     Empty where the objective has none, so that other entries are as ever.
     """
     law = objective_of(file)
-    if not isinstance(law, MomentTargets):
+    if not law.has_moments:
         return {}
     return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
 

@@ -163,11 +163,11 @@ def objective_of(data: "CampaignData") -> "Objective":
 
 
 def _objective(data: "CampaignData") -> "Objective":
-    from agglom_mpi.search import objectives
+    from agglom_mpi.search.objectives import Objective
 
     grains: float = int(data.identity["scene.particles"])
     if "scene.sizes.law" in data.identity:
         from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
         grains = recorded_campaign(data).scene.equivalent_grains
-    return objectives.objective_of(data.section("objective"), grains)
+    return Objective.of_entries(data.section("objective")).of_grains(grains)

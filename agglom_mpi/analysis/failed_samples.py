@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.formatting import pluralise, printable
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.storage.schema import TOOK_TOO_LONG
@@ -18,8 +19,6 @@ PLACE: Final = '  File "'
 """Beginning of the lines of a traceback that name a file and a line."""
 LONGEST_MESSAGE: Final = 200
 """Maximum number of characters that are reported of an exception's message."""
-UNBOUNDED_MOMENTS: Final = ("skewness", "kurtosis")
-"""Moments that are infinite where all radii are equal."""
 
 
 def cause_of(text: str) -> str:
@@ -59,22 +58,14 @@ def no_result(data: "CampaignData") -> str:
         return ""
     samples, failed = int(results["samples_used"].sum()), int(results["failed"].sum())
     if not failed:
-        return f"{NO_RESULT}: {pluralise(samples, 'sample')} completed, but {_infinite(data)}"
+        why = objective_of(data).why_infinite
+        return f"{NO_RESULT}: {pluralise(samples, 'sample')} completed, but {why}"
     limit = "" if failed == samples else ", at most 10 % of those of a string may"
     reason, count = commonest_reason(data)
     return (
         f"{NO_RESULT}: {failed} of {pluralise(samples, 'sample')} failed{limit}; commonest reason "
         f"({pluralise(count, 'sample')}): {reason}"
     )
-
-
-def _infinite(data: "CampaignData") -> str:
-    """Return why objectives of completed samples are infinite."""
-    targets = data.section("objective").get("targets", {})
-    names = [name for name in UNBOUNDED_MOMENTS if name in targets]
-    if not names:
-        return "the objective of every string is infinite"
-    return f"particles of equal radii have no {' and no '.join(names)}"
 
 
 def commonest_reason(data: "CampaignData") -> tuple[str, int]:

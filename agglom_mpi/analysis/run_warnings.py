@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
-from agglom_mpi.analysis.estimates import rounding_of
+from agglom_mpi.analysis.estimates import objective_of, rounding_of
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
@@ -21,8 +21,6 @@ EDGE: Final = 0.01
 """Share of a range, or of its logarithm, from its end within which a value is at the edge."""
 MISS: Final = 0.05
 """Objective of a wanted growth, a relative miss, above which the target is not reached."""
-AIMED: Final = ("growth_target", "moments")
-"""Objectives that are 0 where their targets are met."""
 
 
 def run_warnings(file: "CampaignData") -> list[str]:
@@ -61,7 +59,7 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     estimate = next((e for e in ranked.estimates if e.string == best), None)
     row = ranked.results[best]
     least = estimate.lower if estimate else row["objective"] - 2.0 * row["standard_error"]
-    if identity.get("objective.law") in AIMED and least > MISS:
+    if objective_of(file).has_target and least > MISS:
         value = estimate.objective if estimate else float(row["objective"])
         yield (
             f"objective: the best string misses what is wanted by {value:.3g}; usual for a target "

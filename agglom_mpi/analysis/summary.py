@@ -24,7 +24,6 @@ from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itse
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, number_or_none, pluralise
-from agglom_mpi.search.moment_targets import MomentTargets, interval_notes
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import VARIABLES
 
@@ -103,8 +102,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
 
 def moment_notes(file: CampaignData) -> list[str]:
     """Return what is to be known of the errors of the moments that a campaign has targets for."""
-    law = objective_of(file)
-    return interval_notes(term.name for term in law.terms) if isinstance(law, MomentTargets) else []
+    return objective_of(file).notes
 
 
 class FitWidth:

@@ -15,7 +15,6 @@ from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import Bounds, bounds_of
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.ensemble import FinalAnswer, Output, Plan, Stopping
-from agglom_mpi.config.objective import Objective
 from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
@@ -35,6 +34,7 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
@@ -92,6 +92,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     name: str
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
+
+    def __post_init__(self) -> None:
+        of_scene = self.objective.of_grains(self.scene.equivalent_grains)
+        object.__setattr__(self, "objective", of_scene)
 
     def __repr__(self) -> str:
         return f"<Campaign {self.name!r}: {printable(self.title)}>"

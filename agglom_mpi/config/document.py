@@ -1,5 +1,6 @@
 """The campaign file as one typed model, with the checks between sections."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
@@ -20,14 +21,6 @@ from agglom_mpi.config.ensemble import (
     Plan,
     Stopping,
 )
-from agglom_mpi.config.objective import (
-    LAWS,
-    AnyObjective,
-    Function,
-    GrowthTarget,
-    MaximumGrowth,
-    Moments,
-)
 from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
@@ -45,7 +38,9 @@ from agglom_mpi.declaration.sections import (
 )
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.genetic import Genetic
+from agglom_mpi.search.growth_objectives import MaximumGrowth
 from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.objectives import Objective
 from agglom_mpi.search.stopping import StoppingRule
 
 
@@ -61,7 +56,7 @@ class SceneDocument(Section):
     variables: VariableEntries = Field(description="the section of values and ranges")
     derived: Any = ()
     constraints: Any = ()
-    objective: AnyObjective = MaximumGrowth(law="maximum_growth")
+    objective: Annotated[Objective, Choice(Objective)] = MaximumGrowth()
     output: Output = Output()
     final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
 
@@ -112,10 +107,10 @@ class SceneDocument(Section):
 
     @field_validator("objective")
     @classmethod
-    def _target_is_reachable(cls, objective: Any, info: ValidationInfo) -> Any:
-        field, ratio = _wanted_mean(objective)
-        if "scene" in info.data and ratio is not None:
-            particles = info.data["scene"].particles
+    def _target_is_reachable(cls, objective: Objective, info: ValidationInfo) -> Objective:
+        wanted = objective.wanted_growth
+        if "scene" in info.data and wanted is not None:
+            (field, ratio), particles = wanted, info.data["scene"].particles
             largest = info.data["scene"].equivalent_grains ** (1.0 / 3.0)
             if ratio > largest:
                 message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
@@ -123,20 +118,12 @@ class SceneDocument(Section):
         return objective
 
 
-def _wanted_mean(objective: Any) -> tuple[FieldPath, float | None]:
-    """Return the field and value of an objective's target mean b/b0; None if it has none."""
-    match objective:
-        case GrowthTarget():
-            return ("ratio",), objective.ratio
-        case Moments():
-            return ("targets", "mean"), objective.targets.mean
-    return (), None
-
-
 class CampaignDocument(SceneDocument):
     """All sections of a campaign, checked one by one and against each other."""
 
-    objective: AnyObjective = Field(description=f"allowed: {LAWS}")
+    objective: Annotated[Objective, Choice(Objective)] = Field(
+        description=f"allowed: {', '.join(Objective.components())}"
+    )
     search: Annotated[SearchMethod, Choice(SearchMethod)] = Genetic()
     ensemble: Annotated[StoppingRule, Choice(StoppingRule)] = Field(
         description="the section on the samples of a string"
@@ -165,12 +152,8 @@ class CampaignDocument(SceneDocument):
     @classmethod
     def _set_has_a_target(cls, search: SearchMethod, info: ValidationInfo) -> SearchMethod:
         objective = info.data.get("objective")
-        if (
-            search.looks_for_a_set
-            and objective is not None
-            and not isinstance(objective, GrowthTarget)
-        ):
-            message = f"is 'set', which needs objective growth_target; it is {objective.law}"
+        if search.looks_for_a_set and objective is not None and not objective.is_magnitude:
+            message = f"is 'set', which needs objective growth_target; it is {objective.name}"
             raise FieldError((("aim",), message))
         return search
 
@@ -208,8 +191,8 @@ class CampaignDocument(SceneDocument):
     def _target_has_a_sign(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
         """Allow a negative target only for a user's function."""
         objective, target = info.data.get("objective"), stopping.target
-        own = objective is None or isinstance(objective, Function)
-        if target is not None and target.objective < 0.0 and not own:
+        least = -math.inf if objective is None else objective.least
+        if target is not None and target.objective < 0.0 <= least:
             message = f"is {target.objective:g}; must be at least 0"
             raise FieldError((("target", "objective"), message))
         return stopping

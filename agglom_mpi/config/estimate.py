@@ -188,7 +188,7 @@ def estimate_of(
     failed
         Number of samples that failed.
     """
-    objective = campaign.objective.build(campaign.scene.equivalent_grains)
+    objective = campaign.objective
     summaries = [outcome.measured for outcome in outcomes]
     value, error = objective.of_ensemble(summaries)
     rounding = objective.rounding(value)

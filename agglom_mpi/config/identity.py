@@ -45,7 +45,7 @@ def identity(campaign: "Campaign") -> dict[str, object]:
 def objective(campaign: "Campaign") -> dict[str, object]:
     """Return the entries of the objective, with the digest of a user's function."""
     entries: dict[str, object] = campaign.objective.entries()
-    if campaign.objective.law == "function":
+    if campaign.objective.code is not None:
         if campaign.user_function is None:
             raise campaign.function_error("is a function whose source was not read")
         entries["source_sha256"] = campaign.user_function.sha256

@@ -38,14 +38,14 @@ def inversion_of(
     """
     ensemble, stopping = campaign.ensemble, campaign.stopping
     particles = campaign.scene.particles
-    objective = campaign.objective.build(campaign.scene.equivalent_grains)
+    objective = campaign.objective
     target = stopping.target
     coordinates = coordinates_of(campaign)
     inputs = SearchInputs(
         campaign.space(),
         campaign.seed,
         given,
-        magnitude=campaign.objective.law == "growth_target",
+        magnitude=objective.is_magnitude,
         background=background,
         coordinates=coordinates.of_strings,
         groups=len(coordinates.groups),
@@ -54,9 +54,7 @@ def inversion_of(
 
     def signed(result: EnsembleResult) -> float:
         """Return the signed mean whose magnitude is a string's objective."""
-        if campaign.objective.law == "growth_target":
-            return result.mean_radius_ratio / campaign.objective.ratio - 1.0
-        return result.objective
+        return objective.signed(result.objective, result.mean_radius_ratio)
 
     return Inversion(
         search,

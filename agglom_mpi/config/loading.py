@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.objective import Function
 from agglom_mpi.config.size_file import read_beside, recorded_sizes
 from agglom_mpi.config.user_function import (
     UserFunction,
@@ -46,9 +45,9 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     """
     name = os.fspath(path)
     campaign = _campaign(name)
-    if isinstance(campaign.objective, Function) and not allow_code:
+    if campaign.objective.code is not None and not allow_code:
         message = (
-            f"is {campaign.objective.call!r}, Python code, which runs only with your permission: "
+            f"is {campaign.objective.code!r}, Python code, which runs only with your permission: "
             "--allow-code, or load_campaign(..., allow_code=True)"
         )
         raise campaign.function_error(message)
@@ -90,10 +89,11 @@ def _with_function(
     campaign: Campaign, check: Callable[[UserFunction], object] = lambda function: None
 ) -> Campaign:
     """Add the source of the function that the objective names, if it does, and `check` it."""
-    if not isinstance(campaign.objective, Function):
+    code = campaign.objective.code
+    if code is None:
         return campaign
     try:
-        function = read_function(Path(campaign.name).parent, campaign.objective.call)
+        function = read_function(Path(campaign.name).parent, code)
         check(function)
     except ValueError as error:
         raise campaign.function_error(str(error)) from None

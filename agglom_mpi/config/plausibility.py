@@ -13,7 +13,6 @@ import numpy as np
 
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
-from agglom_mpi.config.objective import GrowthTarget, MaximumGrowth, Moments
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.sections import FieldPath
@@ -245,21 +244,14 @@ def _expected(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> li
 
 def _growth(campaign: "Campaign") -> Iterator[Finding]:
     """Yield the objective if it wants growth of a scene in which nothing can bond."""
-    objective, restitution = campaign.objective, campaign.scene.restitution
-    path: FieldPath
-    match objective:
-        case GrowthTarget():
-            path, wanted = ("objective", "ratio"), objective.ratio
-        case MaximumGrowth():
-            path, wanted = ("objective",), campaign.scene.equivalent_grains ** (1.0 / 3.0)
-        case Moments():
-            path, wanted = ("objective", "targets", "mean"), objective.targets.mean or 1.0
-        case _:
-            return
-    if restitution.never_bonds is not None and wanted > 1.0:
+    growth, restitution = campaign.objective.wanted_growth, campaign.scene.restitution
+    if growth is None or restitution.never_bonds is None:
+        return
+    field, wanted = growth
+    if wanted > 1.0:
         grains = pluralise(campaign.scene.particles, "grain")
         message = (
             f"wants a mean b/b0 of {wanted:.4g}, but with {restitution.never_bonds} no "
             f"grains bond, and b/b0 stays 1; within reach with bonding are 1 to N^(1/3) of {grains}"
         )
-        yield path, message
+        yield ("objective", *field), message

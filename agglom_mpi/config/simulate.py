@@ -121,7 +121,7 @@ def objective_values(campaign: "Campaign", rows: npt.NDArray[np.void]) -> npt.ND
 
     `rows` have the columns of `OUTCOME`, and, for a user's function, its values as `objective`.
     """
-    return campaign.objective.build(campaign.scene.equivalent_grains).of_samples(rows)
+    return campaign.objective.of_samples(rows)
 
 
 def _objective_value(
@@ -133,7 +133,7 @@ def _objective_value(
 ) -> float:
     """Return the objective of one completed sample; nan if its function cannot be called here."""
     function = campaign.user_function
-    if campaign.objective.law == "function":
+    if campaign.objective.code is not None:
         if function is None or function.source is None:
             return math.nan
         return evaluate(function, finished_sample(scene, parameters, record, final))

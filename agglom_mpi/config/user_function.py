@@ -16,7 +16,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, wraps
-from keyword import iskeyword
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
@@ -57,15 +56,6 @@ class UserFunction(NamedTuple):
     def without_source(self) -> "UserFunction":
         """The same function without its source, so that it cannot be called."""
         return self._replace(source=None)
-
-
-def check_call(text: str) -> str:
-    """Return `text` if it has the form `module:function`, else raise a ValueError."""
-    words = text.split(":")
-    if len(words) != 2 or not all(word.isidentifier() and not iskeyword(word) for word in words):
-        message = f"is {text!r}; must be module:function, of module.py beside the campaign file"
-        raise ValueError(message)
-    return text
 
 
 MAX_BYTES: Final = 1 << 20

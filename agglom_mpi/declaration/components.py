@@ -189,8 +189,11 @@ class Component(Section):
         found, name = cls.components(), entries[cls.named_by]
         if name not in found:
             raise ValueError(f"{cls.named_by} {name!r} is unknown; known are {', '.join(found)}")
-        fields = found[name].model_fields
-        return found[name].model_validate({k: v for k, v in entries.items() if k in fields})
+        return found[name]._recorded(entries)
+
+    @classmethod
+    def _recorded(cls, entries: Mapping[str, Any]) -> Self:
+        return cls.model_validate({k: v for k, v in entries.items() if k in cls.model_fields})
 
     def settings(self) -> Iterator[Setting]:
         """Yield all fields but the name."""

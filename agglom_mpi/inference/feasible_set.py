@@ -172,7 +172,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         if self.criterion.maximum is None:
             objective = self.emulated.box.campaign.objective
             raise NoFeasibleSetError(
-                f"{self._name}: maximum: the objective is {objective.law}; "
+                f"{self._name}: maximum: the objective is {objective.name}; "
                 "only a set of maximum_growth is relative to a maximum"
             )
         return self.criterion.maximum

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.analysis.resimulation import is_same
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.yaml_source import CampaignError
@@ -100,9 +101,9 @@ class RadiusDistribution(NamedTuple):
 
 def target_ratio(data: CampaignData) -> float | None:
     """Return the mean radius ratio that a campaign asks for; None if it asks for none."""
-    if data.identity.get("objective.law") != "growth_target":
-        return None
-    return float(data.identity["objective.ratio"])
+    objective = objective_of(data)
+    wanted = objective.wanted_growth if objective.is_magnitude else None
+    return None if wanted is None else wanted[1]
 
 
 def completed_samples(data: CampaignData, string: int) -> np.ndarray:

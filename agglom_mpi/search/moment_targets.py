@@ -6,24 +6,28 @@ samples differ in the number of particles left.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.sections import FieldPath, Section, meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives import Objective, ReachedMoment
 from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
 
+MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
+"""Moments of the final radii b/b⁰ that may have a target [A 24-25, 29]."""
 CENTRAL: Final = ("second", "third", "fourth")
 NORMALISED: Final = ("skewness", "kurtosis")
 NO_SPREAD: Final = 1e-9
 """Spread relative to the mean up to which radii are equal except for rounding: one merge among 1e13
 particles makes more."""
 
-Central = tuple[float, float, float]
+Central: TypeAlias = tuple[float, float, float]
 
 FOURTH_ORDER: Final = ("kurtosis", "fourth")
 """Moments of the fourth power of the radii."""
@@ -98,11 +102,126 @@ def gradient(name: str, mean: float, central: Central) -> Mapping[str, float]:
     return {"fourth": spread**-4, "second": -2.0 * fourth * spread**-6}
 
 
-@dataclass(frozen=True)
-class MomentTargets(Objective):
-    """Sum over targets of weight·|M/target - 1|, or weight·|M - target| where the target is 0."""
+Anything: TypeAlias = Annotated[float | None, In("1")]
+Positive: TypeAlias = Annotated[float | None, In("1", above=0)]
+NotNegative: TypeAlias = Annotated[float | None, In("1", at_least=0)]
+AtLeastOne: TypeAlias = Annotated[float | None, In("1", at_least=1)]
 
-    terms: tuple[MomentTarget, ...]
+
+class Targets(Section):
+    """Targets: the mean over samples of b/b⁰; the other moments of all their particles pooled."""
+
+    mean: AtLeastOne = None
+    spread: NotNegative = None
+    skewness: Anything = None
+    kurtosis: AtLeastOne = None
+    second: NotNegative = None
+    third: Anything = None
+    fourth: NotNegative = None
+
+
+class Weights(Section):
+    """Weights of the targets' relative misses."""
+
+    mean: Positive = None
+    spread: Positive = None
+    skewness: Positive = None
+    kurtosis: Positive = None
+    second: Positive = None
+    third: Positive = None
+    fourth: Positive = None
+
+
+class MomentTargets(Objective):
+    """Sum over targets of weight·|M/target - 1|, or weight·|M - target| where that is 0 [A 29].
+
+    Attributes
+    ----------
+    targets
+        Targets by name.
+    weights
+        Their weights, 1 by default.
+    """
+
+    has_target: ClassVar[bool] = True
+    has_moments: ClassVar[bool] = True
+    law: Literal["moments"] = "moments"
+    targets: Annotated[Targets, meaning("such as {mean: 2, spread: 0.4}")]
+    weights: Weights = Weights()
+    _order: tuple[str, ...] = MOMENTS
+
+    @classmethod
+    def _recorded(cls, entries: Mapping[str, Any]) -> Self:
+        """Return the objective with its terms in the order of recorded entries.
+
+        Sums over them depend on the order by their rounding.
+        """
+        recorded = super()._recorded(entries)
+        recorded._order = tuple(entries["targets"])
+        return recorded
+
+    @cached_property
+    def terms(self) -> tuple[MomentTarget, ...]:
+        """The targets with their weights."""
+        wanted, weights = self.targets.__dict__, self.weights.__dict__
+        return tuple(
+            MomentTarget(name, wanted[name], 1.0 if weights[name] is None else weights[name])
+            for name in self._order
+            if wanted[name] is not None
+        )
+
+    def entries(self) -> dict[str, Any]:
+        """Return the given targets and the weight of each."""
+        targets = {term.name: term.target for term in self.terms}
+        weights = {term.name: term.weight for term in self.terms}
+        return {"law": self.law, "targets": targets, "weights": weights}
+
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield moments that no radii have, no target at all, and weights without a target."""
+        wanted = {name: value for name, value in self.targets if value is not None}
+        if not wanted:
+            yield ("targets",), f"are none; give at least one of {', '.join(MOMENTS)}"
+            return
+        if "kurtosis" in wanted and "skewness" in wanted:
+            least = 1.0 + wanted["skewness"] ** 2
+            if wanted["kurtosis"] < least:
+                message = f"is {wanted['kurtosis']:g}; must be at least 1 + skewness^2, {least:g}"
+                yield ("targets", "kurtosis"), message
+        for name in MOMENTS:
+            if name in self.weights.model_fields_set and name not in wanted:
+                yield (
+                    ("weights", name),
+                    "is the weight of no target; leave it out, or give the target",
+                )
+
+    @property
+    def summary(self) -> str:
+        """One line on the objective."""
+        targets = [
+            f"{name} {target:g}" + (f" (weight {weight:g})" if weight != 1.0 else "")
+            for name, target, weight in self.terms
+        ]
+        return f"moments of the final radii, relative misses added up: {', '.join(targets)} [A 29]"
+
+    @property
+    def wanted_growth(self) -> tuple[FieldPath, float] | None:
+        """The target of the mean with its field; None if there is none."""
+        mean = self.targets.mean
+        return None if mean is None else (("targets", "mean"), mean)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is to be known of the errors of its moments."""
+        return interval_notes(term.name for term in self.terms)
+
+    @property
+    def why_infinite(self) -> str:
+        """Reason for an infinite objective of samples that completed."""
+        wanted = [term.name for term in self.terms]
+        names = [name for name in NORMALISED if name in wanted]
+        if not names:
+            return super().why_infinite
+        return f"particles of equal radii have no {' and no '.join(names)}"
 
     @property
     def scale(self) -> float:
@@ -111,7 +230,7 @@ class MomentTargets(Objective):
 
     def accumulator(self) -> "MomentAccumulator":
         """Return an accumulator without samples."""
-        return MomentAccumulator(self.terms)
+        return MomentAccumulator(self)
 
     def of_moments(self, mean: float, central: Central) -> float:
         """Return the objective of radii with these moments."""
@@ -144,8 +263,8 @@ class MomentTargets(Objective):
 class MomentAccumulator:
     """Moments of the samples so far, and their covariance between samples."""
 
-    def __init__(self, terms: tuple[MomentTarget, ...]) -> None:
-        self._objective = MomentTargets(terms)
+    def __init__(self, objective: MomentTargets) -> None:
+        self._objective = objective
         self._mean = RunningMean()
         self._pooled = PooledMoments()
         self._sums = PooledMomentErrors()

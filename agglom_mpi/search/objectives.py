@@ -1,30 +1,25 @@
-"""Objectives of an ensemble, with their standard errors by the delta method.
+"""Objectives: what a search minimises, with standard errors by the delta method.
 
-Examples
---------
-Three samples of a string, by the mean radius ratio that each ended with:
-
->>> from agglom_mpi.search.objectives import GrowthTarget
->>> from agglom_mpi.outcome import FAILED_SUMMARY
->>> ratios = 1.5, 2.5, 2.6
->>> samples = [FAILED_SUMMARY._replace(completed=True, mean_radius_ratio=r) for r in ratios]
->>> value, error = GrowthTarget(2.0).of_ensemble(samples)
->>> round(value, 3), round(error, 3)
-(0.1, 0.176)
+An objective is a subclass of `Objective` in a module of this package: its numbers in a campaign
+file, its accumulator over the samples of a string, and what the rest of the program asks it.
 """
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglom_mpi.declaration.components import Component
+from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.statistics import RunningMean
+
+if TYPE_CHECKING:
+    from agglom_mpi.search.growth_objectives import RadiusObjective
 
 
 class ReachedMoment(NamedTuple):
@@ -74,21 +69,73 @@ class ObjectiveAccumulator(Protocol):
         """Of the value, by the delta method; nan below two samples."""
 
 
-class Objective(ABC):
-    """A function of the completed samples of a string that is minimised.
+class Objective(Component):
+    """Base class of the objectives, functions of the completed samples of a string.
 
     Attributes
     ----------
-    least : float
+    least
         Lower bound of the objective.
+    is_magnitude
+        Whether it is the magnitude of the `signed` mean, which is 0 on the target.
+    has_target
+        Whether it is 0 where its targets are met.
+    has_moments
+        Whether it has targets for single moments, which `reached` returns.
+    symbol
+        The papers' name of it.
     """
 
+    found_in: ClassVar[str] = "agglom_mpi.search"
     least: ClassVar[float] = 0.0
+    is_magnitude: ClassVar[bool] = False
+    has_target: ClassVar[bool] = False
+    has_moments: ClassVar[bool] = False
+    symbol: ClassVar[str] = ""
+    _grains: float = math.nan
+
+    def of_grains(self, grains: float) -> Self:
+        """Return the objective of samples that start with so many grains of the radius b⁰.
+
+        Grains of different sizes are counted by their volume.
+        """
+        bound = self.model_copy()
+        bound._grains = grains
+        return bound
+
+    @property
+    def wanted_growth(self) -> tuple[FieldPath, float] | None:
+        """Wanted mean of b/b⁰ with its field; None if there is none."""
+        return None
+
+    @property
+    def code(self) -> str | None:
+        """The user's function that evaluates samples, `module:function`; None: no such function."""
+        return None
+
+    @property
+    def by_mean_radius(self) -> "RadiusObjective | None":
+        """The objective if it depends on the samples' mean radius ratios alone, else None."""
+        return None
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader of its standard errors must know."""
+        return []
+
+    @property
+    def why_infinite(self) -> str:
+        """Reason for an infinite objective of samples that completed."""
+        return "the objective of every string is infinite"
 
     @property
     def scale(self) -> float:
         """Size of the numbers whose difference the objective is: 1 of a ratio less 1; 0 unknown."""
         return 1.0
+
+    def signed(self, objective: float, mean_radius_ratio: float) -> float:
+        """Return the signed mean whose magnitude is the objective of a string, or the objective."""
+        return objective
 
     def rounding(self, values: ArrayLike) -> float:
         """Return the largest difference of objectives, (n,), that is rounding and no result.
@@ -167,145 +214,3 @@ class MeanAccumulator:
     def standard_error(self) -> float:
         """Standard error of the mean."""
         return self._mean.standard_error
-
-
-Ratio = TypeVar("Ratio", float, NDArray[np.float64])
-
-
-class RadiusObjective(Objective):
-    """An objective that depends on the mean radius ratios b^f/b⁰ of the samples alone.
-
-    Both papers' objectives are the magnitude of the ensemble mean of a per-sample deviation.
-    So their standard error is that of this mean, by the delta method; at an objective near 0
-    the magnitude bends, and the error is that of the signed mean.
-    """
-
-    @abstractmethod
-    def deviation(self, ratio: Ratio) -> Ratio:
-        """Return the per-sample quantity whose ensemble mean counts, elementwise."""
-
-    def accumulator(self) -> "RadiusAccumulator":
-        """Return an accumulator without samples."""
-        return RadiusAccumulator(self)
-
-    def of_ratio(self, ratio: Ratio) -> Ratio:
-        """Return the objective of single samples by their mean radius ratio, elementwise."""
-        return abs(self.deviation(ratio))
-
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return the objective of each sample alone."""
-        return self.of_ratio(rows["mean_radius_ratio"])
-
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return the deviations of the samples."""
-        return self.deviation(np.array([outcome.mean_radius_ratio for outcome in outcomes]))
-
-
-class RadiusAccumulator:
-    """Running mean of the deviations, whose magnitude is the objective."""
-
-    def __init__(self, objective: RadiusObjective) -> None:
-        self._objective = objective
-        self._mean = RunningMean()
-
-    def add(self, outcome: SampleSummary) -> None:
-        """Take one more completed sample."""
-        self._mean.add(self._objective.deviation(outcome.mean_radius_ratio))
-
-    @property
-    def value(self) -> float:
-        """Magnitude of the mean."""
-        return abs(self._mean.mean)
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the mean."""
-        return self._mean.standard_error
-
-
-@dataclass(frozen=True)
-class GrowthTarget(RadiusObjective):
-    """Λ = |b^f/(ratio·b⁰) - 1| of the ensemble's mean radius [A 26]; ratio 2 doubles it."""
-
-    ratio: float = 2.0
-
-    def deviation(self, ratio: Ratio) -> Ratio:
-        """Return the signed relative deviation from the target radius."""
-        return ratio / self.ratio - 1.0
-
-
-@dataclass(frozen=True)
-class MaximumGrowth(RadiusObjective):
-    """Π = |1 - b^f/b*| averaged over samples, b* = b⁰ N^{1/3} one sphere of all [B 7.1]."""
-
-    particles: float
-
-    def deviation(self, ratio: Ratio) -> Ratio:
-        """Return Π of the samples."""
-        return abs(1.0 - ratio / math.cbrt(self.particles))
-
-
-def _stored_objective(outcome: SampleSummary) -> float:
-    return outcome.objective
-
-
-@dataclass(frozen=True)
-class MeanOfFunction(Objective):
-    """Mean over samples of a user's function, evaluated when each was simulated.
-
-    The values are stored with the samples, so that a replay needs no code of the user's.
-    """
-
-    least: ClassVar[float] = -math.inf
-
-    @property
-    def scale(self) -> float:
-        """Unknown: the function may compare anything."""
-        return 0.0
-
-    def accumulator(self) -> ObjectiveAccumulator:
-        """Return an accumulator without samples."""
-        return MeanAccumulator(_stored_objective)
-
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return the stored value of each sample."""
-        stored: NDArray[np.float64] = rows["objective"]
-        return stored
-
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return the stored value of each sample."""
-        return np.array([outcome.objective for outcome in outcomes])
-
-
-MEAN_OF_FUNCTION: Final = MeanOfFunction()
-
-
-def objective_of(entries: Mapping[str, Any], particles: float) -> Objective:
-    """Return the objective of a campaign.
-
-    Parameters
-    ----------
-    entries
-        Its `objective` section as plain values, as the section or the identity of a file has it.
-    particles
-        N, particles of the radius b⁰ that have the volume of those at the start of a sample.
-
-    Raises
-    ------
-    ValueError
-        If there is no such objective.
-    """
-    match entries["law"]:
-        case "growth_target":
-            return GrowthTarget(entries["ratio"])
-        case "maximum_growth":
-            return MaximumGrowth(particles)
-        case "moments":
-            from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
-
-            weights = entries["weights"]
-            terms = (MomentTarget(n, t, weights[n]) for n, t in entries["targets"].items())
-            return MomentTargets(tuple(terms))
-        case "function":
-            return MEAN_OF_FUNCTION
-    raise ValueError(f"unknown objective {entries['law']!r}")

@@ -8,7 +8,7 @@ the samples that they have; then r is doubled. Rounds, not arrivals, decide: the
 import math
 from typing import Annotated, Final, NamedTuple
 
-from agglom_mpi.declaration.components import Count, In
+from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.statistics import t_quantile
 
@@ -36,7 +36,7 @@ class Racing(Section):
     """
 
     confidence: Annotated[float, In("1", above=0.5, below=1, meaning="like 0.95")] = 0.95
-    first: Annotated[int, Count(at_least=2, at_most=10**4)] = 5
+    first: Annotated[int, Whole(at_least=2, at_most=10**4)] = 5
 
     def samples(self, round_number: int) -> int:
         """Return the samples that each string has when a round, counted from 0, is held."""

@@ -22,7 +22,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, Count, In
+from agglom_mpi.declaration.components import Component, In, Whole
 from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Flag
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.racing import Racing
@@ -178,9 +178,9 @@ class AdaptiveRule(StoppingRule):
     }
     tolerance: Annotated[float, In("1", above=0, meaning="a small number like 1e-3")]
     max_samples: Annotated[
-        int, Count(at_least=2, at_most=10**6, meaning="the most samples of a string")
+        int, Whole(at_least=2, at_most=10**6, meaning="the most samples of a string")
     ]
-    min_samples: Annotated[int, Count(at_least=2)] = 2
+    min_samples: Annotated[int, Whole(at_least=2)] = 2
     racing: Annotated[Racing | None, NONE, LATER] = None
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
@@ -247,7 +247,7 @@ class Moments(AdaptiveRule):
 
     is_published: ClassVar[bool] = True
     rule: Literal["moments"] = "moments"
-    order: Annotated[int, Count(at_least=1, at_most=4)] = 4
+    order: Annotated[int, Whole(at_least=1, at_most=4)] = 4
 
     @property
     def highest_moment(self) -> int:
@@ -294,7 +294,7 @@ class StandardError(AdaptiveRule):
 
     limits: ClassVar[frozenset[str]] = AdaptiveRule.limits - {"min_samples"}
     rule: Literal["standard_error"] = "standard_error"
-    min_samples: Annotated[int, Count(at_least=3)] = 5
+    min_samples: Annotated[int, Whole(at_least=3)] = 5
 
     @property
     def summary(self) -> str:
@@ -325,7 +325,7 @@ class FixedNumber(StoppingRule):
 
     is_adaptive: ClassVar[bool] = False
     rule: Literal["fixed"] = "fixed"
-    samples: Annotated[int, Count(at_least=1, at_most=10**6, meaning="a number of samples")]
+    samples: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="a number of samples")]
 
     @property
     def min_samples(self) -> int:

@@ -5,6 +5,7 @@ import sys
 import matplotlib.figure
 import numpy as np
 import pytest
+from goals import growth_target, maximum_growth
 from rules import difference, ensemble_of, half_width, settled_moments
 
 from agglom_mpi.accuracy import stopping_study
@@ -26,7 +27,6 @@ from agglom_mpi.accuracy.stopping_study import (
 )
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import (
     STUDIED_RULES,
     AdaptiveRule,
@@ -72,7 +72,7 @@ def drawn(pool, samples, orders, seed):
     return np.random.default_rng(seed).integers(0, len(pool), (samples, orders))
 
 
-@pytest.mark.parametrize("objective", [GrowthTarget(2.0), MaximumGrowth(GRAINS)])
+@pytest.mark.parametrize("objective", [growth_target(2.0), maximum_growth(GRAINS)])
 @pytest.mark.parametrize("min_samples", [2, 7])
 @pytest.mark.parametrize(
     "rule",
@@ -132,7 +132,7 @@ def test_moments_of_a_path_are_those_of_all_its_particles():
 
 def test_the_first_moment_alone_is_the_successive_difference_of_the_mean_radius():
     pool = pool_of_radii(50, seed=4)
-    paths = run_paths(pool, GrowthTarget(), drawn(pool, 200, 50, seed=5))
+    paths = run_paths(pool, growth_target(), drawn(pool, 200, 50, seed=5))
     first = stop(settled_moments(1e-3, 1), paths, 2, 200)
     published = stop(difference(1e-3, "mean_radius"), paths, 2, 200)
     assert np.array_equal(first.used, published.used)
@@ -140,7 +140,7 @@ def test_the_first_moment_alone_is_the_successive_difference_of_the_mean_radius(
 
 def test_equal_samples_end_every_rule_at_once():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
-    paths = run_paths(pool, GrowthTarget(), drawn(pool, 20, 3, seed=7))
+    paths = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
     for rule, fewest in (
         (difference(1e-100, "objective"), 2),
         (half_width(1e-100), 5),
@@ -150,14 +150,14 @@ def test_equal_samples_end_every_rule_at_once():
 
 def test_a_rule_that_is_satisfied_by_the_last_sample_did_not_end_at_the_limit():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
-    paths = run_paths(pool, GrowthTarget(), drawn(pool, 20, 3, seed=7))
+    paths = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
     assert np.all(stop(difference(1e-6), paths, 2, 2).satisfied)
     assert not np.any(stop(half_width(1e-6, 5), paths, 2, 4).satisfied)
 
 
 def test_intervals_of_a_fixed_number_of_normal_samples_cover_95_percent():
     pool = normal_pool(20_000, 2.0, 0.1, seed=8)
-    objective = GrowthTarget()
+    objective = growth_target()
     orders = 4000
     for samples in (5, 30):
         paths = run_paths(pool, objective, drawn(pool, samples, orders, seed=samples))
@@ -169,17 +169,17 @@ def test_intervals_of_a_fixed_number_of_normal_samples_cover_95_percent():
 
 def test_error_of_a_fixed_number_is_the_spread_over_its_root():
     pool = pool_of_radii(200, seed=9)
-    truth = truth_of(pool, GrowthTarget())
+    truth = truth_of(pool, growth_target())
     for samples in (4, 50):
         orders = 4000
-        paths = run_paths(pool, GrowthTarget(), drawn(pool, samples, orders, seed=samples))
+        paths = run_paths(pool, growth_target(), drawn(pool, samples, orders, seed=samples))
         squares = (paths.mean[-1] - truth.mean) ** 2
         error = np.std(squares, ddof=1) / math.sqrt(orders)
         assert abs(np.mean(squares) - truth.spread**2 / samples) < 4.0 * error
 
 
 def frame_of(pool, samples, orders, seed):
-    objective = GrowthTarget()
+    objective = growth_target()
     rules = families(truth_of(pool, objective), samples)
     return study(pool, objective, rules, drawn(pool, samples, orders, seed))
 

@@ -51,7 +51,7 @@ def test_stopping_rules_are_studied_by_growth_and_the_campaigns_own_is_left_out(
 @pytest.mark.parametrize("objective", [MOMENTS, FUNCTION, TARGET])
 def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
     studied, ours, reference = campaign(objective), pool(2, 50), pool(3, 50)
-    law = studied.objective.build(100)
+    law = studied.objective
     bias = time_integration.objective_bias(studied, ours, reference)
     (value, error), (other, other_error) = law.of_rows(ours), law.of_rows(reference)
     # These samples are independent; so the paired error is that of a difference, but for the
@@ -64,6 +64,6 @@ def test_the_bias_of_an_objective_is_that_of_its_ensembles(objective):
 
 def test_a_function_is_estimated_from_what_is_stored():
     rows = pool(4, 20)
-    value, error = campaign(FUNCTION).objective.build(100).of_rows(rows)
+    value, error = campaign(FUNCTION).objective.of_rows(rows)
     assert value == pytest.approx(rows["objective"].mean(), rel=1e-13)
     assert error == pytest.approx(stats.sem(rows["objective"]), rel=1e-12)

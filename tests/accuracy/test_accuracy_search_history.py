@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from accuracy_rows import made_up
+from goals import growth_target
 from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import search_history
-from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.variables import NAMES
 
 
@@ -51,16 +51,16 @@ def test_a_lucky_string_is_told_from_a_good_one():
     lucky += 0.2
     samples = {"string 4 again": made_up(good), "string 9 again": made_up(lucky)}
     found = search_history.search_history_section(History(), samples)
-    value, error = GrowthTarget(2.0).of_rows(made_up(lucky))
+    value, error = growth_target(2.0).of_rows(made_up(lucky))
     assert (
         f"string 9, claims 0.0100 ± 0.0200 and is worth {value:.4f} ± {error:.4f}"
         in (found.conclusions[0])
     )
     wanted = search_history.optimism_of(found.tables[1].frame.drop_duplicates("string"))
-    errors = [0.02, 0.02, *(GrowthTarget(2.0).of_rows(made_up(r))[1] for r in (good, lucky))]
+    errors = [0.02, 0.02, *(growth_target(2.0).of_rows(made_up(r))[1] for r in (good, lucky))]
     assert wanted.error == pytest.approx(np.linalg.norm(errors) / 2)
     assert wanted.value == pytest.approx(
-        np.mean([GrowthTarget(2.0).of_rows(made_up(r))[0] for r in (good, lucky)]) - 0.03
+        np.mean([growth_target(2.0).of_rows(made_up(r))[0] for r in (good, lucky)]) - 0.03
     )
     assert "string 4 of generation 1 has the lowest objective" in found.conclusions[1]
     frame = found.tables[1].frame

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaign_runs import finish, write_campaign
 from click.testing import CliRunner
+from goals import growth_target, maximum_growth
 from reestimation_runs import assert_fresh_are_those_of_the_best, fresh_rows
 from scipy import stats
 
@@ -21,7 +22,6 @@ from agglom_mpi.analysis.selection_bias import selection_bias
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.storage.reader import read_campaign
 
 COMMON = "\n  common_configurations: true"
@@ -42,7 +42,7 @@ def alike(correlation, means, samples, seed):
     return np.random.default_rng(seed).multivariate_normal(means, covariance, samples).T
 
 
-@pytest.mark.parametrize("law", [GrowthTarget(2.0), MaximumGrowth(100)])
+@pytest.mark.parametrize("law", [growth_target(2.0), maximum_growth(100)])
 def test_a_difference_is_that_of_the_objectives_and_its_chance_that_of_the_paired_test(law):
     one, other = map(rows_of, alike(0.9, [2.4, 2.35], 50, 1))
     difference = PairedSamples(
@@ -57,7 +57,7 @@ def test_a_difference_is_that_of_the_objectives_and_its_chance_that_of_the_paire
 
 def test_strings_on_either_side_of_the_target_are_rarely_told_apart_if_both_miss_it_by_as_much():
     """What they have in common brings one nearer and takes the other away: it does not cancel."""
-    repeats, told, law = 2000, 0, GrowthTarget(2.0)
+    repeats, told, law = 2000, 0, growth_target(2.0)
     for seed in range(repeats):
         one, other = map(rows_of, alike(0.9, [2.4, 1.6], 20, seed))
         difference = PairedSamples(
@@ -68,7 +68,7 @@ def test_strings_on_either_side_of_the_target_are_rarely_told_apart_if_both_miss
 
 
 def test_only_samples_that_both_have_are_compared():
-    law = MaximumGrowth(8)
+    law = maximum_growth(8)
     one = sample_values(law, rows_of([1.0, 1.2, 1.4], [5, 6, 8]))
     other = sample_values(law, rows_of([1.5, 1.1, 1.3], [6, 7, 8]))
     paired = PairedSamples({0: one, 1: other, 2: SampleValues(one.numbers[:1], one.values[:1])})
@@ -79,7 +79,7 @@ def test_only_samples_that_both_have_are_compared():
 
 
 def test_the_error_of_the_average_counts_what_strings_have_in_common():
-    law, rng = MaximumGrowth(8), np.random.default_rng(3)
+    law, rng = maximum_growth(8), np.random.default_rng(3)
     common = rng.normal(0.0, 0.1, 100)
     ratios = 1.5 + common + rng.normal(0.0, 0.05, (4, 100))
     samples = {i: sample_values(law, rows_of(row)) for i, row in enumerate(ratios)}

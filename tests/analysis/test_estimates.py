@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from goals import growth_target, maximum_growth
 from scipy import stats
 from storage_rows import make, put_result, put_strings, sample_rows
 
 from agglom_mpi.analysis.estimates import interval, objective_of
 from agglom_mpi.analysis.ranking import order_by_estimates
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -47,7 +47,7 @@ def skewed_coverage(pool, samples):
     return 0.95 + 2.0 * z * stats.norm.pdf(z) * off / samples
 
 
-@pytest.mark.parametrize("law", [GrowthTarget(2.0), MaximumGrowth(1000)])
+@pytest.mark.parametrize("law", [growth_target(2.0), maximum_growth(1000)])
 @pytest.mark.parametrize("samples", [30, 100])
 def test_intervals_cover_as_often_as_theory_says_of_skewed_samples(law, samples):
     pool = 1.2 + np.random.default_rng(4).gamma(4.0, 0.1, 100_000)
@@ -76,7 +76,7 @@ def test_intervals_of_a_magnitude_near_zero_cover_as_often_as_theory_says(distan
     pool = ratios + 2.0 - ratios.mean() + distance * ratios.std() / math.sqrt(samples)
     wanted = magnitude_coverage(distance, samples)
     assert 0.95 <= wanted < 0.9751
-    assert abs(coverage(GrowthTarget(2.0), pool, samples, 6) - wanted) < spread(wanted)
+    assert abs(coverage(growth_target(2.0), pool, samples, 6) - wanted) < spread(wanted)
 
 
 def test_an_interval_that_holds_zero_begins_there():
@@ -123,7 +123,7 @@ def change(path, string, numbers, **columns):
 
 
 def test_estimates_are_of_fresh_samples_alone_in_order_of_rank(path):
-    assert objective_of(read_campaign(path)) == GrowthTarget(2.0)
+    assert objective_of(read_campaign(path)) == growth_target(2.0).of_grains(100)
     table = open_campaign(path).estimates
     assert table["string"].tolist() == [2, 1, 0]
     assert table["samples"].tolist() == [FRESH] * 3

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaign_runs import QUICKSTART, TINY, finish, write_campaign
 from click.testing import CliRunner
+from goals import FUNCTION_MEAN, growth_target, maximum_growth, moment_targets
 
 from agglom_mpi.analysis.comparison import p_value, paired_p_value, significant_differences
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of, unconverged
@@ -26,8 +27,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.report.drawing import histogram_range
 from agglom_mpi.runtime import sample_runner
-from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
-from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget, MaximumGrowth
+from agglom_mpi.search.moment_targets import MomentTarget
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import read_campaign
 
@@ -96,12 +96,12 @@ def test_a_target_that_is_met_but_for_rounding_is_not_warned_of(path):
 
 
 def test_rounding_is_of_the_scale_of_what_is_compared():
-    assert GrowthTarget(2.0).rounding([]) == ROUNDING
-    assert MaximumGrowth(100).rounding([0.0, math.inf, math.nan]) == ROUNDING
-    assert GrowthTarget(2.0).rounding([0.1, -40.0]) == 40.0 * ROUNDING
-    targets = MomentTargets((MomentTarget("mean", 2.0, 3.0), MomentTarget("spread", 0.0, 1.0)))
+    assert growth_target(2.0).rounding([]) == ROUNDING
+    assert maximum_growth(100).rounding([0.0, math.inf, math.nan]) == ROUNDING
+    assert growth_target(2.0).rounding([0.1, -40.0]) == 40.0 * ROUNDING
+    targets = moment_targets((MomentTarget("mean", 2.0, 3.0), MomentTarget("spread", 0.0, 1.0)))
     assert targets.rounding([0.5]) == 4.0 * ROUNDING
-    assert MEAN_OF_FUNCTION.rounding([1e-16]) == pytest.approx(1e-16 * ROUNDING)
+    assert FUNCTION_MEAN.rounding([1e-16]) == pytest.approx(1e-16 * ROUNDING)
 
 
 def test_the_rounding_of_a_file_is_that_of_its_objective(path):
@@ -118,11 +118,11 @@ def test_a_histogram_of_values_that_are_equal_but_for_rounding_can_be_drawn():
 
 
 def test_an_estimate_takes_rounding_for_0(monkeypatch):
-    from agglom_mpi.search import objectives
+    from agglom_mpi.search import growth_objectives
 
     campaign = load_campaign(QUICKSTART)
     monkeypatch.setattr(
-        objectives.GrowthTarget, "of_ensemble", lambda self, outcomes: (2.0 * ULP, ULP)
+        growth_objectives.GrowthTarget, "of_ensemble", lambda self, outcomes: (2.0 * ULP, ULP)
     )
     objective = campaign.estimate({}, samples=2).objective
     assert (objective.value, objective.error) == (0.0, 0.0)
@@ -153,7 +153,7 @@ def test_of_objectives_that_differ_by_rounding_there_are_no_indices():
     points, ones = random.random((64, 2)), np.ones(64, np.int64)
     objectives = ULP * np.rint(2.0 * points[:, 0])
     assert sensitivity(points, objectives, ones) is not None
-    assert sensitivity(points, objectives, ones, GrowthTarget(1.0).rounding(objectives)) is None
+    assert sensitivity(points, objectives, ones, growth_target(1.0).rounding(objectives)) is None
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench_bias import ROWS
+from goals import growth_target, maximum_growth, moment_targets
 
 from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import summaries
-from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
+from agglom_mpi.search.moment_targets import MomentTarget
 from agglom_mpi.statistics import t_95
 from agglom_mpi.variables import NAMES
 
@@ -76,7 +76,7 @@ def of_moments(pool, samples, repeats, rng):
 
     The latter are the mean standard errors over the standard deviation of the moments themselves.
     """
-    law = MomentTargets(tuple(MomentTarget(name, 1.0) for name in MOMENTS))
+    law = moment_targets(tuple(MomentTarget(name, 1.0) for name in MOMENTS))
     every = summaries(pool)
     truth = np.array([moment.value for moment in law.reached(every)])
     draws = rng.integers(len(pool), size=(repeats, samples))
@@ -107,8 +107,8 @@ def print_coverage(job, size=None):
     pool = pool_of(campaign, job, size or SIZES[job])
     print(f"\n{job}, row 1, pool of {len(pool)} samples, {REPEATS} re-estimates each")
     print(f"{'objective':<16}" + "".join(f"F = {samples:<6}" for samples in FRESH) + "±")
-    laws = {"growth_target": GrowthTarget(2.0)}
-    laws["maximum_growth"] = MaximumGrowth(campaign.scene.particles)
+    laws = {"growth_target": growth_target(2.0)}
+    laws["maximum_growth"] = maximum_growth(campaign.scene.particles)
     for name, law in laws.items():
         shares = [fresh(law, pool["mean_radius_ratio"], samples, rng) for samples in FRESH]
         words = "".join(f"{share:<10.2%}" for share in shares)

@@ -90,7 +90,7 @@ def simulate(of, parameters, sample):
 def estimate(of, parameters, samples):
     """Objective of a string on fresh samples, and its standard error."""
     rows = np.concatenate([simulate(of, parameters, FRESH + i) for i in range(samples)])
-    return of.objective.build(of.scene.particles).of_rows(rows)
+    return of.objective.of_rows(rows)
 
 
 class Best:
@@ -137,7 +137,7 @@ def searched_by_pymoo(name, seed, samples):
     problem = Problem(n_var=space.dimensions, n_obj=1, xl=0.0, xu=1.0)
     algorithm = GA(pop_size=20)
     algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)
-    objective = of.objective.build(of.scene.particles)
+    objective = of.objective
     used = 0
     while used < samples:
         found = algorithm.ask()

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from goals import moment_targets
 from scipy.stats import norm
 
 from agglom_mpi.inference.criteria import Band, MomentBands, NearMaximum
 from agglom_mpi.outcome import OUTCOME, summaries
-from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets
+from agglom_mpi.search.moment_targets import MomentTarget
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
 
@@ -26,7 +27,7 @@ def test_moments_of_the_emulated_numbers_are_those_of_the_objective(name):
     criterion = MomentBands({name: 1.0}, 0.05)
     numbers = criterion.numbers(samples, 20).mean(axis=0)
     [found] = criterion.compared(numbers[None])
-    [reached] = MomentTargets((MomentTarget(name, 1.0),)).reached(summaries(samples))
+    [reached] = moment_targets((MomentTarget(name, 1.0),)).reached(summaries(samples))
     assert found[0] == pytest.approx(reached.value, rel=1e-9)
 
 
@@ -36,7 +37,7 @@ def test_several_moments_keep_their_order():
     criterion = MomentBands(targets, 0.05)
     found = criterion.compared(criterion.numbers(samples, 20).mean(axis=0)[None])[0]
     terms = tuple(MomentTarget(name, target) for name, target in targets.items())
-    reached = MomentTargets(terms).reached(summaries(samples))
+    reached = moment_targets(terms).reached(summaries(samples))
     assert found == pytest.approx([each.value for each in reached])
 
 

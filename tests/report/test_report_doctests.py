@@ -7,14 +7,14 @@ import pytest
 
 from agglom_mpi import campaign_file
 from agglom_mpi.report import drawing
-from agglom_mpi.search import objectives
+from agglom_mpi.search import growth_objectives
 
 pytest.importorskip("matplotlib")
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 
-@pytest.mark.parametrize("module", [campaign_file, drawing, objectives])
+@pytest.mark.parametrize("module", [campaign_file, drawing, growth_objectives])
 def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, monkeypatch):
     from matplotlib import pyplot
 

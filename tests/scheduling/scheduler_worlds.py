@@ -5,6 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 from decision_log import DecisionLog
+from goals import growth_target
 from rules import difference
 from searches import genetic_search
 from summary_rows import rows_of
@@ -16,7 +17,6 @@ from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.table import runs_of
 from agglom_mpi.variables import COUNT
@@ -30,7 +30,7 @@ class Judge(Ensemble):
     """An ensemble that insists on samples of one string, each once and in order."""
 
     def __init__(self, max_samples=MAX_SAMPLES):
-        super().__init__(difference(0.02, max_samples=max_samples), GrowthTarget(), 100)
+        super().__init__(difference(0.02, max_samples=max_samples), growth_target(), 100)
         self._string = None
 
     def add(self, outcome):

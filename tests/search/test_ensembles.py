@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from goals import growth_target, maximum_growth
 from rules import difference, ensemble_of, fixed, half_width
 from search_fakes import PARTICLES, completed, failed
 
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import AdaptiveRule
 
 
@@ -19,7 +19,7 @@ class Never(AdaptiveRule):
 
 
 def filled(outcomes, rule=None, objective=None, max_samples=1000):
-    ensemble = ensemble_of(rule or Never(), objective or GrowthTarget(), PARTICLES, 2, max_samples)
+    ensemble = ensemble_of(rule or Never(), objective or growth_target(), PARTICLES, 2, max_samples)
     for outcome in outcomes:
         if ensemble.finished:
             break
@@ -27,7 +27,7 @@ def filled(outcomes, rule=None, objective=None, max_samples=1000):
     return ensemble
 
 
-@pytest.mark.parametrize("objective", [GrowthTarget(2.0), MaximumGrowth(PARTICLES)])
+@pytest.mark.parametrize("objective", [growth_target(2.0), maximum_growth(PARTICLES)])
 def test_a_result_is_that_of_the_completed_samples(objective):
     ratios, left = np.array([1.5, 2.0, 3.5]), np.array([50, 25, 10])
     outcomes = [completed(*sample) for sample in zip(ratios, left, strict=True)]
@@ -106,7 +106,7 @@ def test_a_string_whose_samples_all_fail_is_worth_inf_and_says_so():
 
 
 def test_a_single_sample_is_an_ensemble_without_an_error():
-    ensemble = Ensemble(fixed(1), GrowthTarget(), PARTICLES)
+    ensemble = Ensemble(fixed(1), growth_target(), PARTICLES)
     ensemble.add(completed(2.5))
     assert ensemble.finished
     assert ensemble.result().objective == 0.25

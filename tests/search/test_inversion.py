@@ -3,6 +3,7 @@ import random
 
 import numpy as np
 import pytest
+from goals import growth_target
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rules import difference, ensemble_of, half_width
@@ -18,7 +19,6 @@ from agglom_mpi.search.decisions import (
     Target,
 )
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import GrowthTarget
 
 SEED = 11
 
@@ -48,7 +48,7 @@ def inversion(generations=4, target=None, restore=None, rule=None):
     rule = rule or difference(0.02)
 
     def ensemble():
-        return ensemble_of(rule, GrowthTarget(), PARTICLES, 2, 12)
+        return ensemble_of(rule, growth_target(), PARTICLES, 2, 12)
 
     return Inversion(search, ensemble, generations, target, restore), Book()
 

@@ -4,6 +4,7 @@ import random
 
 import numpy as np
 import pytest
+from goals import growth_target
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rules import difference, ensemble_of
@@ -12,7 +13,6 @@ from searches import genetic_search
 
 from agglom_mpi.search.decisions import Progress
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import RANDOM
 
 GENERATIONS = 5
@@ -50,7 +50,7 @@ def inversion(rescale=None, restore=None, generations=GENERATIONS):
     search = genetic_search(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
 
     def ensemble():
-        return ensemble_of(difference(0.02), GrowthTarget(), PARTICLES, 2, 12)
+        return ensemble_of(difference(0.02), growth_target(), PARTICLES, 2, 12)
 
     return Inversion(search, ensemble, generations, restore=restore), Book()
 

@@ -5,14 +5,14 @@ import itertools
 
 import numpy as np
 import pytest
+from goals import FUNCTION_MEAN, growth_target, moment_targets
 from rules import difference, ensemble_of, half_width
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
 from agglom_mpi.outcome import COMPLETED, OUTCOME
-from agglom_mpi.search import objectives
-from agglom_mpi.search.moment_targets import MomentTarget, MomentTargets, interval_notes
-from agglom_mpi.search.objectives import MEAN_OF_FUNCTION, GrowthTarget
+from agglom_mpi.search import growth_objectives
+from agglom_mpi.search.moment_targets import MomentTarget, interval_notes
 from agglom_mpi.statistics import PooledMoments
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
@@ -43,7 +43,7 @@ def directly(samples):
 
 
 def judged(terms, samples):
-    return MomentTargets(tuple(terms)).of_ensemble(map(of_radii, samples))
+    return moment_targets(tuple(terms)).of_ensemble(map(of_radii, samples))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -90,8 +90,8 @@ def test_the_order_of_samples_and_of_their_particles_does_not_matter():
 
 def test_a_mean_alone_is_the_growth_target():
     outcomes = [of_radii(radii) for radii in samples_of_radii(9, 25)]
-    own = MomentTargets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
-    assert own == pytest.approx(GrowthTarget(2.0).of_ensemble(outcomes), rel=1e-12)
+    own = moment_targets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
+    assert own == pytest.approx(growth_target(2.0).of_ensemble(outcomes), rel=1e-12)
 
 
 def test_a_sample_alone_has_the_objective_of_its_own_moments():
@@ -104,7 +104,7 @@ def test_a_sample_alone_has_the_objective_of_its_own_moments():
             row[f"radius_moment_{order}"] = np.mean((radii - np.mean(radii)) ** order)
     terms = [MomentTarget("mean", 2.0), MomentTarget("kurtosis", 3.0, 0.5)]
     alone = [judged(terms, [radii])[0] for radii in samples]
-    assert MomentTargets(tuple(terms)).of_samples(rows) == pytest.approx(alone, rel=1e-12)
+    assert moment_targets(tuple(terms)).of_samples(rows) == pytest.approx(alone, rel=1e-12)
 
 
 MIXED = (
@@ -145,7 +145,7 @@ def test_the_standard_error_is_the_scatter_of_repeated_ensembles(terms):
         t.weight * abs(found[t.name] / t.target - 1 if t.target else found[t.name]) for t in terms
     )
     outcomes = [of_radii(radii) for radii in pool]
-    objective = MomentTargets(terms)
+    objective = moment_targets(terms)
     own = np.array([objective.of_ensemble(outcomes[i] for i in row) for row in draws[:some]])
     assert own[:, 0] == pytest.approx(values[:some], rel=1e-7)
     squares, variances = (values - values.mean()) ** 2, own[:, 1] ** 2
@@ -158,7 +158,7 @@ def test_the_standard_error_is_the_scatter_of_repeated_ensembles(terms):
 @pytest.mark.parametrize("terms", ERRORS, ids=lambda terms: "-".join(t.name for t in terms))
 def test_what_each_sample_adds_in_first_order_gives_value_and_error(terms):
     outcomes = [of_radii(radii) for radii in samples_of_radii(13, 60)]
-    objective = MomentTargets(terms)
+    objective = moment_targets(terms)
     value, error = objective.of_ensemble(outcomes)
     numbers = objective.influence_values(outcomes)
     assert np.mean(numbers) == pytest.approx(value, rel=1e-10)
@@ -167,17 +167,17 @@ def test_what_each_sample_adds_in_first_order_gives_value_and_error(terms):
 
 def test_particles_that_are_all_the_same_have_an_error_of_nothing_but_the_mean():
     outcomes = [completed(ratio, particles=1) for ratio in (4.0, 4.2, 4.4)]
-    value, error = MomentTargets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
+    value, error = moment_targets((MomentTarget("mean", 2.0),)).of_ensemble(outcomes)
     assert value == pytest.approx(1.1)
     assert error == pytest.approx(0.1 / np.sqrt(3))
 
 
 def test_one_particle_left_everywhere_has_no_spread_and_misses_all_of_that_target():
-    value, error = MomentTargets((MomentTarget("spread", 0.4),)).of_ensemble(
+    value, error = moment_targets((MomentTarget("spread", 0.4),)).of_ensemble(
         [completed(4.6, 1)] * 5
     )
     assert (value, error) == (1.0, 0.0)
-    assert MomentTargets((MomentTarget("spread", 0.0),)).of_ensemble([completed(4.6, 1)] * 5) == (
+    assert moment_targets((MomentTarget("spread", 0.0),)).of_ensemble([completed(4.6, 1)] * 5) == (
         0.0,
         0.0,
     )
@@ -188,14 +188,16 @@ def test_one_particle_left_everywhere_has_no_spread_and_misses_all_of_that_targe
 @pytest.mark.parametrize("rounding", [0.0, 1e-15])
 def test_radii_without_spread_have_no_shape_and_are_worth_inf(name, target, rounding):
     outcomes = [completed(4.6 * (1 + rounding * i), 1) for i in range(5)]
-    objective = MomentTargets((MomentTarget("mean", 2.0), MomentTarget(name, target)))
+    objective = moment_targets((MomentTarget("mean", 2.0), MomentTarget(name, target)))
     assert objective.of_ensemble(outcomes) == (np.inf, 0.0)
     assert objective.of_ensemble([]) == (np.inf, pytest.approx(np.nan, nan_ok=True))
 
 
 @pytest.mark.parametrize("rule", [difference(1e-3), half_width(0.01)])
 def test_a_string_without_shape_ranks_last_and_takes_no_more_samples_than_it_must(rule):
-    ensemble = ensemble_of(rule, MomentTargets((MomentTarget("skewness", 0.0),)), PARTICLES, 2, 100)
+    ensemble = ensemble_of(
+        rule, moment_targets((MomentTarget("skewness", 0.0),)), PARTICLES, 2, 100
+    )
     while not ensemble.finished:
         ensemble.add(completed(1.0))
     result = ensemble.result()
@@ -208,7 +210,7 @@ def test_one_merge_among_very_many_particles_is_a_spread():
     pooled = PooledMoments()
     pooled.add(10**12, 1.0, (0.0, 0.0, 0.0))
     pooled.add(1, 2 ** (1 / 3), (0.0, 0.0, 0.0))
-    kurtosis = MomentTargets((MomentTarget("kurtosis", 0.0),)).of_moments(
+    kurtosis = moment_targets((MomentTarget("kurtosis", 0.0),)).of_moments(
         pooled.mean, pooled.central
     )
     assert kurtosis == pytest.approx(1e12, rel=1e-3)  # n - 2 + 1/(n - 1) of one among n others
@@ -216,7 +218,7 @@ def test_one_merge_among_very_many_particles_is_a_spread():
 
 def test_the_standard_error_rule_stops_at_the_first_narrow_interval_of_moments():
     outcomes = [of_radii(radii) for radii in samples_of_radii(14, 300)]
-    objective = MomentTargets(MIXED)
+    objective = moment_targets(MIXED)
     errors = [objective.of_ensemble(outcomes[:count])[1] for count in range(5, 301)]
     half_widths = stats.t.ppf(0.975, np.arange(4, 300)) * errors
     tolerance = 0.5 * (half_widths[0] + half_widths[-1])
@@ -230,18 +232,18 @@ def test_the_standard_error_rule_stops_at_the_first_narrow_interval_of_moments()
 def test_the_mean_of_a_function_keeps_its_sign():
     numbers = [-3.0, 1.0, -2.5, 0.5]
     outcomes = [completed(1.0)._replace(objective=number) for number in numbers]
-    value, error = MEAN_OF_FUNCTION.of_ensemble(outcomes)
+    value, error = FUNCTION_MEAN.of_ensemble(outcomes)
     assert value == -1.0
     assert error == pytest.approx(stats.sem(numbers), rel=1e-14)
-    ensemble = ensemble_of(half_width(1e-9), MEAN_OF_FUNCTION, PARTICLES, 2, 4)
+    ensemble = ensemble_of(half_width(1e-9), FUNCTION_MEAN, PARTICLES, 2, 4)
     for outcome in outcomes:
         ensemble.add(outcome)
     assert ensemble.result().objective == -1.0
-    assert list(itertools.accumulate(MEAN_OF_FUNCTION.influence_values(outcomes)))[-1] == -4.0
+    assert list(itertools.accumulate(FUNCTION_MEAN.influence_values(outcomes)))[-1] == -4.0
 
 
 def test_the_example_of_the_objectives_is_true():
-    assert doctest.testmod(objectives) == (0, 6)
+    assert doctest.testmod(growth_objectives) == (0, 6)
 
 
 @pytest.mark.parametrize("name", ["mean", "spread", "skewness", "second", "third"])

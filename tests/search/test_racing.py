@@ -3,6 +3,7 @@ import random
 
 import numpy as np
 import pytest
+from goals import maximum_growth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rules import ensemble_of, half_width
@@ -11,7 +12,6 @@ from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import MaximumGrowth
 from agglom_mpi.search.racing import RaceEntry, Racing
 
 GENERATIONS, MOST = 4, 60
@@ -33,7 +33,7 @@ def simulate(parameters, sample):
 
 
 def inversion(racing, generations=GENERATIONS):
-    rule, objective = half_width(0.005), MaximumGrowth(PARTICLES)
+    rule, objective = half_width(0.005), maximum_growth(PARTICLES)
     return Inversion(
         genetic_search(unit_box(), 3, population=12, parents=4),
         lambda: ensemble_of(rule, objective, PARTICLES, 5, MOST),

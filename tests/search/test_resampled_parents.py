@@ -4,16 +4,16 @@ import random
 
 import numpy as np
 import pytest
+from goals import growth_target
 from rules import fixed
 from search_fakes import PARTICLES, Decisions, completed, failed, judged, unit_box
 from searches import genetic_search
 
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.objectives import GrowthTarget
 from agglom_mpi.search.proposals import AGAIN, OFFSPRING, RANDOM
 
-TARGET = GrowthTarget(2.0)
+TARGET = growth_target(2.0)
 
 
 def ensemble(samples):

@@ -2,13 +2,13 @@ import itertools
 
 import numpy as np
 import pytest
+from goals import growth_target, maximum_growth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rules import difference, ensemble_of, fixed, half_width, settled_moments
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
-from agglom_mpi.search.objectives import GrowthTarget, MaximumGrowth
 from agglom_mpi.search.stopping import (
     COMPARED_RULES,
     STUDIED_RULES,
@@ -44,13 +44,13 @@ def test_a_harmonic_series_stops_where_its_steps_fall_below_the_tolerance():
     # that it first is below 1/10.5 at E + 2 = 11.
     outcomes = [completed(float(ratio)) for ratio in range(1, 40)]
     rule = difference(1 / 10.5, "mean_radius")
-    assert samples_until_end(rule, outcomes, GrowthTarget()) == 10
+    assert samples_until_end(rule, outcomes, growth_target()) == 10
 
 
 def test_a_sample_that_hits_the_mean_stops_by_luck():
     outcomes = [completed(ratio) for ratio in (1.0, 3.0, 2.0, 5.0)]
     rule = difference(1e-9, "mean_radius")
-    assert samples_until_end(rule, outcomes, GrowthTarget()) == 3
+    assert samples_until_end(rule, outcomes, growth_target()) == 3
 
 
 def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
@@ -58,8 +58,8 @@ def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
     radius = difference(0.03, "mean_radius")
     objective = difference(0.03, "objective")
     # Means 2.5, 2.45, 2.433, 2.425, …; misses of 2 (doubled) 0.5, 0.45, 0.433, 0.425, …
-    assert samples_until_end(radius, outcomes, GrowthTarget(2.0)) == 2
-    assert samples_until_end(objective, outcomes, GrowthTarget(2.0)) == 4
+    assert samples_until_end(radius, outcomes, growth_target(2.0)) == 2
+    assert samples_until_end(objective, outcomes, growth_target(2.0)) == 4
 
 
 @given(
@@ -69,7 +69,7 @@ def test_the_objective_and_the_mean_radius_can_stop_at_different_samples():
 )
 @settings(derandomize=True, deadline=None)
 def test_successive_differences_stop_where_the_printed_formula_does(ratios, tolerance, quantity):
-    objective = MaximumGrowth(PARTICLES)
+    objective = maximum_growth(PARTICLES)
     values = ratios if quantity == "mean_radius" else [objective.of_ratio(r) for r in ratios]
     means = running_means(values)
     margins = [abs(b - a) - tolerance * abs(b) for a, b in itertools.pairwise(means)]
@@ -83,13 +83,13 @@ def test_successive_differences_stop_where_the_printed_formula_does(ratios, tole
 
 def test_an_objective_that_stays_at_zero_has_settled():
     outcomes = [completed(2.0)] * 3
-    assert samples_until_end(difference(1e-5), outcomes, GrowthTarget(2.0)) == 2
+    assert samples_until_end(difference(1e-5), outcomes, growth_target(2.0)) == 2
 
 
 def test_the_least_number_of_samples_holds_the_rule_back():
     outcomes = [completed(1.5)] * 9
     rule = difference(1e-5)
-    assert samples_until_end(rule, outcomes, GrowthTarget(), min_samples=7) == 7
+    assert samples_until_end(rule, outcomes, growth_target(), min_samples=7) == 7
 
 
 SLOW = pytest.mark.slow
@@ -116,13 +116,13 @@ def test_moments_stop_where_those_of_all_particles_settle(order, tolerance):
         if np.all(abs(b - a) <= tolerance * abs(b))
     )
     outcomes = [of_radii(radii) for radii in samples]
-    assert samples_until_end(settled_moments(tolerance, order), outcomes, GrowthTarget()) == direct
+    assert samples_until_end(settled_moments(tolerance, order), outcomes, growth_target()) == direct
 
 
 def test_higher_orders_never_stop_earlier():
     outcomes = [of_radii(radii) for radii in random_radii(7, 400)]
     ends = [
-        samples_until_end(settled_moments(0.01, r), outcomes, GrowthTarget()) for r in (1, 2, 3, 4)
+        samples_until_end(settled_moments(0.01, r), outcomes, growth_target()) for r in (1, 2, 3, 4)
     ]
     assert ends == sorted(ends)
     assert ends[0] < ends[3]
@@ -130,7 +130,7 @@ def test_higher_orders_never_stop_earlier():
 
 def test_moments_that_are_zero_both_times_have_settled():
     outcomes = [of_radii(np.ones(100))] * 3
-    assert samples_until_end(settled_moments(1e-5, 4), outcomes, GrowthTarget()) == 2
+    assert samples_until_end(settled_moments(1e-5, 4), outcomes, growth_target()) == 2
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.05, 0.02])
@@ -138,8 +138,8 @@ def test_moments_that_are_zero_both_times_have_settled():
 def test_the_standard_error_rule_stops_at_the_first_narrow_interval(seed, tolerance):
     ratios = np.random.default_rng(seed).normal(2.5, 0.2, 500)
     for objective, values in (
-        (GrowthTarget(2.0), ratios / 2.0),
-        (MaximumGrowth(PARTICLES), 1 - ratios / np.cbrt(PARTICLES)),
+        (growth_target(2.0), ratios / 2.0),
+        (maximum_growth(PARTICLES), 1 - ratios / np.cbrt(PARTICLES)),
     ):
         counts = np.arange(5, 501)
         errors = [stats.sem(values[:count]) for count in counts]
@@ -151,8 +151,8 @@ def test_the_standard_error_rule_stops_at_the_first_narrow_interval(seed, tolera
 
 def test_the_standard_error_rule_waits_for_its_least_number():
     outcomes = [completed(2.5)] * 9
-    assert samples_until_end(half_width(0.1), outcomes, GrowthTarget()) == 5
-    assert samples_until_end(half_width(0.1, 3), outcomes, GrowthTarget()) == 3
+    assert samples_until_end(half_width(0.1), outcomes, growth_target()) == 5
+    assert samples_until_end(half_width(0.1, 3), outcomes, growth_target()) == 3
     with pytest.raises(ValueError, match="min_samples"):
         half_width(0.1, 2)
 

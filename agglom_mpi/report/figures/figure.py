@@ -2,21 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.report.drawing import SIZE, Drawing, axes_or_new, figure_or_new, note, style_axes
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
 from agglom_mpi.storage.reader import CampaignData
 
-SYMBOLS: Final = {"growth_target": "Λ", "maximum_growth": "Π"}
-"""The papers' names of their objectives [A 26] [B 7.1]."""
-
 
 def objective_label(data: CampaignData) -> str:
     """Return the name of a campaign's objective on an axis, with its unit."""
-    symbol = SYMBOLS.get(str(data.identity.get("objective.law")))
+    symbol = objective_of(data).symbol if "objective.law" in data.identity else ""
     return f"objective {symbol} (1)" if symbol else "objective (1)"
 
 
