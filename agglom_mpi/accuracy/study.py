@@ -13,6 +13,7 @@ from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
@@ -204,7 +205,12 @@ class Study(Experiment):
             for setup in self._by_string
         )
         parameters = np.array([setup.parameters for setup in self._by_string])
-        return Inversion(FixedProposals(parameters), ensembles.__next__, 1, restore=restore)
+        return Inversion(
+            FixedProposals(parameters),
+            ensembles.__next__,
+            Generations(generations=1),
+            restore=restore,
+        )
 
     def stage(self, inversion: Inversion) -> StageProgress:
         """Return how many set-ups are done; all are measured at the same time."""

@@ -14,8 +14,8 @@ from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import Bounds, bounds_of
 from agglom_mpi.config.document import read_document
-from agglom_mpi.config.ensemble import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
+from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
 from agglom_mpi.config.seeded_text import with_seed

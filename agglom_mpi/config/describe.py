@@ -148,7 +148,7 @@ def _stored(campaign: "Campaign") -> list[str]:
 def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.max_strings
-    sooner = stopping.target is not None or stopping.expected_error is not None
+    sooner = bool(stopping.criteria)
     fewest = search.first_generation if sooner else strings
     lines = [*search.describe(), f"ensemble: {ensemble.summary}"]
     if ensemble.common_configurations:
@@ -159,11 +159,7 @@ def _search(campaign: "Campaign") -> list[str]:
             f"racing: from {first} on, strings that are not among the best "
             f"{search.kept} get no more, at a confidence of {ensemble.racing.confidence:g}"
         )
-    if stopping.target is not None:
-        top, objective = stopping.target.top, stopping.target.objective
-        lines.append(f"target: mean objective of the best {top} at most {objective:g}")
-    if stopping.expected_error is not None:
-        lines.append(f"target: expected error of the set at most {stopping.expected_error:g}")
+    lines += [f"target: {criterion.summary}" for criterion in stopping.criteria.values()]
     lines += [
         f"generations: {_between(1 if sooner else None, stopping.generations)}",
         f"strings: {_between(fewest, strings)}",

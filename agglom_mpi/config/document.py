@@ -1,6 +1,5 @@
 """The campaign file as one typed model, with the checks between sections."""
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
@@ -15,7 +14,7 @@ from agglom_mpi.config.bounds import (
     required_variables,
     volume_fraction,
 )
-from agglom_mpi.config.ensemble import (
+from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
     Plan,
@@ -159,11 +158,15 @@ class CampaignDocument(SceneDocument):
 
     @field_validator("stopping")
     @classmethod
-    def _error_is_of_a_set(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
-        wanted = "search" in info.data and stopping.expected_error is not None
-        if wanted and not info.data["search"].looks_for_a_set:
-            message = "is that of a set; needs search {method: surrogate, aim: set}"
-            raise FieldError((("expected_error",), message))
+    def _criteria_fit(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
+        others = info.data.get("search"), info.data.get("objective")
+        raise_field_errors(
+            [
+                ((key, *path), message)
+                for key, criterion in stopping.criteria.items()
+                for path, message in criterion.misfits(*others)
+            ]
+        )
         return stopping
 
     @field_validator("ensemble")
@@ -175,27 +178,6 @@ class CampaignDocument(SceneDocument):
                 message = f"is for the parents of a genetic search; {search.name} has none"
                 raise FieldError((("racing",), message))
         return ensemble
-
-    @field_validator("stopping")
-    @classmethod
-    def _top_is_there(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
-        if "search" in info.data and stopping.target is not None:
-            population = info.data["search"].population
-            if stopping.target.top > population:
-                message = f"is {stopping.target.top}; must be at most the population, {population}"
-                raise FieldError((("target", "top"), message))
-        return stopping
-
-    @field_validator("stopping")
-    @classmethod
-    def _target_has_a_sign(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
-        """Allow a negative target only for a user's function."""
-        objective, target = info.data.get("objective"), stopping.target
-        least = -math.inf if objective is None else objective.least
-        if target is not None and target.objective < 0.0 <= least:
-            message = f"is {target.objective:g}; must be at least 0"
-            raise FieldError((("target", "objective"), message))
-        return stopping
 
 
 def read_document(

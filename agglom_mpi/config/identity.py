@@ -9,7 +9,7 @@ from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.config.ensemble import Plan
+    from agglom_mpi.config.plan import Plan
 
 SEPARATORS: Final = (",", ":")
 STUDY_SEPARATORS: Final = (", ", ": ")
@@ -53,14 +53,10 @@ def objective(campaign: "Campaign") -> dict[str, object]:
 
 
 def _required_plan(plan: "Plan") -> dict[str, object]:
-    target, error = plan.stopping.target, plan.stopping.expected_error
-    ends: dict[str, object] = {"target": target.entries() if target else None}
-    if error is not None:
-        ends["expected_error"] = error
     return {
         "search": plan.search.entries(),
         "ensemble": plan.ensemble.entries(),
-        "stopping": ends,
+        "stopping": plan.stopping.recorded(),
     }
 
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
-from agglom_mpi.search.decisions import Target
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.method import SearchInputs
@@ -36,10 +35,9 @@ def inversion_of(
     background
         Whether long computations of the search may run in a thread.
     """
-    ensemble, stopping = campaign.ensemble, campaign.stopping
+    ensemble = campaign.ensemble
     particles = campaign.scene.particles
     objective = campaign.objective
-    target = stopping.target
     coordinates = coordinates_of(campaign)
     inputs = SearchInputs(
         campaign.space(),
@@ -50,20 +48,17 @@ def inversion_of(
         coordinates=coordinates.of_strings,
         groups=len(coordinates.groups),
     )
-    search, error = campaign.search.build(inputs), stopping.expected_error
 
     def signed(result: EnsembleResult) -> float:
         """Return the signed mean whose magnitude is a string's objective."""
         return objective.signed(result.objective, result.mean_radius_ratio)
 
     return Inversion(
-        search,
+        campaign.search.build(inputs),
         lambda: Ensemble(ensemble, objective, particles),
-        stopping.generations,
-        target=None if target is None else Target(target.top, target.objective),
+        campaign.stopping.ending,
         restore=restore,
         signed=signed,
         racing=ensemble.racing,
         more_samples=campaign.search.added_samples or 1,
-        enough=None if error is None else lambda: search.set_error() <= error,
     )

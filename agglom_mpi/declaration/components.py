@@ -122,7 +122,7 @@ class Component(Section):
     @property
     def name(self) -> str:
         """Name in a campaign file; empty of a component without alternatives."""
-        return next(iter(names_of(type(self))), "")
+        return next(iter(self.names()), "")
 
     @property
     def summary(self) -> str:

@@ -162,8 +162,8 @@ class FileProgress:
         generations, samples = self.data.generation_rows(), self.data.all_sample_rows()
         if not len(generations):
             return False
-        target = self._campaign.stopping.target
-        if target is not None and generations[-1]["mean_of_top"] <= target.objective:
+        criteria = self._campaign.stopping.criteria.values()
+        if any(criterion.is_seen_in(generations[-1]) for criterion in criteria):
             return True
         finished = samples["finished"]
         later = fresh.any() and finished[fresh].max() >= finished[~fresh].max(initial=0.0)
@@ -185,7 +185,7 @@ class FileProgress:
             unit="generations",
             strings_open=len(np.setdiff1d(proposed, self.data.result_rows()["string"])),
             remaining=remaining_in_turns(durations, capacity - done, max(0.0, present)),
-            may_end_sooner=self._campaign.stopping.target is not None,
+            may_end_sooner=bool(self._campaign.stopping.criteria),
         )
 
     def _remaining_fresh(self, ours: np.ndarray, rest: int) -> RemainingTime | None:

@@ -11,7 +11,7 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.search.decisions import SET_KNOWN, TARGET_REACHED
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.storage.room import TableSizes, table_sizes
@@ -156,12 +156,11 @@ class InversionExperiment(Experiment):
     purpose = INVERSION
 
     def __init__(self, campaign: Campaign, given: NDArray[np.float64] | None = None) -> None:
-        target = campaign.stopping.target
         self.campaign = campaign
         self.given = campaign.given_strings() if given is None else given
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
-        self.top = target.top if target else campaign.search.kept
+        self.top = campaign.stopping.ending.best_strings or campaign.search.kept
 
     @property
     def table_sizes(self) -> TableSizes:
@@ -197,7 +196,7 @@ class InversionExperiment(Experiment):
     def stage(self, inversion: Inversion) -> StageProgress:
         """Count the generations."""
         stopping = self.campaign.stopping
-        sooner = stopping.target is not None or stopping.expected_error is not None
+        sooner = bool(stopping.criteria)
         return StageProgress(
             inversion.generation, stopping.generations, "generations", True, sooner
         )
@@ -230,15 +229,9 @@ class InversionExperiment(Experiment):
         )
 
     def end_reason(self, inversion: Inversion) -> str:
-        """Return the reason for the end of the search, a sentence."""
-        stopping = self.campaign.stopping
-        if inversion.stop_reason == TARGET_REACHED and stopping.target is not None:
-            top, objective = stopping.target.top, stopping.target.objective
-            return f"the mean objective of the best {top} is at most {objective:g}"
-        if inversion.stop_reason == SET_KNOWN:
-            return f"the expected error of the set is at most {stopping.expected_error:g}"
-        count = stopping.generations
-        return "the 1 generation is done" if count == 1 else f"all {count} generations are done"
+        """Return a sentence on the criterion that ended the search."""
+        last = Generations(generations=self.campaign.stopping.generations)
+        return (inversion.ended_by or last).reached
 
     def _best(self, inversion: Inversion) -> list[int]:
         """Return evaluated strings with a finite objective, as the search ranks them."""

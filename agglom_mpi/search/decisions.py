@@ -1,24 +1,12 @@
 """What a search decides: strings proposed, strings evaluated, generations closed."""
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.proposals import Proposals
-
-TARGET_REACHED: Final = "target"
-SET_KNOWN: Final = "set"
-GENERATIONS_DONE: Final = "generations"
-"""Why an inversion has ended."""
-
-
-class Target(NamedTuple):
-    """Stop once the mean objective of the `top` best strings is at most `objective` [A 26]."""
-
-    top: int
-    objective: float
 
 
 class Progress(NamedTuple):
@@ -56,7 +44,7 @@ class GenerationSummary(NamedTuple):
     standard_error: float
     """Of the best string: as its ensemble gives them, or a search that makes its own estimate."""
     mean_of_top: float
-    """Mean objective of the best `Target.top` strings, or of the parents without a target."""
+    """Mean objective of the best strings of the target, or of the parents without a target."""
     population: NDArray[np.int64]
     """Numbers of the strings, the best first, shape (S,)."""
     evaluations: int

@@ -8,16 +8,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.decisions import (
-    GENERATIONS_DONE,
-    SET_KNOWN,
-    TARGET_REACHED,
     Decision,
     GenerationSummary,
     Progress,
     StringEvaluated,
     StringsProposed,
-    Target,
 )
+from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
@@ -42,10 +39,8 @@ class Inversion:
         The method, with nothing told yet.
     make_ensemble
         Makes an empty ensemble.
-    generations
-        Largest number of generations.
-    target
-        When to stop before; None never does.
+    ending
+        When to stop.
     restore
         Replaces proposals, given the number of their first string, by what an earlier leg of the
         campaign has stored of them; None keeps them.
@@ -56,9 +51,6 @@ class Inversion:
         When to drop strings that will not be kept; None never does.
     more_samples
         Number of additional samples of a string that is proposed again.
-    enough
-        Returns after each generation whether the set that is looked for is known well enough; None:
-        none is looked for.
 
     Attributes
     ----------
@@ -66,35 +58,31 @@ class Inversion:
         Number of the generation under way.
     results
         Results of the evaluated strings, by number.
-    stop_reason
-        `TARGET_REACHED`, `SET_KNOWN` or `GENERATIONS_DONE` once all is decided; None before.
+    ended_by
+        The criterion that holds once all is decided; None before.
     """
 
     def __init__(
         self,
         search: RunningSearch,
         make_ensemble: Callable[[], Ensemble],
-        generations: int,
-        target: Target | None = None,
+        ending: EndingCriterion,
         restore: Callable[[Proposals, int], Proposals] | None = None,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
         racing: Racing | None = None,
         more_samples: int = 1,
-        enough: Callable[[], bool] | None = None,
     ) -> None:
         self.generation = 0
         self.results: dict[int, EnsembleResult] = {}
-        self.stop_reason: str | None = None
+        self.ended_by: EndingCriterion | None = None
         self._search = search
         self._make_ensemble = make_ensemble
-        self._generations = generations
-        self._target = target
+        self._ending = ending
         self._restore = restore
         self._signed = signed
         self._racing = racing
         self._more_samples = more_samples
-        self._enough = enough
-        self._top = search.parents if target is None else target.top
+        self._top = ending.best_strings or search.parents
         self._strings: list[NDArray[np.float64]] = []  # of all generations that have begun
         self._strings_ahead: dict[int, NDArray[np.float64]] = {}
         self._last_ahead = 0  # generation that was proposed ahead last
@@ -111,7 +99,7 @@ class Inversion:
     @property
     def finished(self) -> bool:
         """Whether there is nothing left to decide."""
-        return self.stop_reason is not None
+        return self.ended_by is not None
 
     @property
     def open_strings(self) -> Mapping[int, Progress]:
@@ -168,7 +156,9 @@ class Inversion:
             does not know more of them yet.
         """
         coming = max(self._last_ahead, self.generation) + 1
-        if self.finished or coming >= min(self._generations, self.generation + generations + 1):
+        if self.finished or coming >= min(
+            self._ending.max_generations, self.generation + generations + 1
+        ):
             return None
         known = self._search.known_proposals(coming)
         if known is None:
@@ -272,9 +262,8 @@ class Inversion:
         """Run races, and close generations and propose the next as long as no string is open."""
         yield from self._run_races()
         while not self._open:
-            summary = self._close_generation()
-            yield summary
-            self.stop_reason = self._stop_reason(summary.mean_of_top)
+            yield self._close_generation()
+            self.ended_by = self._ending.met(self.generation + 1, self._search)
             if self.finished:
                 self._waiting.clear()
                 return
@@ -314,13 +303,6 @@ class Inversion:
             samples_used=self._samples_used,
             estimated=error is not None,
         )
-
-    def _stop_reason(self, mean_of_top: float) -> str | None:
-        if self._target is not None and mean_of_top <= self._target.objective:
-            return TARGET_REACHED
-        if self._enough is not None and self._enough():
-            return SET_KNOWN
-        return GENERATIONS_DONE if self.generation + 1 >= self._generations else None
 
     def _evaluations(self) -> Evaluations:
         """Collect the results of this generation for the search."""

@@ -3,7 +3,7 @@
 import pytest
 from campaign_text import campaign
 
-from agglom_mpi.config.ensemble import FinalAnswer
+from agglom_mpi.config.plan import FinalAnswer
 from agglom_mpi.config.yaml_source import CampaignError
 
 

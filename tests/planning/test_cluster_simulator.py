@@ -18,6 +18,7 @@ from agglom_mpi.planning.cluster_simulator import (
 )
 from agglom_mpi.planning.forecast import FREE, Forecast, MessageCosts
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT
@@ -53,7 +54,7 @@ def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most
     inversion = Inversion(
         search,
         lambda: ensemble_of(difference(0.003), growth_target(), 100, 2, most),
-        generations,
+        Generations(generations=generations),
     )
 
     return ClusterSimulator(inversion, workload or Drawn(), ranks, costs)
@@ -188,7 +189,11 @@ def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longe
 @pytest.mark.parametrize("ranks", [1, 30])
 def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
     search = surrogate_search(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
-    inversion = Inversion(search, lambda: ensemble_of(fixed(1), growth_target(), 100, 1, 1), 6)
+    inversion = Inversion(
+        search,
+        lambda: ensemble_of(fixed(1), growth_target(), 100, 1, 1),
+        Generations(generations=6),
+    )
     same = Drawn()  # all samples take 0.01 s
     run = ClusterSimulator(inversion, same, ranks, FREE, lag=2)
     forecast = run.run()

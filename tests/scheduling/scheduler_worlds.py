@@ -15,6 +15,7 @@ from agglom_mpi.scheduling.estimators import QUEUE_PROBABILITY
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
@@ -68,7 +69,9 @@ class Decisions(DecisionLog):
 def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
     space = SearchSpace(np.zeros(COUNT), np.ones(COUNT))
     search = genetic_search(space, seed=5, population=population, parents=2, rescale=rescale)
-    return Inversion(search, lambda: Judge(max_samples), generations), Decisions()
+    return Inversion(
+        search, lambda: Judge(max_samples), Generations(generations=generations)
+    ), Decisions()
 
 
 def scheduler_of(inversion, decisions, ranks, *known_and_used):

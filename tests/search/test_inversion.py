@@ -11,13 +11,11 @@ from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 from searches import genetic_search
 
 from agglom_mpi.search.decisions import (
-    GENERATIONS_DONE,
-    TARGET_REACHED,
     GenerationSummary,
     StringEvaluated,
     StringsProposed,
-    Target,
 )
+from agglom_mpi.search.ending import Generations, MeanOfBest, any_of
 from agglom_mpi.search.inversion import Inversion
 
 SEED = 11
@@ -50,7 +48,9 @@ def inversion(generations=4, target=None, restore=None, rule=None):
     def ensemble():
         return ensemble_of(rule, growth_target(), PARTICLES, 2, 12)
 
-    return Inversion(search, ensemble, generations, target, restore), Book()
+    last = Generations(generations=generations)
+    ending = last if target is None else any_of(target, last)
+    return Inversion(search, ensemble, ending, restore), Book()
 
 
 def serve_in_order(process, book):
@@ -128,7 +128,7 @@ def test_a_partial_resume_goes_on_to_the_same_end(reference):
 def test_evaluations_and_samples_are_counted():
     process, book = inversion()
     serve_in_order(process, book)
-    assert process.stop_reason == GENERATIONS_DONE
+    assert process.ended_by == Generations(generations=4)
     assert [summary.generation for summary in book.summaries] == [0, 1, 2, 3]
     assert [summary.evaluations for summary in book.summaries] == [8, 14, 20, 26]
     used = [sum(book.results[i].samples_used for i in range(n)) for n in (8, 14, 20, 26)]
@@ -192,10 +192,10 @@ def test_the_mean_of_the_best_strings_stops_a_campaign_at_its_target():
     serve_in_order(whole, book)
     means = [summary.mean_of_top for summary in book.summaries]
     wanted = means[9]
-    process, short = inversion(generations=30, target=Target(2, wanted))
+    process, short = inversion(generations=30, target=MeanOfBest(top=2, objective=wanted))
     serve_in_order(process, short)
     reached = next(i for i, mean in enumerate(means) if mean <= wanted)
-    assert process.stop_reason == TARGET_REACHED
+    assert process.ended_by == MeanOfBest(top=2, objective=wanted)
     assert len(short.summaries) == reached + 1
     assert not process.open_strings
 
@@ -243,7 +243,7 @@ def test_a_campaign_in_which_everything_fails_still_ends():
     while not process.finished:
         string, progress = next(iter(process.open_strings.items()))
         book.complete(process, string, progress.next_sample, [failed()])
-    assert process.stop_reason == GENERATIONS_DONE
+    assert process.ended_by == Generations(generations=2)
     assert all(result.objective == np.inf for result in book.results.values())
     assert book.summaries[-1].objective == np.inf
     assert book.summaries[-1].best == 0

@@ -12,6 +12,7 @@ from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
 from agglom_mpi.search.decisions import Progress
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import RANDOM
 
@@ -52,7 +53,9 @@ def inversion(rescale=None, restore=None, generations=GENERATIONS):
     def ensemble():
         return ensemble_of(difference(0.02), growth_target(), PARTICLES, 2, 12)
 
-    return Inversion(search, ensemble, generations, restore=restore), Book()
+    return Inversion(
+        search, ensemble, Generations(generations=generations), restore=restore
+    ), Book()
 
 
 def give(process, book, string, sample):

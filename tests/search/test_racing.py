@@ -11,6 +11,7 @@ from scipy import stats
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.racing import RaceEntry, Racing
 
@@ -37,7 +38,7 @@ def inversion(racing, generations=GENERATIONS):
     return Inversion(
         genetic_search(unit_box(), 3, population=12, parents=4),
         lambda: ensemble_of(rule, objective, PARTICLES, 5, MOST),
-        generations,
+        Generations(generations=generations),
         racing=racing,
     )
 

@@ -9,6 +9,7 @@ from rules import fixed
 from search_fakes import PARTICLES, Decisions, completed, failed, judged, unit_box
 from searches import genetic_search
 
+from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import AGAIN, OFFSPRING, RANDOM
@@ -113,7 +114,7 @@ def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
     inversion = Inversion(
         genetic_search(unit_box(), seed, population=10, parents=4, again=more is not None),
         lambda: ensemble(4),
-        generations,
+        Generations(generations=generations),
         more_samples=more or 1,
     )
     book.start(inversion)

@@ -1,0 +1,89 @@
+"""What a search is: the sections `search`, `ensemble`, `stopping`; and `final` and `output`."""
+
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BeforeValidator, Field, create_model
+
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.sections import (
+    LATER,
+    NONE,
+    Flag,
+    Line,
+    Section,
+    WholeNumber,
+)
+from agglom_mpi.search.ending import EndingCriterion, Generations, any_of
+from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.stopping import StoppingRule
+
+
+class _Generations(Section):
+    generations: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="the most generations")]
+
+
+def with_criteria(base: type[Section]) -> Any:
+    """Return a section with the keys of another one, and then one for each ending criterion."""
+    fields: dict[str, Any] = {}
+    for key, criterion in EndingCriterion.components().items():
+        read: Any = Annotated[criterion, BeforeValidator(criterion.as_mapping)]
+        marks = (NONE,) if criterion.always_recorded else (NONE, LATER)
+        fields[key] = (Annotated[(read | None, *marks)], None)
+    return create_model("Criteria", __base__=base, **fields)
+
+
+Criteria: Any = with_criteria(_Generations)
+
+
+class Stopping(Criteria):
+    """Section `stopping`: what ends the campaign."""
+
+    max_failures: Annotated[int, Whole(at_least=1)] = 100
+    max_seconds: Annotated[Annotated[float, In("s", above=0)] | None, NONE] = None
+
+    @property
+    def criteria(self) -> dict[str, EndingCriterion]:
+        """Criteria that end the campaign before its last generation, by key."""
+        return {key: value for key, value in self if isinstance(value, EndingCriterion)}
+
+    @property
+    def ending(self) -> EndingCriterion:
+        """The criterion that ends the campaign: any of those given, or its last generation."""
+        return any_of(*self.criteria.values(), Generations(generations=self.generations))
+
+    def recorded(self) -> dict[str, Any]:
+        """Return the entries of the identity: those of the criteria."""
+        return {k: v for k, v in self.entries().items() if k in EndingCriterion.components()}
+
+
+class Plan(NamedTuple):
+    """The sections of a search, which a scene alone does not have."""
+
+    search: SearchMethod
+    ensemble: StoppingRule
+    stopping: Stopping
+
+
+class FinalAnswer(Section):
+    """Section `final`: re-estimation of the best strings on fresh samples after the search."""
+
+    strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
+    samples: Annotated[
+        WholeNumber, Field(ge=2, le=10**6, description="fresh samples of each string")
+    ] = 100
+
+
+class FramesOfBest(Section):
+    """Frames of the first samples of the best strings, recorded after the search."""
+
+    count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="frames of each sample")]
+    strings: Annotated[WholeNumber, Field(ge=1, description="number of best strings")] = 6
+    samples: Annotated[WholeNumber, Field(ge=1, description="samples of each string")] = 1
+
+
+class Output(Section):
+    """Section `output`: name of the campaign file, and what it stores beside rows of samples."""
+
+    file: Annotated[Line, Field(min_length=1)] | None = None
+    final_particles: Flag = False
+    frames: Annotated[FramesOfBest | None, NONE] = None
