@@ -107,22 +107,22 @@ class Best:
 
 def searched(name, seed, samples, job=JOB):
     """Search with so many samples; yields samples used and the best strings after generations."""
-    of, book = campaign(name, seed, job), Best()
+    of, history = campaign(name, seed, job), Best()
     inversion = InversionExperiment(of).inversion(None)
-    book.record(inversion.start())
+    history.record(inversion.start())
     used, told = 0, 0
     while used < samples:
         for string, progress in inversion.open_strings.items():
             if inversion.progress(string) is None:
                 continue  # out of the race
             rows = simulate(of, inversion.parameters(string), progress.next_sample)
-            book.record(inversion.complete(string, progress.next_sample, rows))
+            history.record(inversion.complete(string, progress.next_sample, rows))
             used += 1
-            if len(book.best) > told or used >= samples:
+            if len(history.best) > told or used >= samples:
                 break
-        for at, best in book.best[told:]:
+        for at, best in history.best[told:]:
             yield at, [inversion.parameters(int(string)) for string in best]
-        told = len(book.best)
+        told = len(history.best)
 
 
 def searched_by_pymoo(name, seed, samples):

@@ -163,7 +163,7 @@ def need_mpirun():
     """Skip where there is no mpirun; the continuous integration must have one."""
     if shutil.which("mpirun", path=environment()["PATH"]) is None:
         if os.environ.get("CI"):
-            pytest.fail("no mpirun; the tests of the parallel farm must not be skipped here")
+            pytest.fail("no mpirun; the tests of parallel runs must not be skipped here")
         pytest.skip("no mpirun is installed (pip install 'agglom_mpi[mpi]')")
 
 

@@ -1,4 +1,4 @@
-"""Small campaigns of every search, in the scene that other farm tests have compiled."""
+"""Small campaigns of every search, in the scene that other tests of runs have compiled."""
 
 import re
 

@@ -85,7 +85,7 @@ def undisturbed(shared_campaign):
     return decisions(shared_campaign("small") / "small.h5")
 
 
-class Farm:
+class HeldRun:
     """Ranks of which each has a sample under way that waits at a gate."""
 
     def __init__(self, folder, ranks):
@@ -145,96 +145,96 @@ def ranks():
 
 
 @pytest.fixture
-def farm(tmp_path, ranks):
+def run(tmp_path, ranks):
     """Start the campaign; all ranks have something to do, and wait."""
-    farm = Farm(tmp_path, ranks)
-    with running(tmp_path, "small.yaml", ranks=ranks, inject=farm.gate.folder) as farm.process:
-        farm.wait_for_all()
-        yield farm
-        for pid in farm.pids:
+    run = HeldRun(tmp_path, ranks)
+    with running(tmp_path, "small.yaml", ranks=ranks, inject=run.gate.folder) as run.process:
+        run.wait_for_all()
+        yield run
+        for pid in run.pids:
             try:
                 os.kill(pid, signal.SIGKILL)
             except ProcessLookupError:
                 continue
 
 
-def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(undisturbed, farm):
-    farm.lose(1, other=2)
-    said, errors = farm.end()
+def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(undisturbed, run):
+    run.lose(1, other=2)
+    said, errors = run.end()
     assert "rank 1 on " in errors
     assert f"has not been heard of for {SILENT_AFTER:g} s; others do its work" in errors
     assert "no answer from rank 1: the job is ended without; small.h5 is whole" in errors
     assert "finished: all 3 generations are done" in said
-    assert farm.process.returncode == 0
-    assert state(farm.path) == ("finished", "all 3 generations are done")
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
+    assert run.process.returncode == 0
+    assert state(run.path) == ("finished", "all 3 generations are done")
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
 
 
-def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, farm):
-    farm.lose(1, other=2)
-    farm.send(1, signal.SIGCONT)
-    farm.wait(lambda: " is back" in farm.read("said"))
-    _, errors = farm.end()
-    assert farm.process.returncode == 0, errors
+def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, run):
+    run.lose(1, other=2)
+    run.send(1, signal.SIGCONT)
+    run.wait(lambda: " is back" in run.read("said"))
+    _, errors = run.end()
+    assert run.process.returncode == 0, errors
     assert errors.count("has not been heard of") == 1
     assert "no answer" not in errors
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
-    [samples] = read_campaign(farm.path).legs()["samples"].tolist()
-    assert samples == samples_in(farm.path)
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
+    [samples] = read_campaign(run.path).legs()["samples"].tolist()
+    assert samples == samples_in(run.path)
 
 
-def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, farm):
-    farm.send(2, signal.SIGSTOP)
-    farm.send(0, signal.SIGUSR1)
-    farm.wait(lambda: farm.heard(1, STOP))
-    farm.set_clock(1.01 * STOP_TIMEOUT)
-    _, errors = output_of(farm.process)
-    assert farm.process.returncode == 75, errors
+def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, run):
+    run.send(2, signal.SIGSTOP)
+    run.send(0, signal.SIGUSR1)
+    run.wait(lambda: run.heard(1, STOP))
+    run.set_clock(1.01 * STOP_TIMEOUT)
+    _, errors = output_of(run.process)
+    assert run.process.returncode == 75, errors
     assert "no answer from rank 2" in errors
-    assert state(farm.path)[0] == "stopped"
-    assert_sound(farm.path)
-    finish(farm.folder, "small.yaml")
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
+    assert state(run.path)[0] == "stopped"
+    assert_sound(run.path)
+    finish(run.folder, "small.yaml")
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
 
 
 @pytest.mark.parametrize("ranks", [2, slow(3)])
-def test_rank_0_may_be_stopped_and_continued(undisturbed, farm):
-    farm.send(0, signal.SIGSTOP)
-    farm.set_clock(10 * SILENT_AFTER)
-    farm.send(0, signal.SIGCONT)
-    _, errors = farm.end()
-    assert farm.process.returncode == 0, errors
+def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
+    run.send(0, signal.SIGSTOP)
+    run.set_clock(10 * SILENT_AFTER)
+    run.send(0, signal.SIGCONT)
+    _, errors = run.end()
+    assert run.process.returncode == 0, errors
     assert "has not been heard of" not in errors
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
 
 
 @pytest.mark.parametrize("ranks", [2, slow(3)])
-def test_a_job_may_be_suspended_and_continued(undisturbed, farm):
-    for rank in farm.ranks:
-        farm.send(rank, signal.SIGSTOP)
-    farm.set_clock(10 * SILENT_AFTER)
-    for rank in farm.ranks:
-        farm.send(rank, signal.SIGCONT)
-    _, errors = farm.end()
-    assert farm.process.returncode == 0, errors
+def test_a_job_may_be_suspended_and_continued(undisturbed, run):
+    for rank in run.ranks:
+        run.send(rank, signal.SIGSTOP)
+    run.set_clock(10 * SILENT_AFTER)
+    for rank in run.ranks:
+        run.send(rank, signal.SIGCONT)
+    _, errors = run.end()
+    assert run.process.returncode == 0, errors
     assert "no answer" not in errors
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
 
 
 @pytest.mark.parametrize("ranks", [2, slow(3)])
-def test_a_killed_rank_ends_the_job(undisturbed, farm):
-    farm.send(1, signal.SIGKILL)
-    output_of(farm.process)  # the gate is never opened
-    assert farm.process.returncode not in (0, 2, 75)
-    wait_until_gone(farm.pids)  # Open MPI's launcher does not
-    finish(farm.folder, "small.yaml")
-    assert_same(farm.path, undisturbed)
-    assert_sound(farm.path)
+def test_a_killed_rank_ends_the_job(undisturbed, run):
+    run.send(1, signal.SIGKILL)
+    output_of(run.process)  # the gate is never opened
+    assert run.process.returncode not in (0, 2, 75)
+    wait_until_gone(run.pids)  # Open MPI's launcher does not
+    finish(run.folder, "small.yaml")
+    assert_same(run.path, undisturbed)
+    assert_sound(run.path)
 
 
 @pytest.mark.slow

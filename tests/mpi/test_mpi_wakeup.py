@@ -13,7 +13,7 @@ waiting.QUIET = 60.0
 OUT_OF_REACH = """
 from agglom_mpi.runtime.wakeup import Wakeup
 
-Wakeup.ring_at = lambda bell, name: False
+Wakeup.ring_at = lambda wakeup, name: False
 """
 
 LEFT_UNHEARD = f"""{RANK}
@@ -21,8 +21,8 @@ import random
 from agglom_mpi.runtime.wakeup import Wakeup
 
 chance, ring, ring_at = random.Random(rank), Wakeup.ring, Wakeup.ring_at
-Wakeup.ring = lambda bell: ring(bell) if chance.random() < 0.5 else None
-Wakeup.ring_at = lambda bell, name: ring_at(bell, name) if chance.random() < 0.5 else True
+Wakeup.ring = lambda wakeup: ring(wakeup) if chance.random() < 0.5 else None
+Wakeup.ring_at = lambda wakeup, name: ring_at(wakeup, name) if chance.random() < 0.5 else True
 """
 
 
@@ -40,11 +40,11 @@ def test_whoever_waits_is_woken(small, tmp_path, ranks):
 
 
 @pytest.mark.parametrize(
-    ("bells", "ranks"),
+    ("wakeups", "ranks"),
     [(OUT_OF_REACH, 2), slow(OUT_OF_REACH, 3), slow(LEFT_UNHEARD, 3)],
 )
-def test_without_bells_mail_is_found_all_the_same(small, tmp_path, bells, ranks):
-    folder = inject(tmp_path / "inject", bells)
+def test_without_bells_mail_is_found_all_the_same(small, tmp_path, wakeups, ranks):
+    folder = inject(tmp_path / "inject", wakeups)
     finish(small, "small.yaml", "-o", tmp_path / "quiet.h5", ranks=ranks, inject=folder)
     assert_same(tmp_path / "quiet.h5", decisions(small / "small.h5"))
     assert_sound(tmp_path / "quiet.h5")

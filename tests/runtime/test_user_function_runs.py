@@ -1,4 +1,4 @@
-"""A user's own objective on the farm: run when allowed, and never from a campaign file."""
+"""A user's own objective on ranks: run when allowed, and never from a campaign file."""
 
 import json
 import os

@@ -9,7 +9,7 @@ from processes import output_of, program
 from agglom_mpi.runtime import wakeup as module
 from agglom_mpi.runtime.wakeup import Wakeup
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="bells have names on Linux only")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wakeups have names on Linux only")
 
 
 class Poll:
