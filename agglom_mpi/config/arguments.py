@@ -8,8 +8,7 @@ import math
 from numbers import Integral, Real
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.declaration.spelling import read_plain, remedy
-from agglom_mpi.declaration.units import MAX_MAGNITUDE, MIN_MAGNITUDE
+from agglom_mpi.declaration.spelling import MAX_MAGNITUDE, MIN_MAGNITUDE, read_plain, remedy
 
 MAX_CHARACTERS: Final = 60
 """Longest value that is quoted in a message in full."""

@@ -9,7 +9,8 @@ from typing import Any, Final, NamedTuple
 from agglom_mpi.config.bounded_reading import quoted_start, read_bounded
 from agglom_mpi.config.table_layout import TableError, is_number, is_unit, too_many_rows
 from agglom_mpi.config.text_table import TextTable, read_table
-from agglom_mpi.declaration.units import MAX_MAGNITUDE, quoted, to_si
+from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
+from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.file_kinds import begins_as_hdf5
 
 MAX_BYTES: Final = 1 << 23

@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
-from agglom_mpi.declaration.units import MAX_MAGNITUDE
+from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.errors import FAILURE, named_error
 
 NUMBERS: Final = (float, int, np.floating, np.integer)

@@ -1,9 +1,13 @@
-"""Spellings: of numbers beside Python's own, and what a misspelt number or name may mean."""
+"""Numbers as texts: their limits, spellings beside Python's own, and advice on misspelt ones."""
 
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Final
+
+MIN_MAGNITUDE: Final = 1e-100
+MAX_MAGNITUDE: Final = 1e100
+"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
 
 NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 """Regular expression of a number; a Fortran program writes 1.0D-1 for 0.1."""

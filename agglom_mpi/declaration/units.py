@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import BeforeValidator
 
-from agglom_mpi.declaration.spelling import NUMBER, as_python, remedy, with_plain_minus
+from agglom_mpi.declaration.spelling import (
+    MAX_MAGNITUDE,
+    MIN_MAGNITUDE,
+    NUMBER,
+    as_python,
+    remedy,
+    with_plain_minus,
+)
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
-
-MIN_MAGNITUDE: Final = 1e-100
-MAX_MAGNITUDE: Final = 1e100
-"""Limits of magnitudes other than 0, so that squares and products fit into float64."""
 
 KINDS: Final = {
     "1": "a pure number",
