@@ -6,7 +6,7 @@ from agglom_mpi.analysis.ranking import ranks_itself, search_order
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.consistency import check_absent
-from agglom_mpi.storage.finished import FinishedCounts
+from agglom_mpi.storage.finished_counts import FinishedCounts
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.schema import INVERSION
 from agglom_mpi.storage.verify import VerificationReport

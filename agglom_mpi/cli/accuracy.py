@@ -47,7 +47,7 @@ def accuracy(**options: Any) -> None:
     """
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.run import AccuracyOptions, accuracy
+        from agglom_mpi.accuracy.command import AccuracyOptions, accuracy
 
         return accuracy(AccuracyOptions(**options), world)
 

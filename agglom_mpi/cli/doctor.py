@@ -19,7 +19,7 @@ def doctor(folder: Path) -> int:
     Checks libraries, MPI and its launcher, processors, the file system of FOLDER, the cache of
     compiled kernels and the batch system. Exit code 1 if campaigns cannot run on several ranks.
     """
-    from agglom_mpi.display.display import print_wide
+    from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.doctor.checks import as_table, run_checks
 
     findings = list(run_checks(folder.resolve()))

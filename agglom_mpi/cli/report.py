@@ -147,7 +147,7 @@ def _show(text: Any, as_json: bool) -> None:
     if as_json:
         say(text)
         return
-    from agglom_mpi.display.display import print_wide
+    from agglom_mpi.display.run_display import print_wide
 
     print_wide(text)
 

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself
-from agglom_mpi.display.display import Display
 from agglom_mpi.display.progress import Best, RunProgress
 from agglom_mpi.display.remaining_time import (
     DurationStatistics,
@@ -15,6 +14,7 @@ from agglom_mpi.display.remaining_time import (
     remaining_by_work,
     remaining_in_turns,
 )
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import GenerationSummary

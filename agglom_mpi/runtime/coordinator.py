@@ -24,7 +24,7 @@ from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
-from agglom_mpi.storage.finished import finished_reason
+from agglom_mpi.storage.finished_counts import finished_reason
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.table import runs_of
 from agglom_mpi.storage.writer import CampaignWriter

@@ -8,7 +8,7 @@ from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
-from agglom_mpi.display.display import Display
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import output_path
 from agglom_mpi.runtime.leg import RunRequest

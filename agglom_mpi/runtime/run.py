@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agglom_mpi.analysis.damage import blame_damage
-from agglom_mpi.display.display import Display
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import (
     BAD_INPUT,
     FAILURE,

@@ -9,7 +9,7 @@ import pytest
 from accuracy_rows import made_up
 from summary_rows import rows_of
 
-from agglom_mpi.accuracy.run import FULL, QUICK, AccuracyOptions, make_plan
+from agglom_mpi.accuracy.command import FULL, QUICK, AccuracyOptions, make_plan
 from agglom_mpi.accuracy.study import (
     FEWEST_SAMPLES,
     MOVES_PER_STEP,

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from agglom_mpi.analysis.file_comparison import best_objectives, compare, comparison_table, to_json
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.display.display import print_wide
+from agglom_mpi.display.run_display import print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_start, prepare
 from agglom_mpi.storage.reader import read_campaign

@@ -8,7 +8,7 @@ from campaign_runs import SMALL, write_campaign
 from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.display.display import Display, print_wide
+from agglom_mpi.display.run_display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import leg_start, prepare
 from agglom_mpi.search.decisions import GenerationSummary

@@ -11,7 +11,7 @@ from agglom_mpi.analysis.completeness import lacks_rows
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.storage.compact import write_compact
-from agglom_mpi.storage.finished import FinishedCounts, finished_reason
+from agglom_mpi.storage.finished_counts import FinishedCounts, finished_reason
 from agglom_mpi.storage.reader import read_campaign
 
 

@@ -10,7 +10,7 @@ import pytest
 from campaign_runs import environment
 from processes import output_of, program
 
-from agglom_mpi.display.display import Display, print_wide
+from agglom_mpi.display.run_display import Display, print_wide
 
 BIN = Path(sys.executable).parent
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202ex"

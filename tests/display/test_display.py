@@ -13,16 +13,16 @@ from held_runs import allow, held
 from screens import screen, started_on, watched
 from test_progress import FULL
 
-from agglom_mpi.display import display as module
-from agglom_mpi.display.display import Display
+from agglom_mpi.display import run_display as module
 from agglom_mpi.display.progress import log_line
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.storage.reader import read_campaign
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}
 SHOWS_ALL = """
 import agglom_mpi.runtime.coordinator as coordinator
-import agglom_mpi.display.display as display
+import agglom_mpi.display.run_display as display
 
 coordinator.TICK, display.LOG_INTERVAL = 0.0, 1e9
 """

@@ -37,7 +37,7 @@ messages.ALIVE_EVERY = 0.05
 
 import agglom_mpi.runtime.worker_pool as pool
 import agglom_mpi.runtime.coordinator as coordinator
-from agglom_mpi.display.display import Display
+from agglom_mpi.display.run_display import Display
 
 here = Path(__file__).parent
 

@@ -27,7 +27,7 @@ from screens import screen, started_on
 
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.display import display
+from agglom_mpi.display import run_display as display
 from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import FileProgress, follow, silence_note
 from agglom_mpi.runtime import coordinator as coordinator_module

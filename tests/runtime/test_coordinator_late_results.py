@@ -6,7 +6,7 @@ from particle_runs import pictures_wanted, write_bulk_campaign
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.display.display import Display
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare

@@ -26,7 +26,7 @@ from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.display.display import Display
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
