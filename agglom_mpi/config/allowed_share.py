@@ -9,7 +9,7 @@ from agglom_mpi.formatting import format_digits
 from agglom_mpi.random_streams import ALLOWED_SHARE, search_stream
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 LEAST_SHARE: Final = 1e-4
 """Share below which a campaign is refused: to propose a string takes too long."""
@@ -49,11 +49,13 @@ class AllowedShare(NamedTuple):
         return f"{percent} % (± {format_digits(100.0 * self.error, 1)} %)"
 
 
-def allowed_share(campaign: "Campaign") -> AllowedShare:
+def allowed_share(campaign: "CampaignSections") -> AllowedShare:
     """Return the share of the box that a campaign's constraints allow."""
     space = campaign.variables.space()
     if not space.dimensions:
-        return AllowedShare(int(campaign.allowed_strings(campaign.parameters()[None]).sum()), 1)
+        return AllowedShare(
+            int(campaign.allowed_strings(campaign.variables.at(0.5)[None]).sum()), 1
+        )
     random = search_stream(campaign.seed, ALLOWED_SHARE)
 
     def count(strings: int) -> int:

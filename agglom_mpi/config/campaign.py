@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -10,14 +9,13 @@ import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
-from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.arguments import read_count
-from agglom_mpi.config.bounds import Bounds, bounds_of
+from agglom_mpi.config.bounds import bounds_of
+from agglom_mpi.config.campaign_sections import CampaignSections
 from agglom_mpi.config.document import read_document
-from agglom_mpi.config.own_variables import Parameters, read_strings, without_results
-from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
-from agglom_mpi.config.relations import NO_RELATIONS, Relations
-from agglom_mpi.config.scene import SceneSection, parse_engine
+from agglom_mpi.config.own_variables import Parameters, read_strings, string_of
+from agglom_mpi.config.relations import Relations
+from agglom_mpi.config.scene import parse_engine
 from agglom_mpi.config.seeded_text import with_seed
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
@@ -28,17 +26,12 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
-from agglom_mpi.declaration.given_values import read_variable
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
-from agglom_mpi.search.method import SearchMethod
-from agglom_mpi.search.objectives import Objective
-from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
-from agglom_mpi.variables import COUNT, NAMES, columns_by_name, values_by_name, volume_fraction
+from agglom_mpi.variables import COUNT, columns_by_name, values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate
@@ -50,14 +43,14 @@ CAMPAIGN_INTERNALS: Final = (
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
-    *("check_searchable", "engine", "file_name", "from_text", "try_function", "with_generations"),
-    "with_seed",
+    *("search_error", "required_plan", "check_searchable", "engine", "file_name", "from_text"),
+    *("try_function", "with_generations", "with_seed"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
+class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     """A validated campaign; equal campaigns have equal `identity`.
 
     `agglom_mpi.load_campaign(path)` returns it.
@@ -79,23 +72,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     >>> outcome.particles < 100, outcome.mean_radius_ratio > 1.0
     (True, True)
     """
-
-    title: str
-    seed: int
-    scene: SceneSection
-    variables: Bounds
-    objective: Objective
-    plan: Plan | None
-    output: Output
-    final: FinalAnswer | None
-    text: str
-    name: str
-    user_function: UserFunction | None = None
-    relations: Relations = NO_RELATIONS
-
-    def __post_init__(self) -> None:
-        of_scene = self.objective.of_grains(self.scene.equivalent_grains)
-        object.__setattr__(self, "objective", of_scene)
 
     def __repr__(self) -> str:
         return f"<Campaign {self.name!r}: {printable(self.title)}>"
@@ -133,53 +109,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             campaign._check_given_strings()
         return campaign
 
-    @property
-    def search(self) -> SearchMethod:
-        """Section `search`; raises a CampaignError for a scene alone."""
-        return self._required_plan.search
-
-    @property
-    def ensemble(self) -> StoppingRule:
-        """Section `ensemble`; raises a CampaignError for a scene alone."""
-        return self._required_plan.ensemble
-
-    @property
-    def stopping(self) -> Stopping:
-        """Section `stopping`; raises a CampaignError for a scene alone."""
-        return self._required_plan.stopping
-
-    @property
-    def _required_plan(self) -> Plan:
-        if self.plan is None:
-            raise self._search_error()
-        return self.plan
-
-    def _search_error(self) -> CampaignError:
-        line = parse(self.text, self.name).line(("variables",))
-        message = "has no range; a search needs at least one variable as [lower, upper]"
-        if self.plan is None:
-            message += ", and the sections objective, ensemble and stopping"
-        return CampaignError(Problem(self.name, line, "variables", message))
-
-    @property
-    def file_name(self) -> str:
-        """Name of the campaign file that a run writes unless it is given another."""
-        return self.output.file or f"{Path(self.name).stem}.h5"
-
-    @property
-    def common_configurations(self) -> bool:
-        """Whether sample k starts from the same random numbers in all strings."""
-        return self.plan is not None and self.plan.ensemble.common_configurations
-
-    def first_sample(self, string: int) -> int:
-        """Return the number that `simulate` takes for sample 0 of a string of the search."""
-        return self.search.first_sample(string)
-
-    @property
-    def max_strings(self) -> int:
-        """Number of strings evaluated if all generations run."""
-        return self.search.strings(self.stopping.generations)
-
     def given_strings(self) -> npt.NDArray[np.float64]:
         """Return the strings that `search.start` lists, in SI units, shape (n, 10)."""
         listed = self.search.listed
@@ -195,11 +124,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
                 problems.append(Problem(self.name, line, f"search.start.{i}", message))
         if problems:
             raise CampaignError(*problems)
-
-    def space(self) -> SearchSpace:
-        """Return the search box, with what the constraints allow of it."""
-        space = self.variables.space()
-        return space.within(self.allowed_strings) if self.relations.constraints else space
 
     def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
         """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
@@ -217,34 +141,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """
         return self.allowed_strings(read_strings(self, parameters))
 
-    def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
-        return self.relations.allowed(self.scene, columns_by_name(strings))
-
-    def derived_values(
-        self, strings: npt.NDArray[np.float64]
-    ) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the derived quantities of strings, (n, 10), in SI units, each (n,), by name."""
-        return self.relations.values(self.scene, columns_by_name(strings))
-
-    @property
-    def max_framed(self) -> tuple[int, int]:
-        """Largest numbers of strings, and of samples of each, whose frames are stored."""
-        frames = self.output.frames
-        if frames is None:
-            return 0, 0
-        samples = min(frames.samples, self.ensemble.max_samples)
-        return min(frames.strings, self.max_strings), samples
-
-    def function_error(self, message: str) -> CampaignError:
-        """Return a CampaignError about `objective.call`, with its line."""
-        line = parse(self.text, self.name).line(("objective", "call"))
-        return CampaignError(Problem(self.name, line, "objective.call", message))
-
     def check_searchable(self) -> None:
         """Raise a CampaignError unless a variable is a range, and constraints leave something."""
         if self.plan is None or not self.variables.searched:
-            raise self._search_error()
+            raise self.search_error()
         self.check_constraints()
 
     def check_constraints(self) -> list[str]:
@@ -280,32 +180,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             problem = Problem(self.name, line, "search.method", message)
             raise MissingSearchLibraryError(problem) from None
 
-    def fraction(self, size_ratio: float) -> float:
-        """Return the share of the box that the grains fill at the start, by their size ratio."""
-        return volume_fraction(size_ratio, self.variables.third_moment)
-
-    def check_scales(self, string: npt.NDArray[np.float64]) -> None:
-        """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
-
-        Parameters
-        ----------
-        string
-            The ten variables in SI units, shape (10,).
-        """
-        value = values_by_name(string)
-        problems = []
-        for field, measure in (
-            (self.scene.size_key, scales.grain_mass),
-            ("end_time", scales.end_time),
-        ):
-            try:
-                measure(self.scene, value)
-            except ValueError as error:
-                line = parse(self.text, self.name).line(("scene", field))
-                problems.append(Problem(self.name, line, f"scene.{field}", str(error)))
-        if problems:
-            raise CampaignError(*problems)
-
     def warnings(self, parameters: Mapping[str, float | str] | None = None) -> list[Problem]:
         """Return what is unlikely in the campaign, or in one string of it; `str` of each is a line.
 
@@ -331,7 +205,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """Return the campaign with another number of generations; its `text` is unchanged."""
         generations = self._count("stopping.generations", generations, least=1)
         stopping = self.stopping.model_copy(update={"generations": generations})
-        return replace(self, plan=self._required_plan._replace(stopping=stopping))
+        return replace(self, plan=self.required_plan._replace(stopping=stopping))
 
     def parameters(
         self,
@@ -361,25 +235,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         CampaignError
             If a name is unknown or a value impossible.
         """
-        share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
-        string = self.variables.at(share)
-        problems = []
-        given: dict[str, str] = {}
-        for key, value in without_results(self, values or {}).items():
-            try:
-                name, number = read_variable(key, value, self.variables.third_moment)
-            except ValueError as error:
-                problems.append(Problem(self.name, None, key, str(error)))
-                continue
-            if name in given:
-                message = f"is given beside {given[name]}; give one of {', '.join(FRACTIONS)}"
-                problems.append(Problem(self.name, None, key, message))
-            given[name] = key
-            if name in self.variables.used:
-                string[NAMES.index(name)] = number
-        if problems:
-            raise CampaignError(*problems)
-        return string
+        return string_of(self, values or {}, fill)
 
     def engine(self, text: str | Engine | None) -> Engine:
         """Return the engine `event`, `fixed`, `fixed:STEPS` or `adaptive`; for None the scene's."""

@@ -15,7 +15,7 @@ from agglom_mpi.random_streams import CONSEQUENCES, search_stream
 from agglom_mpi.variables import COUNT, columns_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.scene import SceneSection
 
 Floats = NDArray[np.float64]
@@ -85,7 +85,7 @@ NOTES_OF_SIZES: Final = {
 """The same where grains have different sizes."""
 
 
-def consequences(campaign: "Campaign") -> list[str]:
+def consequences(campaign: "CampaignSections") -> list[str]:
     """Return lines on what follows, a range over the box where it depends on what is searched.
 
     Only strings that satisfy the constraints count. Nothing is said of what is not a number in
@@ -108,11 +108,11 @@ def consequences(campaign: "Campaign") -> list[str]:
     return [line for line in lines if line]
 
 
-def _strings(campaign: "Campaign") -> Floats:
+def _strings(campaign: "CampaignSections") -> Floats:
     """Return allowed strings, (n, 10), of the corners of the box and within it."""
     bounds, space = campaign.variables, campaign.variables.space()
     if not space.dimensions:
-        return campaign.parameters()[None]
+        return campaign.variables.at(0.5)[None]
     corners = np.tile(bounds.lower, (2**space.dimensions, 1))
     corners[:, space.searched] = list(
         product(*zip(bounds.lower[space.searched], bounds.upper[space.searched], strict=True))

@@ -9,7 +9,7 @@ from agglom_mpi.config.groups import Group, groups_of, powers_of
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 Floats = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ class Coordinates:
         return found
 
 
-def coordinates_of(campaign: "Campaign") -> Coordinates:
+def coordinates_of(campaign: "CampaignSections") -> Coordinates:
     """Return the coordinates in which a campaign's strings are emulated."""
     box = campaign.variables
     groups, powers = groups_of(campaign.scene, box.searched), powers_of(campaign.scene)

@@ -13,7 +13,7 @@ from agglom_mpi.config.quantities import BY_NAME, quantity_values
 from agglom_mpi.variables import columns_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class DerivedColumn(NamedTuple):
     own: bool
 
 
-def columns_of(campaign: "Campaign", strings: Floats) -> list[DerivedColumn]:
+def columns_of(campaign: "CampaignSections", strings: Floats) -> list[DerivedColumn]:
     """Return the derived columns of strings, (n, 10), of a campaign."""
     implied = ["volume_fraction"] if campaign.variables.by_volume_fraction else []
     implied += [] if campaign.scene.diameter is None else ["half_width"]

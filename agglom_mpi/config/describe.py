@@ -7,13 +7,14 @@ import numpy as np
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
+from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 
 def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
@@ -65,7 +66,7 @@ FRAME_BYTES: Final = 88
 """Bytes stored of a grain in a frame."""
 
 
-def text(campaign: "Campaign") -> str:
+def text(campaign: "CampaignSections") -> str:
     """Return all paragraphs, each a heading with indented lines."""
     return "\n".join(
         line
@@ -74,15 +75,16 @@ def text(campaign: "Campaign") -> str:
     )
 
 
-def as_dict(campaign: "Campaign") -> dict[str, object]:
+def as_dict(campaign: "CampaignSections") -> dict[str, object]:
     """Return the paragraphs as plain values for JSON, and what decides results."""
     (_, run), *others = sections(campaign)
     found: dict[str, object] = {"file": campaign.name, "title": campaign.title, "run": run}
     found |= {heading.lower().replace(" ", "_"): lines for heading, lines in others}
-    return found | {"sha256": campaign.sha256(), "identity": campaign.identity()}
+    entries = identity(campaign)
+    return found | {"sha256": digest(entries), "identity": entries}
 
 
-def sections(campaign: "Campaign") -> list[Paragraph]:
+def sections(campaign: "CampaignSections") -> list[Paragraph]:
     """Return headings with their lines."""
     used, left_out = submodels(campaign.scene)
     return [
@@ -96,7 +98,7 @@ def sections(campaign: "Campaign") -> list[Paragraph]:
     ]
 
 
-def _relations(campaign: "Campaign") -> list[Paragraph]:
+def _relations(campaign: "CampaignSections") -> list[Paragraph]:
     """Return the constraints, with the share of the box that they allow."""
     constraints = campaign.relations.constraints
     if not constraints:
@@ -107,7 +109,7 @@ def _relations(campaign: "Campaign") -> list[Paragraph]:
     return [("Constraints", lines)]
 
 
-def _not_stored(campaign: "Campaign") -> list[str]:
+def _not_stored(campaign: "CampaignSections") -> list[str]:
     lines = []
     if fields := missing_fields(campaign.scene):
         lines.append(f"not known of a particle: {', '.join(fields)}")
@@ -120,14 +122,14 @@ def _not_stored(campaign: "Campaign") -> list[str]:
     return lines
 
 
-def _run(campaign: "Campaign") -> list[str]:
+def _run(campaign: "CampaignSections") -> list[str]:
     lines = [f"seed: {campaign.seed}", f"objective: {_objective(campaign)}"]
     if campaign.plan is None:
         return [*lines, "a scene: nothing is searched, `agglom simulate` runs it"]
     return lines + _search(campaign) + _stored(campaign)
 
 
-def _stored(campaign: "Campaign") -> list[str]:
+def _stored(campaign: "CampaignSections") -> list[str]:
     """Return what is stored beside a row for each sample, with its size."""
     output, grains = campaign.output, campaign.scene.particles
     lines = []
@@ -145,7 +147,7 @@ def _stored(campaign: "Campaign") -> list[str]:
     return lines
 
 
-def _search(campaign: "Campaign") -> list[str]:
+def _search(campaign: "CampaignSections") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.max_strings
     sooner = bool(stopping.criteria)
@@ -172,7 +174,7 @@ def _search(campaign: "Campaign") -> list[str]:
     return lines
 
 
-def _final(campaign: "Campaign") -> str:
+def _final(campaign: "CampaignSections") -> str:
     final = campaign.final
     if final is None:
         return "none; objectives are as searched, by the samples that strings are chosen by"
@@ -185,7 +187,7 @@ def _between(fewest: int | None, most: int) -> str:
     return f"{most:,}" if fewest in (None, most) else f"{fewest:,} to {most:,}"
 
 
-def _objective(campaign: "Campaign") -> str:
+def _objective(campaign: "CampaignSections") -> str:
     function = campaign.user_function
     if function is None:
         return campaign.objective.summary
@@ -193,7 +195,7 @@ def _objective(campaign: "Campaign") -> str:
     return f"{campaign.objective.summary} ({digest}), run with --allow-code only"
 
 
-def _scene(campaign: "Campaign") -> list[str]:
+def _scene(campaign: "CampaignSections") -> list[str]:
     scene = campaign.scene
     mean = "" if scene.sizes is None else "mean "
     if scene.diameter is not None:
@@ -238,11 +240,11 @@ def _sizes(scene: SceneSection) -> list[str]:
     return lines
 
 
-def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
+def _ends(campaign: "CampaignSections") -> tuple[np.ndarray, np.ndarray]:
     return campaign.variables.lower, campaign.variables.upper
 
 
-def _variables(campaign: "Campaign") -> list[str]:
+def _variables(campaign: "CampaignSections") -> list[str]:
     reasons = required_variables(campaign.scene)
     logarithmic = {NAMES[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
     lines = []

@@ -19,7 +19,7 @@ from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
 from agglom_mpi.variables import VARIABLES, values_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.simulation.sample import Outcome
 
 MEASURED: Final = {
@@ -171,7 +171,7 @@ def _plain(mean: MeanEstimate) -> dict[str, float | None]:
 
 
 def estimate_of(
-    campaign: "Campaign",
+    campaign: "CampaignSections",
     parameters: npt.NDArray[np.float64],
     outcomes: Sequence["Outcome"],
     failed: int = 0,
@@ -226,7 +226,7 @@ def estimate_of(
 
 
 def _filled(
-    campaign: "Campaign", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
+    campaign: "CampaignSections", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
 ) -> MeanEstimate | None:
     """Return the volume fraction of the grains of completed samples; None if all are equal.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.plan import Plan
 
 SEPARATORS: Final = (",", ":")
@@ -16,7 +16,7 @@ STUDY_SEPARATORS: Final = (", ", ": ")
 """What separates the entries of an identity and names from values where it is hashed."""
 
 
-def identity(campaign: "Campaign") -> dict[str, object]:
+def identity(campaign: "CampaignSections") -> dict[str, object]:
     """Return a flat mapping such as `scene.particles` -> 100, with all values in SI units.
 
     Title, output, final answer, number of generations and failures allowed are left out: a campaign
@@ -42,7 +42,7 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     return dict(_flat(sections))
 
 
-def objective(campaign: "Campaign") -> dict[str, object]:
+def objective(campaign: "CampaignSections") -> dict[str, object]:
     """Return the entries of the objective, with the digest of a user's function."""
     entries: dict[str, object] = campaign.objective.entries()
     if campaign.objective.code is not None:

@@ -4,7 +4,7 @@ A file may give the volume fraction in place of the size ratio, which is what st
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from agglom_mpi.variables import (
 )
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 Floats = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def given_names(parameters: Parameters) -> set[str]:
     return names | ({"size_ratio"} if VOLUME_FRACTION.name in names else set())
 
 
-def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
+def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats:
     """Return strings of a campaign, (n, 10) in SI units, as `campaign.simulate` reads one.
 
     Parameters
@@ -159,14 +159,14 @@ def read_strings(campaign: "Campaign", parameters: Parameters) -> Floats:
         said = ", ".join(f"{key} {length}" for key, length in lengths.items())
         message = f"have different lengths ({said}); must have one, or be one value for all"
         raise ArgumentError.of(campaign.name, "parameters", message) from None
-    strings = np.tile(campaign.parameters(), (*shape, 1))
+    strings = np.tile(campaign.variables.at(0.5), (*shape, 1))
     for name, (_, values) in columns.items():
         if name in box.used:
             strings[:, NAMES.index(name)] = values
     return strings
 
 
-def without_results(campaign: "Campaign", parameters: Any) -> dict[str, Any]:
+def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, Any]:
     """Return values by name; of rows of a table of strings, such as `file.best()`, the variables.
 
     What has a `string` is such a row: no variable is called that. Other columns of the tables, and
@@ -179,7 +179,7 @@ def without_results(campaign: "Campaign", parameters: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in others}
 
 
-def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
+def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Floats:
     """Return strings, (n, 10), of which every searched variable is given, and no other is changed.
 
     Parameters
@@ -206,7 +206,9 @@ def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
     return strings
 
 
-def _other_than_fixed(campaign: "Campaign", name: str, given: float, fixed: float) -> ArgumentError:
+def _other_than_fixed(
+    campaign: "CampaignSections", name: str, given: float, fixed: float
+) -> ArgumentError:
     """Return the error about a value that is not what the campaign fixed."""
     unit = VARIABLES[NAMES.index(name)].unit
     if name == "size_ratio" and campaign.variables.by_volume_fraction:
@@ -217,7 +219,7 @@ def _other_than_fixed(campaign: "Campaign", name: str, given: float, fixed: floa
     return ArgumentError.of(campaign.name, name, message)
 
 
-def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:
+def _whole_strings(campaign: "CampaignSections", parameters: Any) -> Floats:
     """Return strings of all ten numbers, of which those that the scene uses must be finite."""
     try:
         strings = np.atleast_2d(np.asarray(parameters, np.float64))
@@ -264,3 +266,44 @@ def _extremes(values: Floats) -> list[float]:
         return odd[:1].tolist()
     sizes = np.abs(values[values != 0.0])
     return [float(values.min()), float(values.max()), *([float(sizes.min())] if len(sizes) else [])]
+
+
+def string_of(
+    campaign: "CampaignSections",
+    values: Mapping[str, float | str],
+    fill: Literal["lower", "centre", "upper"] = "centre",
+) -> Floats:
+    """Return one parameter string, (10,), in SI units; see `Campaign.parameters`.
+
+    Parameters
+    ----------
+    campaign
+    values
+        Values by name, SI numbers or texts with units.
+    fill
+        Which value of its range a variable takes that is not in `values`.
+
+    Raises
+    ------
+    CampaignError
+        If a name is unknown or a value impossible.
+    """
+    share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
+    string = campaign.variables.at(share)
+    problems = []
+    given: dict[str, str] = {}
+    for key, value in without_results(campaign, values).items():
+        try:
+            name, number = read_variable(key, value, campaign.variables.third_moment)
+        except ValueError as error:
+            problems.append(Problem(campaign.name, None, key, str(error)))
+            continue
+        if name in given:
+            message = f"is given beside {given[name]}; give one of {', '.join(FRACTIONS)}"
+            problems.append(Problem(campaign.name, None, key, message))
+        given[name] = key
+        if name in campaign.variables.used:
+            string[NAMES.index(name)] = number
+    if problems:
+        raise CampaignError(*problems)
+    return string

@@ -13,6 +13,7 @@ import numpy as np
 
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
+from agglom_mpi.config.own_variables import string_of
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.sections import FieldPath
@@ -23,7 +24,7 @@ from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import NAMES, VARIABLES, values_by_name
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.scene import SceneSection
 
 
@@ -68,7 +69,7 @@ DECISIVE: Final = (
 
 
 def implausible(
-    campaign: "Campaign", given: Mapping[str, float | str] | None = None
+    campaign: "CampaignSections", given: Mapping[str, float | str] | None = None
 ) -> list[Problem]:
     """Return what is unlikely in a campaign, or in one string of it.
 
@@ -83,7 +84,7 @@ def implausible(
         lower, upper = box.lower, box.upper
         idle: Mapping[str, Any] = dict.fromkeys(box.ignored)
     else:
-        lower = upper = campaign.parameters(given)
+        lower = upper = string_of(campaign, given)
         used = {*box.used, *FRACTIONS}
         idle = {name: value for name, value in given.items() if name not in used}
     findings = [
@@ -242,7 +243,7 @@ def _expected(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> li
     return counts
 
 
-def _growth(campaign: "Campaign") -> Iterator[Finding]:
+def _growth(campaign: "CampaignSections") -> Iterator[Finding]:
     """Yield the objective if it wants growth of a scene in which nothing can bond."""
     growth, restitution = campaign.objective.wanted_growth, campaign.scene.restitution
     if growth is None or restitution.never_bonds is None:

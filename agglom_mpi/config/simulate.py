@@ -21,11 +21,11 @@ from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 
 def simulate(
-    campaign: "Campaign",
+    campaign: "CampaignSections",
     parameters: npt.ArrayLike,
     sample: int = 0,
     engine: Any = None,
@@ -92,7 +92,7 @@ def simulate(
 
 
 def changes_until(
-    campaign: "Campaign",
+    campaign: "CampaignSections",
     parameters: npt.ArrayLike,
     sample: int,
     share: float,
@@ -110,13 +110,15 @@ def changes_until(
 
 
 def random_numbers(
-    campaign: "Campaign", parameters: npt.NDArray[np.float64], sample: int
+    campaign: "CampaignSections", parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (10,), from their beginning."""
     return sample_stream(campaign.seed, parameters, sample, campaign.common_configurations)
 
 
-def objective_values(campaign: "Campaign", rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+def objective_values(
+    campaign: "CampaignSections", rows: npt.NDArray[np.void]
+) -> npt.NDArray[np.float64]:
     """Return the objectives of n samples, (n,).
 
     `rows` have the columns of `OUTCOME`, and, for a user's function, its values as `objective`.
@@ -125,7 +127,7 @@ def objective_values(campaign: "Campaign", rows: npt.NDArray[np.void]) -> npt.ND
 
 
 def _objective_value(
-    campaign: "Campaign",
+    campaign: "CampaignSections",
     scene: Scene,
     parameters: npt.NDArray[np.float64],
     record: Any,

@@ -13,7 +13,7 @@ from agglom_mpi.physics.size_distributions import Floats, SizeDistribution, draw
 from agglom_mpi.random_streams import PLACEMENT_FORECAST, search_stream
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.scene import SceneSection
 
 Finding = tuple[FieldPath, str]
@@ -37,7 +37,7 @@ MAX_SCATTER: Final = 0.2
 """Relative standard deviation of the volume fractions of samples above which there is a warning."""
 
 
-def unlikely_draws(campaign: "Campaign", size_ratio: float) -> Iterator[Finding]:
+def unlikely_draws(campaign: "CampaignSections", size_ratio: float) -> Iterator[Finding]:
     """Yield the law of sizes if samples that draw from it differ from what is asked.
 
     `size_ratio` is the largest of the campaign.
@@ -99,7 +99,7 @@ def _placement(
 
 
 def _drawn_fractions(
-    campaign: "Campaign", wanted: float, samples: int
+    campaign: "CampaignSections", wanted: float, samples: int
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return the volume fractions of drawn samples, (n,), and which of them find a place, (n,)."""
     scene, random = campaign.scene, search_stream(campaign.seed, PLACEMENT_FORECAST)

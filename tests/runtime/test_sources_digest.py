@@ -10,6 +10,7 @@ import pytest
 from campaign_runs import TINY, write_campaign
 
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.declaration.components import Component
 from agglom_mpi.runtime import experiment as experiment_module
 from agglom_mpi.runtime.file_setup import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
 from agglom_mpi.runtime.sample_runner import SampleRunner
@@ -107,8 +108,17 @@ def counted():
     return {name for name in names if not name.endswith("__init__.py")}
 
 
+def of_components(kind=Component):
+    """Yield the modules of all components, which a campaign's text names, as paths."""
+    kind.components()
+    for below in kind.__subclasses__():
+        yield below.__module__.removeprefix("agglom_mpi.").replace(".", "/") + ".py"
+        yield from of_components(below)
+
+
 def test_every_counted_module_takes_part_in_a_run():
-    reached, new = set(), [*BEGUN_BY, *LOOKED_AT_FIRST]
+    declared = [name for name in of_components() if (PACKAGE / name).is_file()]
+    reached, new = set(), [*BEGUN_BY, *LOOKED_AT_FIRST, *declared]
     while new:
         name = new.pop()
         if name not in reached and name not in NOT_DECIDING:

@@ -18,7 +18,7 @@ from agglom_mpi.search.racing import RaceEntry, Racing
 GENERATIONS, MOST = 4, 60
 
 
-class Book(Decisions):
+class History(Decisions):
     def proposed(self, batch, ids):
         self.batches.append((batch.parameters.tolist(), ids.tolist()))
 
@@ -44,10 +44,10 @@ def inversion(racing, generations=GENERATIONS):
 
 
 def run(racing, shuffle=None):
-    """Run to the end, in order or with samples in any order; the book and samples simulated."""
-    book = Book()
+    """Run to the end, in order or with samples in any order; the history and samples simulated."""
+    history = History()
     decisions = inversion(racing)
-    book.start(decisions)
+    history.start(decisions)
     given = 0
     while not decisions.finished:
         needs = [(string, p.next_sample) for string, p in decisions.open_strings.items()]
@@ -57,9 +57,9 @@ def run(racing, shuffle=None):
         for string, sample in needs:
             if sample < MOST and not decisions.finished:
                 outcome = simulate(decisions.parameters(string), sample)
-                book.complete(decisions, string, sample, [outcome])
+                history.complete(decisions, string, sample, [outcome])
                 given += 1
-    return book, given
+    return history, given
 
 
 def test_a_string_whose_interval_lies_above_those_of_all_kept_is_dropped():
@@ -147,8 +147,8 @@ def test_no_order_of_arrival_changes_a_race(seed):
 
 
 def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
-    book, _ = run(Racing(confidence=0.9, first=5))
-    ended = [r.samples_used for r in book.results.values() if not r.hit_maximum]
+    history, _ = run(Racing(confidence=0.9, first=5))
+    ended = [r.samples_used for r in history.results.values() if not r.hit_maximum]
     assert set(ended) & {5, 10, 20, 40}
 
 

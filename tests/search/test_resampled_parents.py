@@ -98,35 +98,35 @@ def test_without_it_everything_is_as_published():
     assert all(map(np.array_equal, one.ask(), other.ask()))
 
 
-class Book(Decisions):
+class History(Decisions):
     def proposed(self, batch, ids):
         self.batches.append((batch, ids.tolist()))
 
 
 def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
-    """Search a flat objective of noisy samples; the book."""
+    """Search a flat objective of noisy samples; the history."""
 
     def sample(string, number):
         rng = np.random.default_rng([seed, string, number])
         return completed(2.0 * (1.3 + noise * rng.standard_normal()))
 
-    book = Book()
+    history = History()
     inversion = Inversion(
         genetic_search(unit_box(), seed, population=10, parents=4, again=more is not None),
         lambda: ensemble(4),
         Generations(generations=generations),
         more_samples=more or 1,
     )
-    book.start(inversion)
+    history.start(inversion)
     while not inversion.finished:
         needs = [(s, p.next_sample) for s, p in inversion.open_strings.items()]
         if shuffle is not None:
-            book.propose_ahead(inversion, 2)
+            history.propose_ahead(inversion, 2)
             needs = [(s, n + k) for s, n in needs for k in range(3)]
             shuffle.shuffle(needs)
         for string, number in needs:
-            book.complete(inversion, string, number, [sample(string, number)])
-    return book
+            history.complete(inversion, string, number, [sample(string, number)])
+    return history
 
 
 @pytest.mark.slow
@@ -140,14 +140,14 @@ def test_luck_does_not_survive():
 
 
 def test_the_error_of_a_survivor_shrinks_with_its_samples():
-    book = inverted(0.1, more=4)
+    history = inverted(0.1, more=4)
     lives = {}
-    for batch, ids in book.batches:
+    for batch, ids in history.batches:
         for string, origin, parents in zip(ids, batch.origin, batch.parents, strict=True):
             lives[string] = lives[parents[0]] + 1 if origin == AGAIN else 1
     old = [string for string, age in lives.items() if age >= 4]
     assert old
-    errors = np.array([book.results[string].standard_error for string in old])
+    errors = np.array([history.results[string].standard_error for string in old])
     samples = 4 * np.array([lives[string] for string in old])
     # Of n normal samples the standard deviation is known to a share of 1/sqrt(2n) or better.
     assert np.all(np.abs(errors * np.sqrt(samples) / 0.1 - 1.0) < 5.0 / np.sqrt(2.0 * samples))
@@ -155,8 +155,8 @@ def test_the_error_of_a_survivor_shrinks_with_its_samples():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_order_of_arrival_changes_a_decision(seed):
-    def decided(book):
-        return repr((sorted(book.results.items()), book.summaries))
+    def decided(history):
+        return repr((sorted(history.results.items()), history.summaries))
 
     shuffled = inverted(0.1, more=3, shuffle=random.Random(seed), generations=5)
     assert decided(shuffled) == decided(inverted(0.1, more=3, generations=5))

@@ -1,0 +1,173 @@
+"""The sections of a campaign, typed and in SI units, and what follows from them alone."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.config.bounds import Bounds
+from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
+from agglom_mpi.config.relations import NO_RELATIONS, Relations
+from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.user_function import UserFunction
+from agglom_mpi.config.yaml_source import (
+    CampaignError,
+    Problem,
+    parse,
+)
+from agglom_mpi.physics import scales
+from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.stopping import StoppingRule
+from agglom_mpi.variables import columns_by_name, values_by_name, volume_fraction
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CampaignSections:
+    """What the file of a campaign states: its sections, and its text.
+
+    The modules that describe, identify and build a campaign are written against this class;
+    `campaign.Campaign` adds what people call.
+
+    Attributes
+    ----------
+    title, seed
+        As in the file.
+    scene, variables, objective, output, final
+        Sections; `final` is None where nothing is estimated again.
+    plan
+        Sections of a search; None of a scene alone.
+    text, name
+        Text of the file, and its name in errors.
+    user_function
+        Source of the objective's function; None where it has none.
+    relations
+        Derived quantities and constraints.
+    """
+
+    title: str
+    seed: int
+    scene: SceneSection
+    variables: Bounds
+    objective: Objective
+    plan: Plan | None
+    output: Output
+    final: FinalAnswer | None
+    text: str
+    name: str
+    user_function: UserFunction | None = None
+    relations: Relations = NO_RELATIONS
+
+    def __post_init__(self) -> None:
+        of_scene = self.objective.of_grains(self.scene.equivalent_grains)
+        object.__setattr__(self, "objective", of_scene)
+
+    @property
+    def search(self) -> SearchMethod:
+        """Section `search`; raises a CampaignError for a scene alone."""
+        return self.required_plan.search
+
+    @property
+    def ensemble(self) -> StoppingRule:
+        """Section `ensemble`; raises a CampaignError for a scene alone."""
+        return self.required_plan.ensemble
+
+    @property
+    def stopping(self) -> Stopping:
+        """Section `stopping`; raises a CampaignError for a scene alone."""
+        return self.required_plan.stopping
+
+    @property
+    def required_plan(self) -> Plan:
+        """Sections of the search; raises a CampaignError for a scene alone."""
+        if self.plan is None:
+            raise self.search_error()
+        return self.plan
+
+    def search_error(self) -> CampaignError:
+        """Return a CampaignError about a search without ranges, or without its sections."""
+        line = parse(self.text, self.name).line(("variables",))
+        message = "has no range; a search needs at least one variable as [lower, upper]"
+        if self.plan is None:
+            message += ", and the sections objective, ensemble and stopping"
+        return CampaignError(Problem(self.name, line, "variables", message))
+
+    @property
+    def file_name(self) -> str:
+        """Name of the campaign file that a run writes unless it is given another."""
+        return self.output.file or f"{Path(self.name).stem}.h5"
+
+    @property
+    def common_configurations(self) -> bool:
+        """Whether sample k starts from the same random numbers in all strings."""
+        return self.plan is not None and self.plan.ensemble.common_configurations
+
+    def first_sample(self, string: int) -> int:
+        """Return the number that `simulate` takes for sample 0 of a string of the search."""
+        return self.search.first_sample(string)
+
+    @property
+    def max_strings(self) -> int:
+        """Number of strings evaluated if all generations run."""
+        return self.search.strings(self.stopping.generations)
+
+    @property
+    def max_framed(self) -> tuple[int, int]:
+        """Largest numbers of strings, and of samples of each, whose frames are stored."""
+        frames = self.output.frames
+        if frames is None:
+            return 0, 0
+        samples = min(frames.samples, self.ensemble.max_samples)
+        return min(frames.strings, self.max_strings), samples
+
+    def space(self) -> SearchSpace:
+        """Return the search box, with what the constraints allow of it."""
+        space = self.variables.space()
+        return space.within(self.allowed_strings) if self.relations.constraints else space
+
+    def fraction(self, size_ratio: float) -> float:
+        """Return the share of the box that the grains fill at the start, by their size ratio."""
+        return volume_fraction(size_ratio, self.variables.third_moment)
+
+    def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
+        return self.relations.allowed(self.scene, columns_by_name(strings))
+
+    def derived_values(
+        self, strings: npt.NDArray[np.float64]
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the derived quantities of strings, (n, 10), in SI units, each (n,), by name."""
+        return self.relations.values(self.scene, columns_by_name(strings))
+
+    def function_error(self, message: str) -> CampaignError:
+        """Return a CampaignError about `objective.call`, with its line."""
+        line = parse(self.text, self.name).line(("objective", "call"))
+        return CampaignError(Problem(self.name, line, "objective.call", message))
+
+    def check_scales(self, string: npt.NDArray[np.float64]) -> None:
+        """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
+
+        Parameters
+        ----------
+        string
+            The ten variables in SI units, shape (10,).
+        """
+        value = values_by_name(string)
+        problems = []
+        for field, measure in (
+            (self.scene.size_key, scales.grain_mass),
+            ("end_time", scales.end_time),
+        ):
+            try:
+                measure(self.scene, value)
+            except ValueError as error:
+                line = parse(self.text, self.name).line(("scene", field))
+                problems.append(Problem(self.name, line, f"scene.{field}", str(error)))
+        if problems:
+            raise CampaignError(*problems)
