@@ -14,76 +14,11 @@ Three samples of a string, by the mean radius ratio that each ended with:
 """
 
 import math
-from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.sections import FieldPath
-from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.search.objectives import Objective
-from agglom_mpi.statistics import RunningMean
-
-Ratio = TypeVar("Ratio", float, NDArray[np.float64])
-
-
-class RadiusObjective(Objective):
-    """An objective that depends on the mean radius ratios b^f/b⁰ of the samples alone.
-
-    Both papers' objectives are the magnitude of the ensemble mean of a per-sample deviation.
-    So their standard error is that of this mean, by the delta method; at an objective near 0
-    the magnitude bends, and the error is that of the signed mean.
-    """
-
-    @property
-    def by_mean_radius(self) -> Self:
-        """The objective itself."""
-        return self
-
-    @abstractmethod
-    def deviation(self, ratio: Ratio) -> Ratio:
-        """Return the per-sample quantity whose ensemble mean counts, elementwise."""
-
-    def accumulator(self) -> "RadiusAccumulator":
-        """Return an accumulator without samples."""
-        return RadiusAccumulator(self)
-
-    def of_ratio(self, ratio: Ratio) -> Ratio:
-        """Return the objective of single samples by their mean radius ratio, elementwise."""
-        return abs(self.deviation(ratio))
-
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return the objective of each sample alone."""
-        return self.of_ratio(rows["mean_radius_ratio"])
-
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return the deviations of the samples."""
-        return self.deviation(np.array([outcome.mean_radius_ratio for outcome in outcomes]))
-
-
-class RadiusAccumulator:
-    """Running mean of the deviations, whose magnitude is the objective."""
-
-    def __init__(self, objective: RadiusObjective) -> None:
-        self._objective = objective
-        self._mean = RunningMean()
-
-    def add(self, outcome: SampleSummary) -> None:
-        """Take one more completed sample."""
-        self._mean.add(self._objective.deviation(outcome.mean_radius_ratio))
-
-    @property
-    def value(self) -> float:
-        """Magnitude of the mean."""
-        return abs(self._mean.mean)
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the mean."""
-        return self._mean.standard_error
+from agglom_mpi.search.objectives import RadiusObjective, Ratio
 
 
 class GrowthTarget(RadiusObjective):
