@@ -24,7 +24,7 @@ DEFAULT_TOLERANCE: Final = 0.05
 
 
 class SetRequest(NamedTuple):
-    """What is asked of a feasible set.
+    """Options of a report on a feasible set.
 
     Attributes
     ----------

@@ -54,7 +54,7 @@ def measure_text(box: SearchedBox) -> str:
 
 
 def samples_to_halve(of: FeasibleSet) -> int:
-    """Return how many more samples would halve the expected error, which falls like N^(-1/2)."""
+    """Return the number of further samples that halve the expected error, which is ~ N^(-1/2)."""
     return 3 * of.samples
 
 
@@ -112,7 +112,7 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
 
 
 def _taken_by(of: FeasibleSet) -> str:
-    """Return which search would take samples that halve the error, where it is another one."""
+    """Return the search that would take these samples, where it is not that of the campaign."""
     if not of.criterion.can_be_aim or of.emulated.box.campaign.search.looks_for_a_set:
         return ""
     return " of a search with aim: set"
@@ -127,7 +127,7 @@ def _allowed(of: FeasibleSet) -> str:
 
 
 def empty_text(of: FeasibleSet) -> str:
-    """Return why a set has no members, or none that the emulator can find."""
+    """Return the reason for which a set has no members, or none that the emulator can find."""
     if of.nearest.out_of_reach:
         return f"empty: no string of the box is a member with P ≥ {OUTER_PROBABILITY:g}"
     return (
@@ -149,7 +149,7 @@ def _label(name: str, unit: str) -> str:
 
 
 def _nearest_table(of: FeasibleSet) -> FittedTable:
-    """Return where the best that can be reached is."""
+    """Return a table of the nearest string and the searched ranges."""
     table = FittedTable("variable", "searched", "nearest at", "", left=(0, 3))
     for each in of.emulated.box.own:
         table.add_row(
@@ -242,7 +242,7 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
 
 
 def posterior_text(posterior: "Posterior") -> RenderableType:
-    """Return what is printed of a posterior."""
+    """Return a posterior as text and tables."""
     measured = f"{posterior.measured:g} ± {posterior.error:g}"
     lines: list[RenderableType] = [
         f"posterior, given a measured {_quantity(posterior)} of {measured}",
@@ -267,7 +267,7 @@ def _quantity(posterior: "Posterior") -> str:
 
 
 def _correlation_table(posterior: "Posterior") -> FittedTable:
-    """Return the largest correlations of pairs, partial ones first, which the others hide."""
+    """Return a table of the pairs with the largest partial correlations."""
     names = posterior.of.box.names
     plain, partial = posterior.correlations, posterior.partial_correlations
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
@@ -314,7 +314,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
 
 
 def finite(value: float) -> float | None:
-    """Return a number, None if it is not finite, which JSON lacks."""
+    """Return a number, or None if it is not finite, which JSON cannot express."""
     return value if math.isfinite(value) else None
 
 

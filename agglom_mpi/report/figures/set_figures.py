@@ -82,7 +82,7 @@ def plotted(of: FeasibleSet) -> PlottedSet:
 
 
 def set_drawings(of: FeasibleSet) -> list[Drawing]:
-    """Return the figures of a calibrated set; of one that is empty, its reliability alone."""
+    """Return the figures of a calibrated set; of an empty set, its reach and its reliability."""
     drawings = []
     if of.empty:
         count = len(of.criterion.quantities)
@@ -181,7 +181,7 @@ def _line(colour: str, label: str) -> Any:
 
 
 def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVariable") -> Any:
-    """Draw which share of the other variables' values is in the set, and where any may be."""
+    """Draw the share of the other variables' values that is in the set, for pairs of values."""
     x, y = shown.units[:, shown.place(column)], shown.units[:, shown.place(row)]
     edges = [np.linspace(*shown.ends(each), PANEL_CELLS + 1) for each in (column, row)]
     count = np.histogram2d(x, y, bins=edges)[0]
@@ -240,7 +240,7 @@ def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
 
 
 def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) -> None:
-    """Mark values of a variable on an axis of its coordinate, with its name and unit."""
+    """Label an axis of a variable's coordinate with its values, name and unit."""
     from matplotlib.ticker import LogLocator, MaxNLocator
 
     place = shown.place(each)
@@ -377,11 +377,11 @@ def draw_reliability(ax: Any, of: FeasibleSet) -> Any:
 
 def _pairs_caption(shown: PlottedSet) -> str:
     left = len(shown.variables) - MAX_PLOTTED_VARIABLES
-    more = f" {left} more variables are left out, the freest ones." if left > 0 else ""
+    more = f" The {left} freest variables are left out." if left > 0 else ""
     return (
-        "The set in pairs of variables. Colours say of each pair of values which share of the "
-        "others' values is in the set; lines bound where some value of the others is "
-        f"possible (P ≥ {OUTER_PROBABILITY:g}, black) and where one is sure "
+        "The set in pairs of variables. The colour of a pair of values is the share of the other "
+        "variables' values that is in the set; lines enclose pairs for which some values of the "
+        f"others are possible (P ≥ {OUTER_PROBABILITY:g}, black) or sure "
         f"(P ≥ {INNER_PROBABILITY:g}, white). On the diagonal, marginals as in the next "
         f"figure.{more}"
     )
