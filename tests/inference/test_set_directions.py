@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.config.groups import IMPACT_PRESSURE
 from agglom_mpi.inference.set_directions import _touched, nearest_group, rounded, set_variables
+from agglom_mpi.physics.restitution import IMPACT_PRESSURE
 
 UNITS = (np.arange(10_000) + 0.5) / 10_000
 
