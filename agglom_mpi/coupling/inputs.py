@@ -10,7 +10,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.simulation.boundary import is_periodic
-from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
+from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.simulation.stepwise import overlaps_of, room_for_particles
 
@@ -256,9 +256,9 @@ def _place_and_draw(
         scatter(*laws, random, None, half_width, np.empty((3, 0)), velocity, never)
         return positions
     order = np.argsort(-radii, kind="stable")
-    sizes: EqualSizes | Sizes = EqualSizes(2.0 * float(radii[0]))
+    sizes: EqualSizes | DifferentSizes = EqualSizes(2.0 * float(radii[0]))
     if np.any(radii != radii[0]):
-        sizes = Sizes(radii[order], float(radii.max()))
+        sizes = DifferentSizes(radii[order], float(radii.max()))
     placed = np.empty((3, len(radii)))
     if not scatter(*laws, random, sizes, half_width, placed, velocity, never):
         fraction = np.sum((radii / half_width) ** 3) * np.pi / 6.0

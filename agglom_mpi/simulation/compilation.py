@@ -155,7 +155,7 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     random = np.random.default_rng()
     sizes: Any = initial_state.EqualSizes(2.0 * scene.radius)
     if scene.sizes is not None:
-        sizes = initial_state.Sizes(np.full(1, scene.radius), scene.radius)
+        sizes = initial_state.DifferentSizes(np.full(1, scene.radius), scene.radius)
     laws, vectors = (scene.escape, scene.velocities), np.empty((2, 3, 1))
     abort = np.zeros(1, np.uint8)
     return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors, abort)

@@ -47,7 +47,7 @@ class EqualSizes(NamedTuple):
     diameter: float
 
 
-class Sizes(NamedTuple):
+class DifferentSizes(NamedTuple):
     """Each sphere has its own `radius` in m, shape (N,); the `largest` in m is one of them."""
 
     radius: np.ndarray
@@ -69,7 +69,7 @@ def _one_diameter_apart(sizes, i, j):
     return sizes.diameter
 
 
-@contact_distance.register(Sizes)
+@contact_distance.register(DifferentSizes)
 def _sum_of_radii(sizes, i, j):
     return sizes.radius[i] + sizes.radius[j]
 
@@ -79,7 +79,7 @@ def _one_diameter(sizes):
     return sizes.diameter
 
 
-@largest_diameter.register(Sizes)
+@largest_diameter.register(DifferentSizes)
 def _twice_the_largest(sizes):
     return 2.0 * sizes.largest
 
@@ -96,7 +96,7 @@ def place_randomly(random, escape, position, sizes, half_width, abort):
     random : numpy.random.Generator
     escape : Periodic or Reentry
     position : array, shape (3, N), m, filled
-    sizes : EqualSizes or Sizes
+    sizes : EqualSizes or DifferentSizes
     half_width : float, m
     abort : uint8 array, shape (1,); anything but 0 ends the search for places
 
@@ -253,7 +253,7 @@ def scatter(escape, velocities, random, sizes, half_width, position, velocity, a
     escape, velocities, half_width
         Those of the scene, without its laws: one machine code serves many scenes.
     random : numpy.random.Generator
-    sizes : EqualSizes, Sizes, or None if positions are given
+    sizes : EqualSizes, DifferentSizes, or None if positions are given
     position, velocity : array, shape (3, N), m and m/s, filled; velocity None if given
     abort : uint8 array, shape (1,); anything but 0 ends the search for places
 

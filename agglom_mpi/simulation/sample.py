@@ -20,7 +20,7 @@ from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.frames import Frames
-from agglom_mpi.simulation.initial_state import EqualSizes, Sizes, scatter
+from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.measurement import (
     is_finite,
     measure,
@@ -236,14 +236,14 @@ def place_grains(
     The largest come first. `abort` is that of `simulate_scene`.
     """
     placed, velocity = np.empty((2, 3, scene.particles))
-    sizes: EqualSizes | Sizes = EqualSizes(2.0 * scene.radius)
+    sizes: EqualSizes | DifferentSizes = EqualSizes(2.0 * scene.radius)
     if scene.sizes is not None:
         radii = scene.radius * draw_radii(scene.sizes, random, scene.particles)
         if not radii[0] < scene.half_width:
             return False
         particles.radius[: scene.particles] = radii
         particles.mass[: scene.particles] = scene.mass * (radii / scene.radius) ** 3
-        sizes = Sizes(radii, float(radii[0]))
+        sizes = DifferentSizes(radii, float(radii[0]))
     if not scatter(
         scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity, abort
     ):

@@ -22,7 +22,7 @@ from agglom_mpi.physics.size_distributions import (
 )
 from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
-from agglom_mpi.simulation.initial_state import Sizes, scatter
+from agglom_mpi.simulation.initial_state import DifferentSizes, scatter
 from agglom_mpi.simulation.sample import simulate_scene
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
@@ -121,7 +121,7 @@ def test_grains_find_their_places_up_to_the_fraction_that_is_allowed(spread):
     scene = campaign.scene.build(string)
     radii = scene.radius * draw_radii(scene.sizes, np.random.default_rng(1), 300)
     places = np.empty((3, 300))
-    laws, sizes = (scene.escape, scene.velocities), Sizes(radii, float(radii[0]))
+    laws, sizes = (scene.escape, scene.velocities), DifferentSizes(radii, float(radii[0]))
     assert scatter(*laws, np.random.default_rng(1), sizes, scene.half_width, places, None, NEVER)
 
 
@@ -237,7 +237,7 @@ def mixture(law, fraction, seed):
     radius = filled ** (1.0 / 3.0) * HALF / NUMBER ** (1.0 / 3.0)
     scene = bouncing(1.0, budget=10**7, particles=NUMBER, size_ratio=0.5, end_time=1e9)
     radii, places = radius * ratios, np.empty((3, NUMBER))
-    sizes = Sizes(radii, float(radii[0]))
+    sizes = DifferentSizes(radii, float(radii[0]))
     assert scatter(scene.escape, scene.velocities, random, sizes, HALF, places, None, NEVER)
     velocities = theory.maxwellian(ball_mass(radius) * ratios**3, 1.0, random)
     scene = scene._replace(radius=radius, mass=ball_mass(radius))
@@ -255,7 +255,7 @@ def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
         radii = unit / count ** (1 / 3) * draw_radii(law, random, count)
         filled = 4.0 / 3.0 * math.pi * (radii**3).sum() / (2.0 * half) ** 3
         if filled > 0.45 and radii[0] < half:
-            sizes = Sizes(radii, float(radii[0]))
+            sizes = DifferentSizes(radii, float(radii[0]))
             laws, drawn = (Periodic.Numbers(), UniformX.Numbers(1.0)), places.copy()
             placed = scatter(*laws, random, sizes, half, places, drawn, NEVER)
             outcomes[filled] = placed
