@@ -11,7 +11,7 @@ from typing import Final
 
 from agglom_mpi.doctor.findings import Finding
 from agglom_mpi.launcher import launched_size
-from agglom_mpi.runtime.file_setup import processor
+from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.version import __version__
 
 NEEDED_FOR: Final = {

@@ -10,9 +10,9 @@ import numpy as np
 
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.experiment import Experiment
-from agglom_mpi.runtime.file_setup import sources_digest
 from agglom_mpi.runtime.launch import LaunchError
 from agglom_mpi.runtime.messages import PROGRAM
+from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:

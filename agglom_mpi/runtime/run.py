@@ -25,10 +25,7 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import unread_input
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment
-from agglom_mpi.runtime.file_setup import (
-    kept_as_it_was,
-    prepare,
-)
+from agglom_mpi.runtime.file_setup import kept_as_it_was, prepare
 from agglom_mpi.runtime.launch import (
     PARALLEL,
     Nodes,

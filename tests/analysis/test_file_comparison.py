@@ -10,7 +10,8 @@ from agglom_mpi.analysis.file_comparison import best_objectives, compare, compar
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.display.run_display import print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_start, prepare
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS
 from agglom_mpi.storage.table import make_row

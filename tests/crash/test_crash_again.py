@@ -20,7 +20,7 @@ from campaign_runs import (
 )
 from processes import output_of
 
-from agglom_mpi.runtime.file_setup import leg_start
+from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 

@@ -18,10 +18,10 @@ if rank == "1":
 """
 
 OTHER_SOURCES = f"""{RANK}
-import agglom_mpi.runtime.file_setup as file_setup
+import agglom_mpi.runtime.provenance as provenance
 
 if rank == "1":
-    file_setup.sources_digest = lambda: 64 * "f"
+    provenance.sources_digest = lambda: 64 * "f"
 """
 
 IMPATIENT = """

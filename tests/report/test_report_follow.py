@@ -32,7 +32,8 @@ from agglom_mpi.report import follow as module
 from agglom_mpi.report.follow import FileProgress, follow, silence_note
 from agglom_mpi.runtime import coordinator as coordinator_module
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_start, prepare
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool

@@ -23,7 +23,8 @@ from agglom_mpi.report.page_tables import best_strings
 from agglom_mpi.report.published_results import AGGLOMERATION
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import leg_start, prepare
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.schema import RESULTS, sample_dtype

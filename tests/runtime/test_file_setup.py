@@ -7,14 +7,7 @@ from campaign_runs import SMALL, write_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import (
-    OutputError,
-    check_same_campaign,
-    leg_start,
-    output_path,
-    prepare,
-    versions,
-)
+from agglom_mpi.runtime.file_setup import OutputError, check_same_campaign, output_path, prepare
 
 
 @pytest.fixture
@@ -83,13 +76,6 @@ def test_more_generations_make_room_for_more_strings(campaign, tmp_path):
     prepare(tmp_path / "x.h5", InversionExperiment(longer), accept_code_change=False)
     again = prepare(tmp_path / "x.h5", InversionExperiment(campaign), accept_code_change=False)
     assert again.attributes["strings"] == longer.max_strings
-
-
-def test_a_leg_records_what_it_ran_with():
-    start = leg_start(3, "MPICH 4.3")
-    assert start.ranks == 3
-    assert start.versions["mpi"] == "MPICH 4.3"
-    assert all(versions()[name] for name in ("python", "numpy", "numba", "h5py", "hdf5"))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from campaign_runs import TINY, write_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.runtime import experiment as experiment_module
-from agglom_mpi.runtime.file_setup import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
+from agglom_mpi.runtime.provenance import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import TASK
 
