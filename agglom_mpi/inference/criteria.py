@@ -46,8 +46,6 @@ class Criterion(ABC):
         Description of a member, for a person.
     is_band : bool
         Whether the bounds are those of the one emulated number.
-    can_be_aim : bool
-        Whether a search can look for the members in place of the best string.
     maximum : tuple of float, or None
         Mean and standard deviation of the maximum of the quantity over the box, where members are
         those near it.
@@ -56,7 +54,6 @@ class Criterion(ABC):
     quantities: tuple[str, ...] = ("mean_radius_ratio",)
     text: str = ""
     is_band: ClassVar[bool] = False
-    can_be_aim: bool = False
     maximum: tuple[float, float] | None = None
 
     def with_emulator(
@@ -136,18 +133,13 @@ class Band(Criterion):
         The bounds.
     text
         As for `Criterion`.
-    can_be_aim
-        As for `Criterion`.
     """
 
     is_band = True
 
-    def __init__(
-        self, column: str, lower: float, upper: float, text: str, can_be_aim: bool = False
-    ) -> None:
+    def __init__(self, column: str, lower: float, upper: float, text: str) -> None:
         self.quantities = (column,)
         self.lower, self.upper, self.text = lower, upper, text
-        self.can_be_aim = can_be_aim
 
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
         """Return the column."""

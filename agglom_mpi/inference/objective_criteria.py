@@ -25,7 +25,7 @@ def _growth_target(objective: Entries, tolerance: float) -> Criterion:
     ratio = float(objective["ratio"])
     lower, upper = ratio * (1.0 - tolerance), ratio * (1.0 + tolerance)
     text = f"mean b/b0 {_ends(lower, upper)}"
-    return Band("mean_radius_ratio", lower, upper, text, can_be_aim=True)
+    return Band("mean_radius_ratio", lower, upper, text)
 
 
 def _maximum_growth(objective: Entries, tolerance: float) -> Criterion:

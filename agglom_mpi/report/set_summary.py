@@ -113,7 +113,8 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
 
 def _taken_by(of: FeasibleSet) -> str:
     """Return the search that would take these samples, where it is not that of the campaign."""
-    if not of.criterion.can_be_aim or of.emulated.box.campaign.search.looks_for_a_set:
+    campaign = of.emulated.box.campaign
+    if not campaign.objective.is_magnitude or campaign.search.looks_for_a_set:
         return ""
     return " of a search with aim: set"
 

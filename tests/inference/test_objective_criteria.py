@@ -3,7 +3,6 @@ import pytest
 
 from agglom_mpi.inference.criteria import Band, NearMaximum
 from agglom_mpi.inference.objective_criteria import (
-    CRITERIA,
     UnknownObjectiveError,
     criterion_of,
     read_tolerance,
@@ -27,12 +26,6 @@ def test_each_objective_has_its_criterion():
     moments = criterion_of(MOMENTS, 0.05)
     assert moments.quantities == ("mean", "spread")
     assert moments.scales == pytest.approx([0.1, 0.02])
-
-
-def test_a_search_can_look_for_a_growth_target_alone():
-    objectives = [MOMENTS | {"law": name, "ratio": 2.0} for name in CRITERIA]
-    aims = {each["law"]: criterion_of(each, 0.1).can_be_aim for each in objectives}
-    assert [name for name, can in aims.items() if can] == ["growth_target"]
 
 
 @pytest.mark.parametrize("law", ["entropy", "Function", ""])
