@@ -113,11 +113,14 @@ class Component(Section):
         Package whose modules declare the components of this kind.
     in_files
         Whether a file can name it, and not only another component can become it.
+    not_in_files
+        Fields that a file does not give: they are read from elsewhere.
     """
 
     named_by: ClassVar[str] = "law"
     found_in: ClassVar[str] = ""
     in_files: ClassVar[bool] = True
+    not_in_files: ClassVar[tuple[str, ...]] = ()
 
     @property
     def name(self) -> str:

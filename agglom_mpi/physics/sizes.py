@@ -183,6 +183,7 @@ class FileSizes(Sizes):
     """
 
     reads_file = True
+    not_in_files = READ_KEYS
     law: Literal["file"] = "file"
     file: Line
     diameters: tuple[float, ...] = ()

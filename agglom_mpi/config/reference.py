@@ -1,0 +1,106 @@
+"""Tables of what a campaign file can name, derived from the classes of the components."""
+
+import inspect
+from collections.abc import Iterator
+from typing import Any, Final, Literal, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+
+from agglom_mpi.config.document import CampaignDocument
+from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.declaration.components import Choice, Component, In, Whole, number_of
+from agglom_mpi.declaration.laws import Law
+from agglom_mpi.search.ending import EndingCriterion
+
+SECTIONS: Final = (("scene", SceneSection), ("", CampaignDocument))
+"""Sections whose fields are chosen among components, with what stands before their keys."""
+
+
+def component_kinds() -> dict[str, type[Component]]:
+    """Return the kinds of components by their keys in a campaign file, as `scene.restitution`."""
+    kinds: dict[str, type[Component]] = {}
+    for prefix, section in SECTIONS:
+        for key, field in section.model_fields.items():
+            for mark in field.metadata:
+                if isinstance(mark, Choice):
+                    kinds[f"{prefix}.{key}" if prefix else key] = mark.kind
+    return kinds | {"stopping": EndingCriterion}
+
+
+def component_tables() -> str:
+    """Return a Markdown table of each kind of component: names, keys, and what each one is."""
+    return "\n".join(_table(key, kind) for key, kind in component_kinds().items())
+
+
+def _table(key: str, kind: type[Component]) -> str:
+    rows = [f"| `{key}` | keys | |", "|---|---|---|"]
+    for name, component in kind.components().items():
+        keys = "; ".join(_keys(component))
+        rows.append(f"| `{name}` | {keys} | {_statement(component)}{_needs(component)} |")
+    return "\n".join([*rows, ""])
+
+
+def _needs(component: type[Component]) -> str:
+    """Return the variables that a law needs, in words."""
+    if not issubclass(component, Law) or not (*component.variables, *component.needs):
+        return ""
+    names = (f"`{name}`" for name in (*component.variables, *component.needs))
+    return f" Needs {', '.join(names)}."
+
+
+def _statement(component: type[Component]) -> str:
+    """Return the first line of a component's docstring, as a cell of a table."""
+    first = (inspect.getdoc(component) or "").split("\n\n")[0]
+    return first.replace("\n", " ").replace("  [", " [").replace("|", "\\|")
+
+
+def _keys(component: type[Component]) -> Iterator[str]:
+    for name, field in component.model_fields.items():
+        if name not in (component.named_by, *component.not_in_files):
+            words = [f"`{name}`", *_allowed(field), *_default(field)]
+            yield " ".join(words)
+
+
+def _allowed(field: FieldInfo) -> Iterator[str]:
+    """Yield the limits and the unit of a field, or the texts that it can have."""
+    number = number_of(field)
+    if number is not None:
+        yield from _limits(number)
+        if number.unit != "1":
+            yield number.unit
+    elif texts := _texts(field.annotation):
+        yield " or ".join(f"`{text}`" for text in texts)
+
+
+def _limits(number: In | Whole) -> Iterator[str]:
+    lowest, highest = number.at_least, number.at_most
+    above = number.above if isinstance(number, In) else None
+    below = number.below if isinstance(number, In) else None
+    bounds = [
+        f"{sign} {bound:g}"
+        for sign, bound in ((">", above), ("≥", lowest), ("≤", highest), ("<", below))
+        if bound is not None
+    ]
+    if bounds:
+        yield ", ".join(bounds)
+
+
+def _texts(annotation: Any) -> tuple[str, ...]:
+    """Return the texts of a Literal, also where it is part of a union."""
+    if get_origin(annotation) is Literal:
+        return tuple(text for text in get_args(annotation) if isinstance(text, str))
+    return tuple(text for inner in get_args(annotation) for text in _texts(inner))
+
+
+def _default(field: FieldInfo) -> Iterator[str]:
+    if field.is_required():
+        return
+    default = field.default
+    if isinstance(default, bool):
+        yield f"(`{str(default).lower()}`)"
+    elif isinstance(default, float | int):
+        yield f"({default:g})"
+    elif isinstance(default, str):
+        yield f"(`{default}`)"
+    elif isinstance(default, tuple) and default:
+        yield f"({', '.join(f'{each:g}' for each in default)})"

@@ -1,0 +1,29 @@
+"""The tables of components: complete, and those of the README."""
+
+from pathlib import Path
+
+from agglom_mpi.config.reference import component_kinds, component_tables
+
+JOBS = Path(__file__).parents[2] / "jobs"
+
+
+def test_every_component_has_a_row_with_all_its_keys():
+    rows = [line for line in component_tables().splitlines() if line.startswith("| `")]
+    for kind in component_kinds().values():
+        for name, component in kind.components().items():
+            [row] = [
+                row
+                for row in rows
+                if row.startswith(f"| `{name}` |")
+                and all(
+                    f"`{key}`" in row
+                    for key in component.model_fields
+                    if key not in (component.named_by, *component.not_in_files)
+                )
+                and (component.__doc__ or "").split("\n")[0].split("|")[0][:40] in row
+            ]
+            assert len(row.split(" | ")) == 3
+
+
+def test_the_readme_has_the_tables_of_the_program():
+    assert component_tables() in (JOBS / "README.md").read_text()
