@@ -15,8 +15,8 @@ from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.covariance_fit import fit_covariance
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
+from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.surrogate import best_and_spread
 from agglom_mpi.storage.reader import CampaignData, parameters_of

@@ -10,15 +10,8 @@ from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
-from agglom_mpi.storage.schema import (
-    ORIGINS,
-    RESULTS,
-    SAMPLES,
-    STATES,
-    STRINGS,
-    Column,
-    generations_schema,
-)
+from agglom_mpi.search.proposals import ORIGINS
+from agglom_mpi.storage.schema import RESULTS, SAMPLES, STATES, STRINGS, Column, generations_schema
 from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, Variable, volume_fraction
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from agglom_mpi.config.bounds import (
     required_variables,
     volume_fraction,
 )
+from agglom_mpi.config.field_errors import RECORDED, is_recorded, to_campaign_error
 from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
@@ -23,7 +24,6 @@ from agglom_mpi.config.plan import (
 from agglom_mpi.config.relation_reader import read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
-from agglom_mpi.config.validation import RECORDED, is_recorded, to_campaign_error
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.components import Choice
 from agglom_mpi.declaration.sections import (

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import digamma, gammaincinv, ndtri, polygamma
 from scipy.stats import qmc
 
-from agglom_mpi.emulation.covariance_fit import LargeFit
 from agglom_mpi.emulation.gaussian_process import Covariance, Floats, GaussianProcess
+from agglom_mpi.emulation.likelihood_fit import LargeFit
 
 NOISE_ROUNDS: Final = 2
 """Number of times that the noise and then the mean are fitted again."""

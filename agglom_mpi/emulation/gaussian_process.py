@@ -97,7 +97,7 @@ class GaussianProcess:
     Parameters
     ----------
     covariance
-        Covariance of the function, as `covariance_fit` finds it.
+        Covariance of the function, as `likelihood_fit` finds it.
     points
         Points in the unit cube, shape (n, d).
     values

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
-from agglom_mpi.inference.emulated_box import EmulatedBox
+from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.set_points import SetPoints
 
 MIN_HELD_OUT: Final = 100

@@ -11,7 +11,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
-from agglom_mpi.inference.emulated_box import VOLUME_STREAM, EmulatedBox
+from agglom_mpi.inference.membership import VOLUME_STREAM, EmulatedBox
 from agglom_mpi.inference.nearest import NearestString, nearest_string
 from agglom_mpi.inference.objective_criteria import criterion_of, tolerance_of
 from agglom_mpi.inference.posterior import Posterior, posterior

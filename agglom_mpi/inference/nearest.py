@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.inference.emulated_box import EmulatedBox
+from agglom_mpi.inference.membership import EmulatedBox
 
 MAX_FAILING: Final = 0.5
 """Maximum probability of failure of the nearest string."""

@@ -10,7 +10,7 @@ from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
-from agglom_mpi.inference.emulated_box import EmulatedBox, KnownStrings
+from agglom_mpi.inference.membership import EmulatedBox, KnownStrings
 from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglom_mpi.config.groups import Group
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.emulated_box import EmulatedBox
+from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.statistics import weighted_quantiles
 

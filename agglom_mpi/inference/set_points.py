@@ -6,7 +6,7 @@ import numpy as np
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.emulated_box import BOX_POINTS, EmulatedBox
+from agglom_mpi.inference.membership import BOX_POINTS, EmulatedBox
 from agglom_mpi.inference.searched_box import MAX_RANDOM_POINTS, MIN_EVEN_POINTS
 
 INNER_PROBABILITY, OUTER_PROBABILITY = 0.95, 0.05

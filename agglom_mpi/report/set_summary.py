@@ -9,8 +9,8 @@ from rich.console import Group, RenderableType
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import format_digits, value_with_error
-from agglom_mpi.inference.emulated_box import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.nearest import quantity_name
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import rounded

@@ -308,7 +308,7 @@ class SurrogateSearch(EvaluatedStrings):
 
     def _covariance(self, fitted: int) -> "Covariance | None":
         """Return the covariance fitted to the first strings; None if they are too few."""
-        from agglom_mpi.emulation.covariance_fit import fit_covariance
+        from agglom_mpi.emulation.likelihood_fit import fit_covariance
 
         if np.isfinite(self.objectives[:fitted]).sum() < 2:
             return None

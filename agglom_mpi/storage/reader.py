@@ -9,11 +9,11 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 import numpy as np
 
 from agglom_mpi.formatting import printable
-from agglom_mpi.search.proposals import Proposals, restored
+from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import StoredParticles
-from agglom_mpi.storage.schema import INVERSION, ORIGINS, TOOK_TOO_LONG
+from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG
 from agglom_mpi.storage.snapshot import TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import NAMES

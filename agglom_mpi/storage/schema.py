@@ -1,4 +1,7 @@
-"""The tables of a campaign file: one place for every column, its unit and its meaning."""
+"""The tables of a campaign file: their columns with unit and meaning.
+
+Columns of a sample's outcome are declared in `outcome`, those of the variables in `variables`.
+"""
 
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
@@ -17,8 +20,6 @@ INVERSION: Final = "inversion"
 STUDY: Final = "accuracy study"
 """Purpose of the strings of a study, which are set-ups to be compared."""
 
-ORIGINS: Final = ("random", "offspring", "model", "given", "again")
-"""Texts of the codes in the column `origin` of `/strings`."""
 STATES: Final = ("", "completed", "failed")
 """Texts of the codes in the column `state` of `/samples`."""
 CAMPAIGN_STATES: Final = ("running", "stopped", "finished", "failed")

@@ -14,10 +14,11 @@ from typing import Final
 import h5py
 import numpy as np
 
+from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.access import open_file, read_attributes, report_damage
 from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import CAMPAIGN_STATES, ORIGINS, table_schemas
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, table_schemas
 from agglom_mpi.storage.table import (
     Table,
     checksum_ok,

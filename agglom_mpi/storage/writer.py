@@ -140,7 +140,7 @@ class CampaignWriter:
         generation : int or (n,)
             Generation that they are proposed for.
         slots, origins : (n,) int
-            Place in the generation, and index in `schema.ORIGINS`.
+            Place in the generation, and index in `search.proposals.ORIGINS`.
         parents : (n, 2) int
             Numbers of the parents, -1 for none.
         parameters : (n, 10) float64

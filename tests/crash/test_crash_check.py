@@ -24,8 +24,8 @@ from processes import output_of
 
 from agglom_mpi.analysis.replay import check_file
 from agglom_mpi.runtime import sample_runner as simulator
+from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.schema import ORIGINS
 from agglom_mpi.storage.table import Table
 from agglom_mpi.storage.writer import CampaignWriter
 

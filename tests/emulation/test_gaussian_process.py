@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-from agglom_mpi.emulation.covariance_fit import (
+from agglom_mpi.emulation.gaussian_process import (
+    JITTER,
+    Covariance,
+    GaussianProcess,
+    distances,
+    matern,
+    standardised,
+)
+from agglom_mpi.emulation.likelihood_fit import (
     FAST_ARITHMETIC,
     LENGTH_BOUNDS,
     NOISE_BOUNDS,
@@ -14,14 +22,6 @@ from agglom_mpi.emulation.covariance_fit import (
     fit_data,
     negative_log_posterior,
     search_prior,
-)
-from agglom_mpi.emulation.gaussian_process import (
-    JITTER,
-    Covariance,
-    GaussianProcess,
-    distances,
-    matern,
-    standardised,
 )
 
 # Conditions of all matrices here are below 1e6, which rounding multiplies.

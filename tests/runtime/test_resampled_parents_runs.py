@@ -17,8 +17,8 @@ from campaign_runs import (
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.schema import ORIGINS
 from agglom_mpi.variables import NAMES
 
 NUMBERS = {"generations": 4, "max_samples": 12, "population": 8, "parents": 4}

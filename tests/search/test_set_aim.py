@@ -9,8 +9,8 @@ from set_runs import three_variable_text
 from agglom_mpi import open_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.emulation.covariance_fit import fit_covariance
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
+from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.search.set_aim import CANDIDATES, SetAim
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.reader import read_campaign

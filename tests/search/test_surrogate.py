@@ -15,8 +15,8 @@ from searches import random_search, surrogate_search
 from threadpoolctl import threadpool_info
 
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.covariance_fit import fit_covariance
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
+from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
 from agglom_mpi.search.baselines import sobol_strings

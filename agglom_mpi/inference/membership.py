@@ -1,4 +1,4 @@
-"""The search box of a campaign as an emulator of its samples knows it."""
+"""Probability that a string is a member of the set, by an emulator of the campaign's samples."""
 
 from typing import Final, NamedTuple
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from agglom_mpi.emulation.covariance_fit import (
+from agglom_mpi.emulation.likelihood_fit import (
     FAST_ARITHMETIC,
     LargeFit,
     emulator_prior,

@@ -1,6 +1,6 @@
 import numpy as np
 
-from agglom_mpi.inference.emulated_box import FailingShare, settled_numbers
+from agglom_mpi.inference.membership import FailingShare, settled_numbers
 
 
 def test_failures_are_where_strings_failed():

@@ -1,4 +1,4 @@
-"""Base class and types of sections, and their errors with file, line and field."""
+"""Errors of a campaign's text, with file, line, field, value and what is allowed."""
 
 import re
 from collections.abc import Iterator, Mapping
