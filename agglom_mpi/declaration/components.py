@@ -24,6 +24,11 @@ from agglom_mpi.declaration.sections import (
     raise_field_errors,
 )
 from agglom_mpi.declaration.units import to_si
+from agglom_mpi.errors import UserError
+
+
+class UnknownComponentError(UserError, ValueError):
+    """A name that no component of a kind has, as in a file of a later version."""
 
 
 class In(NamedTuple):
@@ -186,12 +191,15 @@ class Component(Section):
 
         Raises
         ------
+        UnknownComponentError
+            If there is no such component.
         ValueError
-            If there is no such component, or its entries do not fit.
+            If its entries do not fit.
         """
         found, name = cls.components(), entries[cls.named_by]
         if name not in found:
-            raise ValueError(f"{cls.named_by} {name!r} is unknown; known are {', '.join(found)}")
+            known = ", ".join(found)
+            raise UnknownComponentError(f"{cls.named_by} {name!r} is unknown; known: {known}")
         return found[name]._recorded(entries)
 
     @classmethod

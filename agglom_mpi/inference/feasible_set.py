@@ -13,7 +13,6 @@ from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
 from agglom_mpi.inference.membership import VOLUME_STREAM, EmulatedBox
 from agglom_mpi.inference.nearest import NearestString, nearest_string
-from agglom_mpi.inference.objective_criteria import criterion_of, tolerance_of
 from agglom_mpi.inference.posterior import Posterior, posterior
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import SetVariable, set_directions, set_variables
@@ -24,6 +23,7 @@ from agglom_mpi.inference.set_points import (
     spread_points,
 )
 from agglom_mpi.inference.stored_samples import favours_low_objectives, stored_samples
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -74,7 +74,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     def __init__(self, data: "CampaignData", tolerance: float | str = 0.05) -> None:
         campaign = recorded_campaign(data)
         self.tolerance = tolerance_of(data, tolerance)
-        criterion = criterion_of(data.section("objective"), self.tolerance)
+        criterion = recorded_objective(data).criterion(self.tolerance)
         _check_possible(campaign, data)
         stored = stored_samples(data)
         self.samples = len(stored.rows)

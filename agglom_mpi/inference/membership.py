@@ -10,10 +10,10 @@ from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.formatting import ROUNDING
-from agglom_mpi.inference.criteria import Criterion
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
+from agglom_mpi.search.criteria import Criterion
 
 BOX_POINTS: Final = 1 << 13
 """Number of even points of the box."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.objective_criteria import criterion_of, tolerance_of
 from agglom_mpi.inference.posterior import measurement_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.export import with_units
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
@@ -60,7 +60,7 @@ class SetRequest(NamedTuple):
         """
         tolerance = tolerance_of(data, self.tolerance)
         if self.measured is not None and self.error is not None:
-            quantities = criterion_of(data.section("objective"), tolerance).quantities
+            quantities = recorded_objective(data).criterion(tolerance).quantities
             measurement_of(recorded_campaign(data), quantities, self.measured, self.error)
         for path in (self.draws, self.grid):
             if path is not None:

@@ -18,6 +18,7 @@ from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.search.criteria import Band, Criterion, NearMaximum, band_text
 from agglom_mpi.search.objectives import RadiusObjective, Ratio
 
 
@@ -50,6 +51,12 @@ class GrowthTarget(RadiusObjective):
         """Return the signed relative deviation from the target radius."""
         return ratio / self.ratio - 1.0
 
+    def criterion(self, tolerance: float) -> Criterion:
+        """Return the criterion of a mean growth within a relative tolerance of the target."""
+        lower, upper = self.ratio * (1.0 - tolerance), self.ratio * (1.0 + tolerance)
+        text = f"mean b/b0 {band_text(lower, upper)}"
+        return Band("mean_radius_ratio", lower, upper, text)
+
     def signed(self, objective: float, mean_radius_ratio: float) -> float:
         """Return the signed relative deviation of a string from the target radius."""
         return self.deviation(mean_radius_ratio)
@@ -73,6 +80,10 @@ class MaximumGrowth(RadiusObjective):
     def wanted_growth(self) -> tuple[FieldPath, float]:
         """That of a single aggregate, which no field of its own states."""
         return (), self._grains ** (1.0 / 3.0)
+
+    def criterion(self, tolerance: float) -> Criterion:
+        """Return the criterion that the mean growth is near its maximum over the box."""
+        return NearMaximum(tolerance)
 
     def deviation(self, ratio: Ratio) -> Ratio:
         """Return Π of the samples."""

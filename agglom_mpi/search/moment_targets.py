@@ -16,18 +16,11 @@ from numpy.typing import NDArray
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.sections import FieldPath, Section, meaning
 from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.criteria import Criterion
+from agglom_mpi.search.moment_bands import MomentBands
+from agglom_mpi.search.moments import MOMENTS, NORMALISED, Central, gradient, moment
 from agglom_mpi.search.objectives import Objective, ReachedMoment
 from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
-
-MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
-"""Moments of the final radii b/b⁰ that may have a target [A 24-25, 29]."""
-CENTRAL: Final = ("second", "third", "fourth")
-NORMALISED: Final = ("skewness", "kurtosis")
-NO_SPREAD: Final = 1e-9
-"""Spread relative to the mean up to which radii are equal except for rounding: one merge among 1e13
-particles makes more."""
-
-Central: TypeAlias = tuple[float, float, float]
 
 FOURTH_ORDER: Final = ("kurtosis", "fourth")
 """Moments of the fourth power of the radii."""
@@ -60,46 +53,6 @@ class MomentTarget(NamedTuple):
     def slope(self) -> float:
         """Derivative of the deviation by the moment."""
         return self.weight / (self.target or 1.0)
-
-
-def spread_of(mean: float, second: float) -> float:
-    """Return the standard deviation of radii, exactly 0 where they differ by rounding alone."""
-    spread = math.sqrt(max(second, 0.0))
-    return spread if spread > NO_SPREAD * mean else 0.0
-
-
-def moment(name: str, mean: float, central: Central) -> float:
-    """Return a moment by its name, from the mean and the central moments 2, 3, 4.
-
-    Radii without spread have no skewness and no kurtosis. These are inf here, the limit of one
-    larger particle among ever more equal ones, so that no target is met by chance.
-    """
-    second, third, fourth = central
-    if name == "mean":
-        return mean
-    if name in CENTRAL:
-        return central[CENTRAL.index(name)]
-    spread = spread_of(mean, second)
-    if name == "spread":
-        return spread
-    if spread == 0.0:
-        return math.inf
-    return third / spread**3 if name == "skewness" else fourth / spread**4
-
-
-def gradient(name: str, mean: float, central: Central) -> Mapping[str, float]:
-    """Return the derivatives of a moment by the mean and the central moments, where not 0."""
-    second, third, fourth = central
-    if name == "mean" or name in CENTRAL:
-        return {name: 1.0}
-    spread = spread_of(mean, second)
-    if spread == 0.0:
-        return {}
-    if name == "spread":
-        return {"second": 0.5 / spread}
-    if name == "skewness":
-        return {"third": spread**-3, "second": -1.5 * third * spread**-5}
-    return {"fourth": spread**-4, "second": -2.0 * fourth * spread**-6}
 
 
 Anything: TypeAlias = Annotated[float | None, In("1")]
@@ -208,6 +161,15 @@ class MomentTargets(Objective):
         """The target of the mean with its field; None if there is none."""
         mean = self.targets.mean
         return None if mean is None else (("targets", "mean"), mean)
+
+    @property
+    def tolerance_limits(self) -> tuple[float, float]:
+        """0 and 1; where all targets are 0, so that nothing is relative, no upper limit."""
+        return (0.0, 1.0 if any(term.target for term in self.terms) else math.inf)
+
+    def criterion(self, tolerance: float) -> Criterion:
+        """Return the criterion that all moments are within a tolerance of their targets."""
+        return MomentBands({term.name: term.target for term in self.terms}, tolerance)
 
     @property
     def notes(self) -> list[str]:

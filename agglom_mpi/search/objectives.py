@@ -16,6 +16,7 @@ from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
+from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.statistics import RunningMean
 
 
@@ -114,6 +115,26 @@ class Objective(Component):
     def by_mean_radius(self) -> "RadiusObjective | None":
         """The objective if it depends on the samples' mean radius ratios alone, else None."""
         return None
+
+    @property
+    def tolerance_limits(self) -> tuple[float, float]:
+        """Limits of a tolerance of the feasible set, both excluded; 1 of a fraction."""
+        return 0.0, 1.0
+
+    def criterion(self, tolerance: float) -> Criterion:
+        """Return the criterion of the feasible set of an objective.
+
+        Parameters
+        ----------
+        tolerance
+            Number within `tolerance_limits`.
+
+        Raises
+        ------
+        NoCriterionError
+            If the objective has none.
+        """
+        raise NoCriterionError(f"the objective {self.name!r} has no feasible set")
 
     @property
     def notes(self) -> list[str]:

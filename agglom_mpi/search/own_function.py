@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.declaration.sections import FieldPath, meaning
 from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.criteria import Band, Criterion
 from agglom_mpi.search.objectives import MeanAccumulator, Objective, ObjectiveAccumulator
 
 
@@ -50,6 +51,16 @@ class MeanOfFunction(Objective):
         if len(words) != 2 or not named:
             must = "must be module:function, of module.py beside the campaign file"
             yield ("call",), f"is {self.call!r}; {must}"
+
+    @property
+    def tolerance_limits(self) -> tuple[float, float]:
+        """None: any value may be the largest one."""
+        return -math.inf, math.inf
+
+    def criterion(self, tolerance: float) -> Criterion:
+        """Return the criterion that the mean value is at most the tolerance."""
+        text = f"mean value of the function at most {tolerance:.4g}"
+        return Band("objective", -math.inf, tolerance, text)
 
     @property
     def scale(self) -> float:

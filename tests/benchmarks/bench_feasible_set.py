@@ -39,7 +39,6 @@ from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.objective_criteria import criterion_of
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
@@ -136,7 +135,7 @@ def point_samples(arguments):
     """Samples of one point: the first ones, and more if they are near the bounds."""
     name, string = arguments
     campaign, question = Campaign.from_text(campaign_text(name, 1, 32)), QUESTIONS[name]
-    criterion = criterion_of(campaign.objective.entries(), question.tolerance)
+    criterion = campaign.objective.criterion(question.tolerance)
     rows = simulated(campaign, string, FRESH, FIRST)
     lower, upper = bounds_of(name, criterion)
     if lower - WINDOW < rows["mean_radius_ratio"].mean() < upper + WINDOW:
@@ -166,7 +165,7 @@ def known_truth(name, jobs, folder):
 def truth_of(name, jobs):
     campaign, question = Campaign.from_text(campaign_text(name, 1, 32)), QUESTIONS[name]
     space, coordinates = campaign.variables.space(), coordinates_of(campaign)
-    criterion = criterion_of(campaign.objective.entries(), question.tolerance)
+    criterion = campaign.objective.criterion(question.tolerance)
     units = qmc.Sobol(space.dimensions, seed=99).random(question.points)
     strings = space.from_unit(units)
     with ProcessPoolExecutor(jobs) as pool:

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
-from goals import moment_targets
+from goals import FUNCTION_MEAN, growth_target, maximum_growth, moment_targets
 from scipy.stats import norm
 
-from agglom_mpi.inference.criteria import Band, MomentBands, NearMaximum
 from agglom_mpi.outcome import OUTCOME, summaries
+from agglom_mpi.search.criteria import Band, NearMaximum, NoCriterionError
+from agglom_mpi.search.moment_bands import MomentBands
 from agglom_mpi.search.moment_targets import MomentTarget
+from agglom_mpi.search.objectives import Objective
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
 
@@ -79,3 +81,33 @@ def test_what_is_near_an_uncertain_maximum_is_near_that_of_each_function():
     assert found.half_width == pytest.approx(0.1 * slopes.mean())
     assert found.probability(Lines(), points).tolist() == [0.0, 1.0]
     assert found.drawn_members(Lines(), points, None).tolist() == [[False, True]] * 3
+
+
+def test_each_objective_has_its_criterion():
+    growth = growth_target(2.0).criterion(0.05)
+    assert growth.bounds() == pytest.approx((1.9, 2.1))
+    assert maximum_growth(100).criterion(0.02).share == pytest.approx(0.98)
+    function = FUNCTION_MEAN.criterion(0.3)
+    assert function.quantities == ("objective",)
+    assert function.bounds() == (-np.inf, 0.3)
+    terms = (MomentTarget("mean", 2.0), MomentTarget("spread", 0.4))
+    moments = moment_targets(terms).criterion(0.05)
+    assert moments.quantities == ("mean", "spread")
+    assert moments.scales == pytest.approx([0.1, 0.02])
+
+
+def test_an_objective_that_states_no_criterion_has_none():
+    class Entropy(Objective):
+        """An objective without a name in files."""
+
+        def accumulator(self):
+            raise NotImplementedError
+
+        def of_samples(self, rows):
+            raise NotImplementedError
+
+        def influence_values(self, outcomes):
+            raise NotImplementedError
+
+    with pytest.raises(NoCriterionError):
+        Entropy().criterion(0.05)

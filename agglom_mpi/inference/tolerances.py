@@ -1,0 +1,50 @@
+"""The objective that a file records, and the tolerances of its feasible set."""
+
+from typing import TYPE_CHECKING
+
+from agglom_mpi.config.arguments import read_amount, read_fraction, shown
+from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.search.objectives import Objective
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+
+def recorded_objective(data: "CampaignData") -> Objective:
+    """Return the objective of a campaign file.
+
+    Raises
+    ------
+    UnknownComponentError
+        If its name is unknown.
+    """
+    return Objective.of_entries(data.section("objective"))
+
+
+def read_tolerance(objective: Objective, tolerance: float | str) -> float:
+    """Return the tolerance of an objective, given as a number or a text such as `5%`.
+
+    It is a fraction between 0 and 1, relative to the target or to the maximum, unless the limits of
+    the objective are others.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
+    lower, upper = objective.tolerance_limits
+    if upper == 1.0:
+        return read_fraction(tolerance)
+    value = read_amount(tolerance).value
+    if value <= lower:
+        raise ValueError(f"is {shown(tolerance)}; must be greater than {lower:g}")
+    return value
+
+
+def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
+    """Return the tolerance of a file's objective; raise an ArgumentError if it is impossible."""
+    objective = recorded_objective(data)
+    try:
+        return read_tolerance(objective, tolerance)
+    except ValueError as error:
+        raise ArgumentError.of(data.path, "tolerance", error) from None
