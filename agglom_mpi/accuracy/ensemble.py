@@ -33,7 +33,7 @@ from agglom_mpi.formatting import format_percent
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.search.growth_objectives import MaximumGrowth
+from agglom_mpi.search.objectives.growth import MaximumGrowth
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -249,7 +249,7 @@ def _solve(method: Method, softening: str, material: Material, x: Any, exact: li
 
     laws, hardness = impact_laws(material, method.solver), hardness_of(material, x)
     found = solve_all(laws, hardness)
-    published = isinstance(method.solver, FixedPointIteration.Numbers)
+    published = not math.isnan(method.cap)
     bouncing = np.array([not one.bonds for one in exact])
     counts = published_iterations(laws, hardness) if published else np.full(len(x), math.nan)
     seconds = time_of_impact(laws, hardness[bouncing], LEAST_TIMED)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.search.objectives import RadiusObjective
+from agglom_mpi.search.objectives.objective import RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 
 Floats = NDArray[np.float64]

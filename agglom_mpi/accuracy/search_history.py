@@ -22,7 +22,7 @@ from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import NAMES

@@ -20,7 +20,7 @@ from agglom_mpi.accuracy.resampling import (
     stop,
 )
 from agglom_mpi.accuracy.work_precision import cost_at, lasting
-from agglom_mpi.search.objectives import RadiusObjective
+from agglom_mpi.search.objectives.objective import RadiusObjective
 from agglom_mpi.search.stopping import STUDIED_RULES, StoppingRule
 from agglom_mpi.statistics import t_95
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.outcome import COMPLETED, summaries
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, mean_of, t_tails
 from agglom_mpi.storage.reader import CampaignData
 

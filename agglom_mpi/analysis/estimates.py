@@ -9,7 +9,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.statistics import without_rounding
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.objectives import Objective
+    from agglom_mpi.search.objectives.objective import Objective
     from agglom_mpi.storage.reader import CampaignData
 
 
@@ -163,7 +163,7 @@ def objective_of(data: "CampaignData") -> "Objective":
 
 
 def _objective(data: "CampaignData") -> "Objective":
-    from agglom_mpi.search.objectives import Objective
+    from agglom_mpi.search.objectives.objective import Objective
 
     grains: float = int(data.identity["scene.particles"])
     if "scene.sizes.law" in data.identity:

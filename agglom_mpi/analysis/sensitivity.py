@@ -18,7 +18,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
-from agglom_mpi.search.surrogate import best_and_spread
+from agglom_mpi.search.methods.surrogate import best_and_spread
 from agglom_mpi.storage.reader import CampaignData, parameters_of
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 

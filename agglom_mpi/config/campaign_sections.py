@@ -18,8 +18,8 @@ from agglom_mpi.config.yaml_source import (
     parse,
 )
 from agglom_mpi.physics import scales
-from agglom_mpi.search.method import SearchMethod
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.variables import columns_by_name, values_by_name, volume_fraction

@@ -36,10 +36,10 @@ from agglom_mpi.declaration.sections import (
     raise_field_errors,
 )
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
-from agglom_mpi.search.genetic import Genetic
-from agglom_mpi.search.growth_objectives import MaximumGrowth
-from agglom_mpi.search.method import SearchMethod
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.methods.genetic import Genetic
+from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.growth import MaximumGrowth
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 
 

@@ -13,8 +13,8 @@ from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
-from agglom_mpi.search.moment_targets import interval_notes
-from agglom_mpi.search.objectives import ReachedMoment
+from agglom_mpi.search.objectives.moment_targets import interval_notes
+from agglom_mpi.search.objectives.objective import ReachedMoment
 from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
 from agglom_mpi.variables import VARIABLES, values_by_name
 

@@ -9,7 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.method import SearchInputs
+from agglom_mpi.search.methods.method import SearchInputs
 from agglom_mpi.search.proposals import Proposals
 
 Restore = Callable[[Proposals, int], Proposals]

@@ -14,7 +14,7 @@ from agglom_mpi.declaration.sections import (
     WholeNumber,
 )
 from agglom_mpi.search.ending import EndingCriterion, Generations, any_of
-from agglom_mpi.search.method import SearchMethod
+from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.stopping import StoppingRule
 
 

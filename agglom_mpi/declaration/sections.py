@@ -72,7 +72,7 @@ LATER: Final = "added later"
 class Section(BaseModel):
     """Base of all sections and submodels."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     def entries(self) -> dict[str, Any]:
         """Return all fields as plain values, without those marked `LATER` at their default."""

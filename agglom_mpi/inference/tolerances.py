@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from agglom_mpi.config.arguments import read_amount, read_fraction, shown
 from agglom_mpi.config.yaml_source import ArgumentError
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData

@@ -60,7 +60,7 @@ DECIDING: Final = (
     "physics/*.py",
     "simulation/**/*.py",
     "emulation/*.py",
-    "search/*.py",
+    "search/**/*.py",
     # From the campaign's text to scenes, searches and ensembles.
     "config/*.py",
     "runtime/experiment.py",

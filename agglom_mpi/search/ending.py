@@ -12,8 +12,8 @@ import numpy as np
 
 from agglom_mpi.declaration.components import Component, In, Whole
 from agglom_mpi.declaration.sections import FieldPath
-from agglom_mpi.search.method import RunningSearch, SearchMethod
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.methods.method import RunningSearch, SearchMethod
+from agglom_mpi.search.objectives.objective import Objective
 
 
 class EndingCriterion(Component):

@@ -5,7 +5,7 @@ import math
 from typing import Final, NamedTuple
 
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
 from agglom_mpi.statistics import PooledMoments, RunningMean
 

@@ -16,7 +16,7 @@ from agglom_mpi.search.decisions import (
 )
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
-from agglom_mpi.search.method import RunningSearch
+from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
 

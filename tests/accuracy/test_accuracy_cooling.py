@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy.cooling import PUBLISHED, cooling_section, measure_errors, measure_limits
 from agglom_mpi.accuracy.cooling_methods import (
+    EXAMPLE_LAW,
     euler,
     exact,
-    example_law,
     grain_of,
     least_step,
     linear_limit,
@@ -119,7 +119,7 @@ def test_euler_converges_to_the_exact_temperature_with_first_order(case):
 def test_a_scene_without_cooling_takes_the_published_radiation_as_an_example():
     bare = scene(None, capacity=math.inf, temperature=0.0)
     grain = grain_of(bare)
-    assert grain.law == example_law() == RADIATION
+    assert grain.law == EXAMPLE_LAW == RADIATION
     assert grain.capacity == pytest.approx(1000.0 * bare.mass, rel=1e-15)
     found = cooling_section(bare, quick=True)
     assert "the values of [B], as an example" in found.setups

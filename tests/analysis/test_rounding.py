@@ -27,7 +27,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.report.drawing import histogram_range
 from agglom_mpi.runtime import sample_runner
-from agglom_mpi.search.moment_targets import MomentTarget
+from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import read_campaign
 

@@ -18,7 +18,7 @@ from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import summaries
-from agglom_mpi.search.moment_targets import MomentTarget
+from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import t_95
 from agglom_mpi.variables import NAMES
 

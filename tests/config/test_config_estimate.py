@@ -12,7 +12,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import LEDGER, OUTCOME
-from agglom_mpi.search.moment_targets import FOURTH_ORDER_INTERVALS
+from agglom_mpi.search.objectives.moment_targets import FOURTH_ORDER_INTERVALS
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 VALUES = {"hardness": "67 MPa"}

@@ -89,7 +89,7 @@ def impacts(draw, make, softening=(-6.0, 6.0)):
             float(plain_log_ratio(laws, pair, 1.0)) + math.log(laws.hardness.hardness) + short
         )
         if abs(logarithm) < 690.0:
-            hardness = laws.hardness._replace(base=math.exp(logarithm))
+            hardness = laws.hardness._replace(hardness=math.exp(logarithm))
             laws = laws._replace(hardness=hardness)
     return laws, pair
 
@@ -118,7 +118,7 @@ def folded_impacts(draw, make):
     # Hardness and the pressure over it must both be floats.
     if abs(top - excess) > 670.0 or excess > 0.5 * above_end:
         return None
-    hardness = laws.hardness._replace(base=math.exp(top - excess))
+    hardness = laws.hardness._replace(hardness=math.exp(top - excess))
     return laws._replace(hardness=hardness), pair, place, excess
 
 

@@ -109,7 +109,7 @@ def test_beside_the_marginal_pressure_softened_bonding_is_decided_as_by_finer_nu
     rounding = 4.0 * EPSILON * (1.0 + 4.0 * softening)
     decided = []
     for ulps in itertools.chain(ULPS, (-(10**4), 10**4)):
-        hardness = laws.hardness._replace(base=critical * (1.0 + ulps * EPSILON))
+        hardness = laws.hardness._replace(hardness=critical * (1.0 + ulps * EPSILON))
         beside = laws._replace(hardness=hardness)
         excess = exact_log_ratio(beside, pair)
         if abs(excess) > rounding:
@@ -296,10 +296,12 @@ def in_units(laws, pair, length, mass, time, kelvin):
     speed, energy = length / time, mass * length**2 / time**2
     laws = laws._replace(
         hardness=laws.hardness._replace(
-            base=laws.hardness.hardness * energy / length**3,
+            hardness=laws.hardness.hardness * energy / length**3,
             activation_energy=laws.hardness.activation_energy * kelvin,  # U/R is a temperature
         ),
-        reaction=laws.reaction._replace(heat=laws.reaction.reaction_heat * energy / length**2),
+        reaction=laws.reaction._replace(
+            reaction_heat=laws.reaction.reaction_heat * energy / length**2
+        ),
         heat_capacity=laws.heat_capacity * energy / (mass * kelvin),
     )
     factors = {

@@ -434,7 +434,7 @@ def test_collapse_ends_if_contacts_last_and_else_exhausts_the_budget():
         assert outcome.particles == 300
         assert outcome.steps < 0.5 * 500 * 300
     lasting = campaign("collapse").scene.restitution
-    restitution = ConstantRestitution.Numbers(law="constant", value=lasting.value)
+    restitution = ConstantRestitution(value=lasting.value)
     with pytest.raises(RuntimeError, match="sample 0 failed: budget of steps or events exceeded"):
         simulated("collapse", restitution=restitution)
 

@@ -1,8 +1,8 @@
 """Objectives, by their numbers."""
 
-from agglom_mpi.search.growth_objectives import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.moment_targets import MomentTargets, Targets, Weights
-from agglom_mpi.search.own_function import MeanOfFunction
+from agglom_mpi.search.objectives.growth import GrowthTarget, MaximumGrowth
+from agglom_mpi.search.objectives.moment_targets import MomentTargets, Targets, Weights
+from agglom_mpi.search.objectives.own_function import MeanOfFunction
 
 FUNCTION_MEAN = MeanOfFunction(call="worth:worth")
 """Mean of a function of a user."""

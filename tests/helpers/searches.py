@@ -1,10 +1,10 @@
 """Searches before their first generation, by the numbers of their methods."""
 
-from agglom_mpi.search.baselines import RandomPoints, SobolPoints
-from agglom_mpi.search.cmaes_search import Cmaes
-from agglom_mpi.search.genetic import Genetic
-from agglom_mpi.search.method import NO_STRINGS, SearchInputs
-from agglom_mpi.search.surrogate import Surrogate
+from agglom_mpi.search.methods.baselines import RandomPoints, SobolPoints
+from agglom_mpi.search.methods.cmaes_search import Cmaes
+from agglom_mpi.search.methods.genetic import Genetic
+from agglom_mpi.search.methods.method import NO_STRINGS, SearchInputs
+from agglom_mpi.search.methods.surrogate import Surrogate
 
 
 def genetic_search(

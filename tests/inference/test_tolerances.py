@@ -2,7 +2,7 @@ import pytest
 
 from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.inference.tolerances import read_tolerance
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 
 MOMENTS = {"law": "moments", "targets": {"mean": 2.0, "spread": 0.4}}
 NO_SCALE = {"law": "moments", "targets": {"skewness": 0.0, "third": 0.0}}

@@ -5,7 +5,7 @@ from search_fakes import judged, papers_box, unit_box
 from searches import genetic_search, random_search, sobol_search
 
 from agglom_mpi.random_streams import SOBOL_SCRAMBLE, search_stream
-from agglom_mpi.search.baselines import SOBOL_BITS, sobol_strings
+from agglom_mpi.search.methods.baselines import SOBOL_BITS, sobol_strings
 from agglom_mpi.search.proposals import GIVEN, NO_PARENT, RANDOM
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import COUNT

@@ -8,7 +8,7 @@ import pytest
 from search_fakes import judged
 from searches import cmaes_search, genetic_search, random_search, sobol_search, surrogate_search
 
-from agglom_mpi.search.baselines import SobolStrings, sobol_strings
+from agglom_mpi.search.methods.baselines import SobolStrings, sobol_strings
 from agglom_mpi.search.proposals import GIVEN
 from agglom_mpi.search.space import BLOCK, SearchSpace
 from agglom_mpi.variables import COUNT
@@ -116,7 +116,7 @@ def test_allowed_strings_fill_their_region_evenly():
 
 
 def test_another_sequence_follows_one_that_is_used_up(monkeypatch):
-    monkeypatch.setattr("agglom_mpi.search.baselines.SOBOL_BITS", 13)
+    monkeypatch.setattr("agglom_mpi.search.methods.baselines.SOBOL_BITS", 13)
     found = SobolStrings(box(), 7).strings(0, 900)  # of four sequences: 3 % of each is allowed
     assert shell(found).all()
     assert len(np.unique(found, axis=0)) == 900

@@ -12,7 +12,7 @@ from search_fakes import PARTICLES, completed, of_radii
 
 from agglom_mpi.outcome import COMPLETED, OUTCOME
 from agglom_mpi.search import growth_objectives
-from agglom_mpi.search.moment_targets import MomentTarget, interval_notes
+from agglom_mpi.search.objectives.moment_targets import MomentTarget, interval_notes
 from agglom_mpi.statistics import PooledMoments
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")

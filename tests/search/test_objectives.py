@@ -3,8 +3,8 @@ import pytest
 from goals import growth_target, maximum_growth
 from search_fakes import completed
 
-from agglom_mpi.search.moment_targets import MomentTargets
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.moment_targets import MomentTargets
+from agglom_mpi.search.objectives.objective import Objective
 
 
 def test_growth_target_is_the_relative_miss_of_the_wanted_radius():

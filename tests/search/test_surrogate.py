@@ -19,10 +19,10 @@ from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.search import acquisition, surrogate
 from agglom_mpi.search.acquisition import duplicates_last
-from agglom_mpi.search.baselines import sobol_strings
+from agglom_mpi.search.methods.baselines import sobol_strings
+from agglom_mpi.search.methods.surrogate import best_and_spread, milestone
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.search.surrogate import best_and_spread, milestone
 from agglom_mpi.variables import COUNT
 
 

@@ -12,7 +12,7 @@ from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import COMPARED_RULES, StoppingRule
 from agglom_mpi.storage.reader import CampaignData
 

@@ -11,7 +11,7 @@ from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Section
 from agglom_mpi.declaration.units import Number
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
-from agglom_mpi.search.method import PopulationMethod, SearchInputs
+from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import (
     AGAIN,
     GIVEN,

@@ -6,7 +6,6 @@ string is the optimum of another function drawn from the posterior.
 """
 
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 import numpy as np
@@ -25,8 +24,8 @@ from agglom_mpi.search.acquisition import (
     expected_objective,
     perturbed,
 )
-from agglom_mpi.search.baselines import SobolStrings
-from agglom_mpi.search.method import NO_STRINGS, SearchInputs, SearchMethod
+from agglom_mpi.search.methods.baselines import SobolStrings
+from agglom_mpi.search.methods.method import NO_STRINGS, SearchInputs, SearchMethod
 from agglom_mpi.search.proposals import (
     MODEL,
     RANDOM,
@@ -40,6 +39,8 @@ from agglom_mpi.search.proposals import (
 from agglom_mpi.search.set_aim import SetAim
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
 
 FITTED: Final = 400
@@ -164,6 +165,9 @@ class SurrogateSearch(EvaluatedStrings):
             self._aim = SetAim(method.set_tolerance, inputs.coordinates, inputs.groups)
         self._judged = 0  # strings by which the error of the set was told last
         self._error = np.inf
+        # Loaded when a search begins: reports of a file import this module, too.
+        from concurrent.futures import Future, ThreadPoolExecutor
+
         self._thread = ThreadPoolExecutor(1) if inputs.background else None
         self._pending: dict[int, Future[Proposals]] = {}
         self._covariances: dict[int, Covariance] = {}
@@ -235,10 +239,12 @@ class SurrogateSearch(EvaluatedStrings):
         """Return the number of strings of all generations before this one."""
         return self.method.strings(generation)
 
-    def _fit_in_background(self, generation: int) -> Future[Proposals]:
+    def _fit_in_background(self, generation: int) -> "Future[Proposals]":
         """Begin to compute the proposals of a generation, unless that was begun before."""
         if generation not in self._pending:
             if self._thread is None or generation < 2:
+                from concurrent.futures import Future
+
                 pending: Future[Proposals] = Future()
                 pending.set_result(self._propose(generation))
             else:

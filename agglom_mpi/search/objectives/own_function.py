@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.declaration.sections import FieldPath, meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Band, Criterion
-from agglom_mpi.search.objectives import MeanAccumulator, Objective, ObjectiveAccumulator
+from agglom_mpi.search.objectives.objective import MeanAccumulator, Objective, ObjectiveAccumulator
 
 
 def _stored_objective(outcome: SampleSummary) -> float:

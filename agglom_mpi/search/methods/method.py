@@ -107,7 +107,7 @@ class SearchMethod(Component):
     """
 
     named_by: ClassVar[str] = "method"
-    found_in: ClassVar[str] = "agglom_mpi.search"
+    found_in: ClassVar[str] = "agglom_mpi.search.methods"
     lag: ClassVar[int] = 1
     library: ClassVar[str | None] = None
     ranks_by_model: ClassVar[bool] = False
@@ -218,3 +218,15 @@ class PopulationMethod(SearchMethod):
     def strings(self, generations: int) -> int:
         """Return the number of strings in `generations` generations."""
         return self.population * generations
+
+
+def ranks_by_model(identity: Mapping[str, object]) -> bool:
+    """Return whether the search of a campaign ranks strings by a model of all samples.
+
+    Parameters
+    ----------
+    identity
+        That of the campaign; a study has no search.
+    """
+    method = SearchMethod.components().get(str(identity.get("search.method")))
+    return method is not None and method.ranks_by_model

@@ -84,7 +84,7 @@ class Objective(Component):
         The papers' name of it.
     """
 
-    found_in: ClassVar[str] = "agglom_mpi.search"
+    found_in: ClassVar[str] = "agglom_mpi.search.objectives"
     least: ClassVar[float] = 0.0
     is_magnitude: ClassVar[bool] = False
     has_target: ClassVar[bool] = False

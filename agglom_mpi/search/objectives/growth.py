@@ -4,7 +4,7 @@ Examples
 --------
 Three samples of a string, by the mean radius ratio that each ended with:
 
->>> from agglom_mpi.search.growth_objectives import GrowthTarget
+>>> from agglom_mpi.search.objectives.growth import GrowthTarget
 >>> from agglom_mpi.outcome import FAILED_SUMMARY
 >>> ratios = 1.5, 2.5, 2.6
 >>> samples = [FAILED_SUMMARY._replace(completed=True, mean_radius_ratio=r) for r in ratios]
@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Literal
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.search.criteria import Band, Criterion, NearMaximum, band_text
-from agglom_mpi.search.objectives import RadiusObjective, Ratio
+from agglom_mpi.search.objectives.objective import RadiusObjective, Ratio
 
 
 class GrowthTarget(RadiusObjective):

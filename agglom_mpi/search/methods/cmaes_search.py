@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.random_streams import EVOLUTION, search_stream
-from agglom_mpi.search.baselines import SobolStrings
-from agglom_mpi.search.method import PopulationMethod, SearchInputs
+from agglom_mpi.search.methods.baselines import SobolStrings
+from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import (
     MODEL,
     EvaluatedStrings,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
-from agglom_mpi.search.method import NO_STRINGS, PopulationMethod, SearchInputs
+from agglom_mpi.search.methods.method import NO_STRINGS, PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with
 from agglom_mpi.search.space import BLOCK, SearchSpace
 from agglom_mpi.variables import COUNT

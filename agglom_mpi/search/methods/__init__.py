@@ -1,0 +1,1 @@
+"""Search methods: how strings are proposed, one class each."""
