@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
-from agglom_mpi.declaration.sections import LATER
+from agglom_mpi.declaration.declared import LATER
 from agglom_mpi.declaration.units import to_si
 
 SIZES: Final = ("half_width", "grain_diameter", "grain_radius")

@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, ValidationInfo, create_model, model_valida
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.field_errors import is_recorded
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
-from agglom_mpi.declaration.sections import FieldPath, Section
+from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import (

@@ -26,15 +26,9 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.components import Choice
-from agglom_mpi.declaration.sections import (
-    NONE,
-    FieldError,
-    FieldPath,
-    Line,
-    Section,
-    WholeNumber,
-    raise_field_errors,
-)
+from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
+from agglom_mpi.declaration.field_types import NONE, Line, WholeNumber
+from agglom_mpi.declaration.sections import Section
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.methods.genetic import Genetic
 from agglom_mpi.search.methods.method import SearchMethod

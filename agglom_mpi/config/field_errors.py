@@ -9,15 +9,16 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
 )
-from pydantic.fields import FieldInfo
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.components import Choice, number_of
-from agglom_mpi.declaration.sections import FieldError, FieldPath
+from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 
-Models = list[type[BaseModel]]
+Models = list[Any]
+"""Pydantic models, and declared classes, whose fields are the same to messages."""
+
 
 EXPECTATIONS = {
     "int_type": "must be a whole number",
@@ -43,7 +44,7 @@ EXPECTATIONS = {
 def to_campaign_error(
     error: ValidationError,
     source: Source,
-    model: type[BaseModel],
+    model: type[Any],
     needs: Mapping[FieldPath, str] | None = None,
 ) -> CampaignError:
     """Return the CampaignError of a failed validation of `source.data` by `model`.
@@ -62,7 +63,7 @@ def to_campaign_error(
 
 
 def _messages(
-    details: dict[str, Any], source: Source, model: type[BaseModel]
+    details: dict[str, Any], source: Source, model: type[Any]
 ) -> Iterator[tuple[FieldPath, str]]:
     kind, loc, context = details["type"], details["loc"], details.get("ctx", {})
     path = _path_in_file(loc, source)
@@ -102,7 +103,7 @@ def _messages(
             yield path, f"is {quoted(source.value(path))}; {allowed}"
 
 
-def _expectation(model: type[BaseModel], key: str) -> str | None:
+def _expectation(model: type[Any], key: str) -> str | None:
     if key == "law":
         return f"allowed: {', '.join(_tags(model))}"
     field = model.model_fields[key]
@@ -128,7 +129,7 @@ def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
     return path
 
 
-def _models(loc: FieldPath, model: type[BaseModel]) -> Models:
+def _models(loc: FieldPath, model: type[Any]) -> Models:
     """Return the models that pydantic may have tried at a location."""
     models = [model]
     for part in loc:
@@ -142,7 +143,7 @@ def _models(loc: FieldPath, model: type[BaseModel]) -> Models:
     return models
 
 
-def _inside(field: FieldInfo) -> Models:
+def _inside(field: Any) -> Models:
     """Return the models that the value of a field may have."""
     for each in field.metadata:
         if isinstance(each, Choice):
@@ -151,12 +152,12 @@ def _inside(field: FieldInfo) -> Models:
 
 
 def _models_within(annotation: Any) -> Models:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel | Declared):
         return [annotation]
     return [model for inner in get_args(annotation) for model in _models_within(inner)]
 
 
-def _tags(model: type[BaseModel]) -> tuple[str, ...]:
+def _tags(model: type[Any]) -> tuple[str, ...]:
     fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
     return tuple(tag for field in fields if field for tag in get_args(field.annotation))
 

@@ -5,14 +5,9 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BeforeValidator, Field, create_model
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.sections import (
-    LATER,
-    NONE,
-    Flag,
-    Line,
-    Section,
-    WholeNumber,
-)
+from agglom_mpi.declaration.declared import LATER
+from agglom_mpi.declaration.field_types import NONE, Flag, Line, WholeNumber
+from agglom_mpi.declaration.sections import Section
 from agglom_mpi.search.ending import EndingCriterion, Generations, any_of
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.stopping import StoppingRule

@@ -16,7 +16,7 @@ from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.own_variables import string_of
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
-from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales

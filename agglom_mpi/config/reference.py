@@ -4,11 +4,10 @@ import inspect
 from collections.abc import Iterator
 from typing import Any, Final, Literal, get_args, get_origin
 
-from pydantic.fields import FieldInfo
-
 from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.components import Choice, Component, In, Whole, number_of
+from agglom_mpi.declaration.declared import DeclaredField
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.search.ending import EndingCriterion
 
@@ -61,7 +60,7 @@ def _keys(component: type[Component]) -> Iterator[str]:
             yield " ".join(words)
 
 
-def _allowed(field: FieldInfo) -> Iterator[str]:
+def _allowed(field: DeclaredField) -> Iterator[str]:
     """Yield the limits and the unit of a field, or the texts that it can have."""
     number = number_of(field)
     if number is not None:
@@ -92,7 +91,7 @@ def _texts(annotation: Any) -> tuple[str, ...]:
     return tuple(text for inner in get_args(annotation) for text in _texts(inner))
 
 
-def _default(field: FieldInfo) -> Iterator[str]:
+def _default(field: DeclaredField) -> Iterator[str]:
     if field.is_required():
         return
     default = field.default

@@ -17,7 +17,7 @@ from agglom_mpi.config.expressions import (
 )
 from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES, units_of
 from agglom_mpi.config.relations import CircularError, Derived, in_order
-from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.variables import NAMES
 

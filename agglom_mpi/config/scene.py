@@ -10,14 +10,10 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
 from agglom_mpi.declaration.components import Choice, names_of
+from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
+from agglom_mpi.declaration.field_types import WholeNumber
 from agglom_mpi.declaration.laws import Law, Values
-from agglom_mpi.declaration.sections import (
-    LATER,
-    FieldPath,
-    Section,
-    WholeNumber,
-    raise_field_errors,
-)
+from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
 from agglom_mpi.physics.cooling import Cooling, NoCooling

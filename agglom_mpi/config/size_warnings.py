@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.physics.size_distributions import Floats, SizeDistribution, draw_radii
 from agglom_mpi.random_streams import PLACEMENT_FORECAST, search_stream

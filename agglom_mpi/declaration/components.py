@@ -10,21 +10,27 @@ import pkgutil
 from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, Union, get_args, get_origin
-
-from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, model_validator
-from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, core_schema
-
-from agglom_mpi.declaration.sections import (
-    FieldPath,
-    Section,
-    WholeNumber,
-    named,
-    raise_field_errors,
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    Union,
+    get_args,
+    get_origin,
 )
+
+from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
+from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.errors import UserError
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+    from pydantic_core import CoreSchema
 
 
 class UnknownComponentError(UserError, ValueError):
@@ -54,11 +60,13 @@ class In(NamedTuple):
     meaning: str = ""
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+        self, source: Any, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
         """Return the schema that reads a number with a unit and checks its limits."""
+        from pydantic import Field
+
         limits = Field(gt=self.above, ge=self.at_least, le=self.at_most, lt=self.below)
-        number: Any = Annotated[float, BeforeValidator(partial(to_si, unit=self.unit)), limits]
+        number: Any = Annotated[float, Reads(partial(to_si, unit=self.unit)), limits]
         several = get_origin(source) is tuple
         number = tuple.__class_getitem__((number,) * len(get_args(source))) if several else number
         return handler.generate_schema(number)
@@ -97,14 +105,16 @@ class Whole(NamedTuple):
         return "1"
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+        self, source: Any, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
         """Return the schema that reads a whole number and checks its limits."""
+        from pydantic import Field
+
         limits = Field(ge=self.at_least, le=self.at_most, multiple_of=self.multiple_of)
         return handler.generate_schema(Annotated[WholeNumber, limits])
 
 
-class Component(Section):
+class Component(Declared):
     """Base class of everything that a campaign file names.
 
     A subclass that a file can name has a field with the name as its only value, such as
@@ -138,19 +148,10 @@ class Component(Section):
         raise NotImplementedError
 
     def entries(self) -> dict[str, Any]:
-        """Return the fields as plain values, the name first; see `Section.entries`."""
+        """Return the fields as plain values, the name first; see `Declared.entries`."""
         entries = super().entries()
         name = {key: entries[key] for key in (self.named_by,) if key in entries}
         return name | entries
-
-    def problems(self) -> Iterator[tuple[FieldPath, str]]:
-        """Yield fields that do not fit together: the path of each and what is wrong."""
-        yield from ()
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        raise_field_errors(list(self.problems()))
-        return self
 
     @classmethod
     def components(cls) -> dict[str, type[Self]]:
@@ -194,17 +195,13 @@ class Component(Section):
         UnknownComponentError
             If there is no such component.
         ValueError
-            If its entries do not fit.
+            If it lacks entries.
         """
         found, name = cls.components(), entries[cls.named_by]
         if name not in found:
             known = ", ".join(found)
             raise UnknownComponentError(f"{cls.named_by} {name!r} is unknown; known: {known}")
-        return found[name]._recorded(entries)
-
-    @classmethod
-    def _recorded(cls, entries: Mapping[str, Any]) -> Self:
-        return cls.model_validate({k: v for k, v in entries.items() if k in cls.model_fields})
+        return found[name].recorded(entries)
 
     def settings(self) -> Iterator[Setting]:
         """Yield all fields but the name."""
@@ -228,7 +225,7 @@ def _subclasses(kind: type[Any]) -> Iterator[type[Any]]:
         yield from _subclasses(below)
 
 
-def names_of(component: type[Section]) -> tuple[str, ...]:
+def names_of(component: type[Declared]) -> tuple[str, ...]:
     """Return the name by which a file can call a component; empty for a base class."""
     if not issubclass(component, Component) or not component.in_files:
         return ()
@@ -237,12 +234,12 @@ def names_of(component: type[Section]) -> tuple[str, ...]:
     return get_args(field.annotation) if field is not None and literal else ()
 
 
-def number_of(field: FieldInfo) -> In | Whole | None:
+def number_of(field: DeclaredField) -> In | Whole | None:
     """Return unit, limits and meaning of a field that is a number; None of other fields."""
     return next((each for each in field.metadata if isinstance(each, In | Whole)), None)
 
 
-def unit_of(field: FieldInfo) -> str:
+def unit_of(field: DeclaredField) -> str:
     """Return the SI unit of a field; `1` where it is a pure number or none."""
     number = number_of(field)
     return "1" if number is None else number.unit
@@ -268,12 +265,15 @@ class Choice(NamedTuple):
         return tuple(dict.fromkeys(self.kind.components().values()))
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+        self, source: Any, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
         """Return the schema of a union that is told apart by the name."""
+        from pydantic import Field
+        from pydantic_core import core_schema
+
         union: Any = Union.__getitem__(self.components)  # of a number known when it is run
         tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
-        schema = handler.generate_schema(Annotated[tagged, BeforeValidator(self._as_mapping)])
+        schema = handler.generate_schema(Annotated[tagged, Reads(self._as_mapping)])
         return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
 
     def _as_mapping(self, entry: Any) -> Any:

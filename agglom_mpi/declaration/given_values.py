@@ -2,15 +2,15 @@
 
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field
-
-from agglom_mpi.declaration.sections import (
+from agglom_mpi.declaration.components import Whole
+from agglom_mpi.declaration.declared import (
+    Declared,
     FieldPath,
-    Line,
-    Section,
-    WholeNumber,
+    Meaning,
+    Reads,
     raise_field_errors,
 )
+from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.variables import (
@@ -71,20 +71,20 @@ def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str
     return name, read_value(VARIABLES[NAMES.index(name)], value)
 
 
-class EarlierCampaign(Section):
+class EarlierCampaign(Declared):
     """The best strings of a campaign file, ranked by re-estimates where it has some.
 
     The name of the file is relative to the folder of the campaign that begins with them.
     """
 
-    file: Annotated[Line, Field(min_length=1, description="a campaign file")]
-    strings: Annotated[WholeNumber, Field(ge=1, le=10**5)] = 1
+    file: Annotated[str, NotEmpty(), Meaning("a campaign file")]
+    strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 1
 
 
 def _read_strings(value: Any) -> Any:
     """Return a list of strings, values by name in SI units, or an `EarlierCampaign`."""
     if isinstance(value, dict):
-        return EarlierCampaign.model_validate(value)
+        return EarlierCampaign.checked(value)
     if not isinstance(value, list) or not value:
         raise ValueError(
             f"is {quoted(value)}; must be a list of strings like {{density: 6000}}, or "
@@ -107,5 +107,5 @@ def _read_string(string: Any, path: FieldPath, problems: list[tuple[FieldPath, s
             problems.append(((*path, str(name)), str(error)))
 
 
-GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, BeforeValidator(_read_strings)]
+GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, Reads(_read_strings)]
 """Strings to start with: values of searched variables, or the best of another campaign."""

@@ -59,10 +59,9 @@ class Law(Component):
     is_absent: ClassVar[bool] = False
     Numbers: ClassVar[Any]
 
-    @classmethod
-    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, **options: Any) -> None:
         """Make the NamedTuple that kernels see."""
-        super().__pydantic_init_subclass__(**options)
+        super().__init_subclass__(**options)
         own = [name for name, field in cls.model_fields.items() if number_of(field) is not None]
         names = (*own, *cls.derived, *cls.variables)
         given = [cls.model_fields[name] for name in own] if len(own) == len(names) else []

@@ -7,8 +7,7 @@ from math import isfinite
 from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from pydantic import BeforeValidator
-
+from agglom_mpi.declaration.declared import Reads
 from agglom_mpi.declaration.spelling import (
     MAX_MAGNITUDE,
     MIN_MAGNITUDE,
@@ -188,8 +187,8 @@ def _kinds() -> dict[Any, str]:
     }
 
 
-def _reader(unit: str) -> BeforeValidator:
-    return BeforeValidator(partial(to_si, unit=unit))
+def _reader(unit: str) -> Reads:
+    return Reads(partial(to_si, unit=unit))
 
 
 Number = Annotated[float, _reader("1")]

@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
 from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.physics.pair import ContactPair
 
 

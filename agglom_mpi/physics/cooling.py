@@ -11,8 +11,8 @@ import numpy as np
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
 from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law, Values
-from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)

@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
 from agglom_mpi.declaration.components import In, Setting
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Group, Law, Values
-from agglom_mpi.declaration.sections import FieldPath
 from agglom_mpi.physics.contact import (
     ContactArea,
     area_fraction,

@@ -8,7 +8,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 import numpy as np
 
 from agglom_mpi.declaration.components import Component, In, names_of
-from agglom_mpi.declaration.sections import LATER, FieldPath, Line
+from agglom_mpi.declaration.declared import LATER, FieldPath
+from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (
     ListedDistribution,
@@ -191,7 +192,7 @@ class FileSizes(Sizes):
     basis: Basis = "number"
 
     @cached_property
-    def _mean(self) -> float:
+    def own_mean(self) -> float:
         """Mean diameter by number, in the unit of `diameters`."""
         if self.basis == "volume":  # a row has d⁻³ of the grains
             numbers = (np.array(self.diameters) / min(self.diameters)) ** -3
@@ -201,7 +202,7 @@ class FileSizes(Sizes):
     @property
     def mean_diameter(self) -> float | None:
         """Mean diameter in m."""
-        return self._mean if self.absolute else None
+        return self.own_mean if self.absolute else None
 
     @property
     def summary(self) -> str:
@@ -212,7 +213,7 @@ class FileSizes(Sizes):
 
     def build(self) -> SizeLaw:
         """Return the distribution of radii over their mean."""
-        return ListedDistribution(np.array(self.diameters) / self._mean, self.basis == "volume")
+        return ListedDistribution(np.array(self.diameters) / self.own_mean, self.basis == "volume")
 
     def entries(self) -> dict[str, Any]:
         """Return the diameters as one text, without the name of the file."""

@@ -9,7 +9,7 @@ import math
 from typing import Annotated, Final, NamedTuple
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import Declared
 from agglom_mpi.statistics import t_quantile
 
 MIN_INTERVAL_SAMPLES: Final = 2
@@ -24,7 +24,7 @@ class RaceEntry(NamedTuple):
     samples: int
 
 
-class Racing(Section):
+class Racing(Declared):
     """Stop sampling strings that will not be among the kept parents, by a race.
 
     Attributes

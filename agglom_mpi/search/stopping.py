@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import Component, In, Whole
-from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Flag
+from agglom_mpi.declaration.declared import LATER, FieldPath
+from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95
@@ -128,8 +129,9 @@ class StoppingRule(Component):
 
     def tests_like(self, other: "StoppingRule") -> bool:
         """Return whether another rule makes the same test, whatever its limits are."""
-        ours, theirs = (rule.model_dump(exclude=set(self.limits)) for rule in (self, other))
-        return type(other) is type(self) and ours == theirs
+        alike = type(other) is type(self)
+        names = set(self.model_fields) - self.limits
+        return alike and all(getattr(other, name) == getattr(self, name) for name in names)
 
     def satisfied(self, before: EnsembleState[float], after: EnsembleState[float]) -> bool:
         """Return whether the sample between two states of one ensemble was the last one needed."""
@@ -373,17 +375,18 @@ STUDIED_RULES: Final[tuple[tuple[str, Callable[..., StoppingRule]], ...]] = (
 UNLIMITED_SAMPLES: Final = 10**6
 """Maximum number of samples where a rule alone is to end them."""
 
-COMPARED_RULES: Final[tuple[tuple[str, StoppingRule], ...]] = tuple(
-    (label, rule(max_samples=UNLIMITED_SAMPLES))
-    for label, rule in (
-        (
-            "mean radius within 1e-5 [A 27]",
-            partial(SuccessiveDifference, tolerance=1e-5, quantity="mean_radius"),
+
+def compared_rules() -> dict[str, StoppingRule]:
+    """Return the rules that the figure of a campaign's ensembles compares, by label.
+
+    They are the papers' own with their tolerances, and two that look at more.
+    """
+    most = UNLIMITED_SAMPLES
+    return {
+        "mean radius within 1e-5 [A 27]": SuccessiveDifference(
+            tolerance=1e-5, quantity="mean_radius", max_samples=most
         ),
-        ("objective within 5e-4 [B 8.1]", partial(SuccessiveDifference, tolerance=5e-4)),
-        ("four moments within 1e-3 [A 25]", partial(Moments, tolerance=1e-3, order=4)),
-        ("half-width ≤ 0.01", partial(StandardError, tolerance=0.01)),
-    )
-)
-"""Rules that the figure of a campaign's ensembles compares: the papers' own with their tolerances,
-and two that look at more."""
+        "objective within 5e-4 [B 8.1]": SuccessiveDifference(tolerance=5e-4, max_samples=most),
+        "four moments within 1e-3 [A 25]": Moments(tolerance=1e-3, order=4, max_samples=most),
+        "half-width ≤ 0.01": StandardError(tolerance=0.01, max_samples=most),
+    }

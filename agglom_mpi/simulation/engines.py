@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self
 
 from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.declaration.sections import FieldPath
 
 
 class Engine(Law):

@@ -7,7 +7,8 @@ import pytest
 from campaign_text import campaign, constant
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.declaration.sections import LATER, Section
+from agglom_mpi.declaration.declared import LATER
+from agglom_mpi.declaration.sections import Section
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Objectives, by their numbers."""
 
 from agglom_mpi.search.objectives.growth import GrowthTarget, MaximumGrowth
-from agglom_mpi.search.objectives.moment_targets import MomentTargets, Targets, Weights
+from agglom_mpi.search.objectives.moment_targets import MomentTargets
 from agglom_mpi.search.objectives.own_function import MeanOfFunction
 
 FUNCTION_MEAN = MeanOfFunction(call="worth:worth")
@@ -20,8 +20,6 @@ def maximum_growth(grains):
 
 def moment_targets(terms):
     """Return the objective of several `MomentTarget`s, also of targets that no radii can meet."""
-    targets = Targets.model_construct(**{term.name: term.target for term in terms})
-    weights = Weights.model_construct(**{term.name: term.weight for term in terms})
-    law = MomentTargets.model_construct(targets=targets, weights=weights)
-    law._order = tuple(term.name for term in terms)
-    return law
+    targets = {term.name: term.target for term in terms}
+    weights = {term.name: term.weight for term in terms}
+    return MomentTargets.recorded({"targets": targets, "weights": weights})

@@ -10,10 +10,10 @@ from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
 from agglom_mpi.search.stopping import (
-    COMPARED_RULES,
     STUDIED_RULES,
     EnsembleState,
     StoppingRule,
+    compared_rules,
 )
 
 
@@ -185,7 +185,7 @@ RULES = (
         for _, make in STUDIED_RULES
         for tolerance in (1e-3, 0.1, 2.0)
     ),
-    *(rule for _, rule in COMPARED_RULES),
+    *compared_rules().values(),
     settled_moments(0.1, 1),
     half_width(0.5, 3),
     fixed(100),

@@ -13,7 +13,7 @@ from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, styl
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.search.stopping import COMPARED_RULES, StoppingRule
+from agglom_mpi.search.stopping import StoppingRule, compared_rules
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -93,11 +93,11 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
-    """Return where the campaign's own rule and `COMPARED_RULES` end the samples of a string."""
+    """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
     samples = summaries(data.sample_rows(string))
     own = own_rule(data)
     particles = int(data.identity["scene.particles"])
-    compared = [(name, rule) for name, rule in COMPARED_RULES if not rule.tests_like(own)]
+    compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
     if own.is_adaptive:
         compared.insert(0, (f"this campaign's: {own.label}", own))
     return [

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.sections import LATER, NONE, FieldPath, Section
+from agglom_mpi.declaration.declared import LATER, Declared, FieldPath
+from agglom_mpi.declaration.field_types import NONE
 from agglom_mpi.declaration.units import Number
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
@@ -33,7 +34,7 @@ RESAMPLE_BITS: Final = 32
 """Bits of a sample's number within a generation; the generation is in the bits above."""
 
 
-class Rescale(Section):
+class Rescale(Declared):
     """Shrink the search box around the best string by `factor` every `every` generations."""
 
     every: Annotated[int, Whole(at_least=1, meaning="a number of generations")]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.sections import LATER, FieldPath
+from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (

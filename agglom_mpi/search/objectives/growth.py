@@ -17,7 +17,7 @@ import math
 from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.declaration.components import In
-from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.search.criteria import Band, Criterion, NearMaximum, band_text
 from agglom_mpi.search.objectives.objective import RadiusObjective, Ratio
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In
-from agglom_mpi.declaration.sections import FieldPath, Section, meaning
+from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.moment_bands import MomentBands
@@ -61,7 +61,7 @@ NotNegative: TypeAlias = Annotated[float | None, In("1", at_least=0)]
 AtLeastOne: TypeAlias = Annotated[float | None, In("1", at_least=1)]
 
 
-class Targets(Section):
+class Targets(Declared):
     """Targets: the mean over samples of b/b⁰; the other moments of all their particles pooled."""
 
     mean: AtLeastOne = None
@@ -73,7 +73,7 @@ class Targets(Section):
     fourth: NotNegative = None
 
 
-class Weights(Section):
+class Weights(Declared):
     """Weights of the targets' relative misses."""
 
     mean: Positive = None
@@ -99,18 +99,18 @@ class MomentTargets(Objective):
     has_target: ClassVar[bool] = True
     has_moments: ClassVar[bool] = True
     law: Literal["moments"] = "moments"
-    targets: Annotated[Targets, meaning("such as {mean: 2, spread: 0.4}")]
+    targets: Annotated[Targets, Meaning("such as {mean: 2, spread: 0.4}")]
     weights: Weights = Weights()
     _order: tuple[str, ...] = MOMENTS
 
     @classmethod
-    def _recorded(cls, entries: Mapping[str, Any]) -> Self:
+    def recorded(cls, entries: Mapping[str, Any]) -> Self:
         """Return the objective with its terms in the order of recorded entries.
 
         Sums over them depend on the order by their rounding.
         """
-        recorded = super()._recorded(entries)
-        recorded._order = tuple(entries["targets"])
+        recorded = super().recorded(entries)
+        recorded.__dict__["_order"] = tuple(entries["targets"])
         return recorded
 
     @cached_property
@@ -131,7 +131,8 @@ class MomentTargets(Objective):
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield moments that no radii have, no target at all, and weights without a target."""
-        wanted = {name: value for name, value in self.targets if value is not None}
+        given = self.targets.model_dump()
+        wanted = {name: given[name] for name in MOMENTS if given[name] is not None}
         if not wanted:
             yield ("targets",), f"are none; give at least one of {', '.join(MOMENTS)}"
             return

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.declaration.components import Component
-from agglom_mpi.declaration.sections import FieldPath
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
@@ -98,7 +98,7 @@ class Objective(Component):
         Grains of different sizes are counted by their volume.
         """
         bound = self.model_copy()
-        bound._grains = grains
+        bound.__dict__["_grains"] = grains
         return bound
 
     @property

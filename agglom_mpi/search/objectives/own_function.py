@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.sections import FieldPath, meaning
+from agglom_mpi.declaration.declared import FieldPath, Meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Band, Criterion
 from agglom_mpi.search.objectives.objective import MeanAccumulator, Objective, ObjectiveAccumulator
@@ -32,7 +32,7 @@ class MeanOfFunction(Objective):
 
     least: ClassVar[float] = -math.inf
     law: Literal["function"] = "function"
-    call: Annotated[str, meaning("module:function, of module.py beside the campaign file")]
+    call: Annotated[str, Meaning("module:function, of module.py beside the campaign file")]
 
     @property
     def summary(self) -> str:

@@ -1,0 +1,72 @@
+"""Types of fields beside numbers with units, and how an entry names a component."""
+
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from agglom_mpi.declaration.declared import Checks, Declared, Reads, Strict
+from agglom_mpi.declaration.units import quoted
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+    from pydantic_core import CoreSchema
+
+MAX_EXACT: Final = 2**53
+"""Largest size of a whole number up to which float64 tells it from its neighbours."""
+
+
+def _whole(value: Any) -> Any:
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT
+    return int(value) if exact else value
+
+
+WholeNumber = Annotated[int, Strict(), Reads(_whole)]
+"""An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
+
+Flag = Annotated[bool, Strict()]
+"""`true` or `false`: no 1, no `yes`."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(
+            "holds a character that cannot be printed; allowed: one line of plain text"
+        )
+    return text
+
+
+Line = Annotated[str, Checks(_printable)]
+"""One line of printable text: no line break, null byte or lone surrogate."""
+
+
+class NotEmpty:
+    """Metadata of a `Line` that is not empty."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
+        """Return the schema of such a line."""
+        from pydantic import Field
+
+        return handler.generate_schema(Annotated[Line, Field(min_length=1)])
+
+
+def _none(value: Any) -> Any:
+    return None if value == "none" else value
+
+
+NONE = Reads(_none)
+"""Metadata that reads the word `none` as None."""
+
+
+def named(value: Any) -> Any:
+    """Return `foo` as `{law: foo}`, and a mapping as it is.
+
+    Raises
+    ------
+    ValueError
+        If the value is something else.
+    """
+    if isinstance(value, str):
+        return {"law": value}
+    if not isinstance(value, dict | Declared):
+        raise ValueError(f"is {quoted(value)}; must be the name of a law or a mapping with `law:`")
+    return value
