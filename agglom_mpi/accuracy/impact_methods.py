@@ -120,6 +120,10 @@ def hardness_of(material: Material, x: NDArray[np.float64]) -> NDArray[np.float6
     return force / (2.0 * math.pi * RADIUS**2) / (hardening * x)
 
 
+HARDNESS: Final = ArrheniusHardness.Numbers
+"""Numbers of the hardness law of all impacts, by a name that kernels know."""
+
+
 @kernel
 def with_hardness(laws, base):
     """Return the same laws with another H₀ in Pa."""
@@ -127,7 +131,7 @@ def with_hardness(laws, base):
         laws.restitution,
         laws.duration,
         laws.contact_area,
-        ArrheniusHardness.Numbers(base, laws.hardness.activation_energy),
+        HARDNESS(base, laws.hardness.activation_energy),
         laws.friction,
         laws.heating,
         laws.reaction,

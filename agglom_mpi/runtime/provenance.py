@@ -76,6 +76,7 @@ NOT_DECIDING: Final = (
     # Output of `agglom check`.
     "config/consequences.py",
     "config/describe.py",
+    "config/reference.py",
     "config/plausibility.py",
     "config/size_warnings.py",
     # Answers of a campaign in Python, of its tables and its reports.

@@ -118,7 +118,7 @@ def test_a_histogram_of_values_that_are_equal_but_for_rounding_can_be_drawn():
 
 
 def test_an_estimate_takes_rounding_for_0(monkeypatch):
-    from agglom_mpi.search import growth_objectives
+    from agglom_mpi.search.objectives import growth as growth_objectives
 
     campaign = load_campaign(QUICKSTART)
     monkeypatch.setattr(

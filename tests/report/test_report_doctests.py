@@ -7,7 +7,7 @@ import pytest
 
 from agglom_mpi import campaign_file
 from agglom_mpi.report import drawing
-from agglom_mpi.search import growth_objectives
+from agglom_mpi.search.objectives import growth as growth_objectives
 
 pytest.importorskip("matplotlib")
 

@@ -11,7 +11,7 @@ from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
 from agglom_mpi.outcome import COMPLETED, OUTCOME
-from agglom_mpi.search import growth_objectives
+from agglom_mpi.search.objectives import growth as growth_objectives
 from agglom_mpi.search.objectives.moment_targets import MomentTarget, interval_notes
 from agglom_mpi.statistics import PooledMoments
 

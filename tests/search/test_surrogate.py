@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_info
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
-from agglom_mpi.search import acquisition, surrogate
+from agglom_mpi.search import acquisition
 from agglom_mpi.search.acquisition import duplicates_last
+from agglom_mpi.search.methods import surrogate
 from agglom_mpi.search.methods.baselines import sobol_strings
 from agglom_mpi.search.methods.surrogate import best_and_spread, milestone
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
