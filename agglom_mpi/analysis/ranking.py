@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import may_have_key, recorded_inversion
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
-from agglom_mpi.search.methods.method import ranks_by_model
+from agglom_mpi.search.methods.method import SearchMethod
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -73,7 +73,8 @@ def ranks_itself(identity: Mapping[str, object]) -> bool:
 
     It does by a model of all samples, or where parents got more samples under other numbers.
     """
-    return ranks_by_model(identity) or "search.more_samples" in identity
+    search = SearchMethod.recorded_in(identity)
+    return search is not None and search.ranks_itself
 
 
 def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:

@@ -14,7 +14,7 @@ from typing import Final
 import h5py
 import numpy as np
 
-from agglom_mpi.search.methods.method import ranks_by_model
+from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.access import open_file, read_attributes, report_damage
 from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
@@ -103,7 +103,8 @@ class VerificationReport:
         It need not give the same bits on another machine, so what it gave cannot be compared.
         """
         try:
-            return ranks_by_model(self.data.identity)
+            search = SearchMethod.recorded_in(self.data.identity)
+            return search is not None and search.ranks_by_model
         except ValueError:  # it cannot be read, which others find
             return False
 

@@ -88,6 +88,11 @@ class Genetic(PopulationMethod):
         return True
 
     @property
+    def ranks_itself(self) -> bool:
+        """Whether parents got more samples under other numbers."""
+        return self.more_samples is not None
+
+    @property
     def added_samples(self) -> int | None:
         """Samples added to a kept parent in every generation."""
         return self.more_samples

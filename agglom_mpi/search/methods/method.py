@@ -126,6 +126,15 @@ class SearchMethod(Component):
             return {cls.named_by: DEFAULT_METHOD, **entry}
         return entry
 
+    @classmethod
+    def recorded_in(cls, identity: Mapping[str, Any]) -> "SearchMethod | None":
+        """Return the method of a campaign by its identity; None if it searches nothing.
+
+        It has the numbers that are entries of their own, and defaults of the others.
+        """
+        entries = {key.removeprefix("search."): value for key, value in identity.items()}
+        return cls.of_entries(entries) if "search.method" in identity else None
+
     @property
     def first_generation(self) -> int:
         """Number of strings in the first generation."""
@@ -148,6 +157,11 @@ class SearchMethod(Component):
     def has_parents(self) -> bool:
         """Whether the best strings are kept as parents, for whose places strings can race."""
         return False
+
+    @property
+    def ranks_itself(self) -> bool:
+        """Whether strings are ranked otherwise than by their own objectives."""
+        return self.ranks_by_model
 
     @property
     def added_samples(self) -> int | None:
@@ -218,15 +232,3 @@ class PopulationMethod(SearchMethod):
     def strings(self, generations: int) -> int:
         """Return the number of strings in `generations` generations."""
         return self.population * generations
-
-
-def ranks_by_model(identity: Mapping[str, object]) -> bool:
-    """Return whether the search of a campaign ranks strings by a model of all samples.
-
-    Parameters
-    ----------
-    identity
-        That of the campaign; a study has no search.
-    """
-    method = SearchMethod.components().get(str(identity.get("search.method")))
-    return method is not None and method.ranks_by_model
