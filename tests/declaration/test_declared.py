@@ -104,8 +104,8 @@ def test_what_is_recorded_is_taken_as_it_is():
 
 RECORDED = """
 import sys
-from agglom_mpi.search.method import SearchMethod
-from agglom_mpi.search.objectives import Objective
+from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 Objective.of_entries({"law": "growth_target", "ratio": 2.0}).of_grains(100)
 StoppingRule.of_entries({"rule": "fixed", "samples": 3})
