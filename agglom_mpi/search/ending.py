@@ -36,7 +36,7 @@ class EndingCriterion(Component):
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the key."""
-        return (cls.key,) if cls.key else ()
+        return (cls.key,) if cls.key and cls.in_files else ()
 
     @classmethod
     def _is_one_value(cls) -> bool:
