@@ -21,7 +21,7 @@ d|θ'| ≤ θ − θ₀ and the softening's slope is at most (U/R) max (θ−θ�
 
 
 class Hardness(Law):
-    """Law of the hardness H = H₀ h(θ); the variable `hardness` is H₀ in Pa.
+    """Law of the hardness H = H₀ h(θ), which falls with θ; the variable `hardness` is H₀ in Pa.
 
     Attributes
     ----------
@@ -46,7 +46,10 @@ class Hardness(Law):
         raise NotImplementedError
 
     def softening_rate(self, temperature: float) -> float:
-        """−d ln H/dθ in 1/K at `temperature` > 0 K."""
+        """−d ln H/dθ in 1/K at `temperature` > 0 K; must not rise with the temperature.
+
+        The proofs of `restitution.certified_step` rest on that.
+        """
         raise NotImplementedError
 
     def root_is_unique(self, laws: Any, pair: Any) -> bool:
