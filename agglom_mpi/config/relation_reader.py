@@ -15,10 +15,11 @@ from agglom_mpi.config.expressions import (
     names_in,
     size_of,
 )
-from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES, units_of
+from agglom_mpi.config.quantities import BY_NAME, CONSTANTS, QUANTITIES, units_of
 from agglom_mpi.config.relations import CircularError, Derived, in_order
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
+from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.variables import NAMES
 
 MAX_ENTRIES: Final = 30
@@ -29,16 +30,13 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,29}")
 NAME_RULE: Final = "must be small letters, digits and _, a letter first, at most 30 characters"
 
 _COLUMNS: Final = """
-best_objective best_standard_error best_string breakups capped_iterations collisions cpu_seconds
-    crc digest energy_error estimate evaluations failed finished floored_temperatures fresh
-    generation growth_number hit_maximum largest_residual lower mean_grains mean_of_top
-    mean_radius_ratio mean_temperature merges momentum_error name objective origin overlaps
-    parent_1 parent_2 parents particle_steps population processor_seconds radius_moment_2
-    radius_moment_3 radius_moment_4 rank reason reestimate sample samples samples_simulated
-    samples_used searched searched_objective searched_standard_error seconds slot standard_error
-    state steps string top unit upper used
+best_objective best_standard_error best_string cpu_seconds crc digest estimate evaluations
+    failed finished fresh generation growth_number hit_maximum lower mean_grains mean_of_top
+    name objective origin parent_1 parent_2 parents population processor_seconds rank
+    reestimate sample samples samples_simulated samples_used searched searched_objective
+    searched_standard_error seconds slot standard_error string top unit upper used
 """
-COLUMNS: Final = frozenset(_COLUMNS.split())
+COLUMNS: Final = frozenset({*_COLUMNS.split(), *(OUTCOME.names or ())}) - BY_NAME.keys()
 """Columns of tables, whose names no derived quantity may have."""
 
 Problems = list[tuple[FieldPath, str]]
