@@ -1,6 +1,6 @@
 """Stopping rules over their tolerances: error of the mean, samples spent, luck, coverage.
 
-The rules are those of `search.stopping.STUDIED_RULES`; a new one there is studied as well.
+The rules are those of `search.studied_rules.STUDIED_RULES`; a new one there is studied as well.
 """
 
 import math
@@ -21,7 +21,8 @@ from agglom_mpi.accuracy.resampling import (
 )
 from agglom_mpi.accuracy.work_precision import cost_at, lasting
 from agglom_mpi.search.objectives.objective import RadiusObjective
-from agglom_mpi.search.stopping import STUDIED_RULES, StoppingRule
+from agglom_mpi.search.stopping import StoppingRule
+from agglom_mpi.search.studied_rules import STUDIED_RULES
 from agglom_mpi.statistics import t_95
 
 if TYPE_CHECKING:

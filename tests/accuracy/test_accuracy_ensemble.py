@@ -27,10 +27,8 @@ from agglom_mpi.accuracy.stopping_study import (
 )
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.search.stopping import (
-    STUDIED_RULES,
-    AdaptiveRule,
-)
+from agglom_mpi.search.stopping import AdaptiveRule
+from agglom_mpi.search.studied_rules import STUDIED_RULES
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60

@@ -1,13 +1,8 @@
 """Stopping rules, and ensembles that end by them within given limits."""
 
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.stopping import (
-    UNLIMITED_SAMPLES,
-    FixedNumber,
-    Moments,
-    StandardError,
-    SuccessiveDifference,
-)
+from agglom_mpi.search.stopping import FixedNumber, Moments, StandardError, SuccessiveDifference
+from agglom_mpi.search.studied_rules import UNLIMITED_SAMPLES
 
 
 def difference(tolerance, quantity="objective", **limits):

@@ -9,12 +9,8 @@ from rules import difference, ensemble_of, fixed, half_width, settled_moments
 from scipy import stats
 from search_fakes import PARTICLES, completed, of_radii
 
-from agglom_mpi.search.stopping import (
-    STUDIED_RULES,
-    EnsembleState,
-    StoppingRule,
-    compared_rules,
-)
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule
+from agglom_mpi.search.studied_rules import STUDIED_RULES, compared_rules
 
 
 def samples_until_end(rule, outcomes, objective, min_samples=2):

@@ -13,7 +13,8 @@ from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, styl
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.search.stopping import StoppingRule, compared_rules
+from agglom_mpi.search.stopping import StoppingRule
+from agglom_mpi.search.studied_rules import compared_rules
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
