@@ -77,6 +77,8 @@ NOT_DECIDING: Final = (
     "config/consequences.py",
     "config/describe.py",
     "config/reference.py",
+    # Sets of rules for studies and figures.
+    "search/studied_rules.py",
     "config/plausibility.py",
     "config/size_warnings.py",
     # Answers of a campaign in Python, of its tables and its reports.
