@@ -29,6 +29,7 @@ from agglom_mpi.compilation.kernel_linking import COMPILER
 _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
     "compilation/*.py",
+    "declaration/*.py",
     "outcome.py",
     "physics/*.py",
     "simulation/**/*.py",

@@ -89,8 +89,10 @@ def _messages(
             yield (*path, key), f"is missing; allowed: {', '.join(tags)}"
         case "union_tag_invalid":
             key, value = context["discriminator"].strip("'"), context["tag"]
-            place = (*path, key) if isinstance(source.value(path), dict) else path
-            yield place, f"is {quoted(value)}; allowed: {_unquoted(context['expected_tags'])}"
+            named = isinstance(source.value(path), dict)
+            place = (*path, key) if named else path
+            given = source.value(place) if place in source.lines else value
+            yield place, f"is {quoted(given)}; allowed: {_unquoted(context['expected_tags'])}"
         case "literal_error":
             value = quoted(source.value(path))
             yield path, f"is {value}; allowed: {_unquoted(context['expected'])}"

@@ -126,10 +126,12 @@ class SceneSection(Section):
     duration: Annotated[Duration, Choice(Duration)] = CompressionRecoveryDuration()
     contact_area: ContactArea = ContactArea()
     hardness: Annotated[Hardness, Choice(Hardness)]
-    friction: Annotated[Friction, Choice(Friction, or_none=True)] = NoFriction()
-    heating: Annotated[Heating, Choice(Heating, or_none=True)] = PairSplit()
-    reaction: Annotated[Reaction, Choice(Reaction, or_none=True)] = NoReaction()
-    fragmentation: Annotated[Fragmentation, Choice(Fragmentation, or_none=True)] = NoFragmentation()
+    friction: Annotated[Friction, Choice(Friction, or_none=True, default="none")] = NoFriction()
+    heating: Annotated[Heating, Choice(Heating, or_none=True, default="pair_split")] = PairSplit()
+    reaction: Annotated[Reaction, Choice(Reaction, or_none=True, default="none")] = NoReaction()
+    fragmentation: Annotated[Fragmentation, Choice(Fragmentation, or_none=True, default="none")] = (
+        NoFragmentation()
+    )
     cooling: Annotated[Cooling, Choice(Cooling, or_none=True)] = NoCooling()
     solver: Annotated[Solver, Choice(Solver)] = BracketedRoot()
     end_time: EndTime = Field(description="`characteristic` or a time like '10 ms'")

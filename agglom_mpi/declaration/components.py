@@ -197,7 +197,7 @@ class Component(Declared):
         ValueError
             If it lacks entries.
         """
-        found, name = cls.components(), entries[cls.named_by]
+        found, name = cls.components(), entries.get(cls.named_by)
         if name not in found:
             known = ", ".join(found)
             raise UnknownComponentError(f"{cls.named_by} {name!r} is unknown; known: {known}")
@@ -254,10 +254,13 @@ class Choice(NamedTuple):
         Base class of the components.
     or_none
         Whether an empty entry stands for the component `none`.
+    default
+        Name of the component that a mapping without a name is; empty if it must have one.
     """
 
     kind: type[Component]
     or_none: bool = False
+    default: str = ""
 
     @property
     def components(self) -> tuple[type[Component], ...]:
@@ -277,4 +280,6 @@ class Choice(NamedTuple):
         return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
 
     def _as_mapping(self, entry: Any) -> Any:
+        if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
+            return {self.kind.named_by: self.default, **entry}
         return self.kind.as_mapping("none" if self.or_none and entry is None else entry)

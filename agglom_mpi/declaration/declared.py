@@ -180,6 +180,8 @@ class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract meth
             inner = next(declared_in(cls.model_fields[name].annotation), None)
             if inner is not None and isinstance(value, Mapping):
                 known[name] = inner.recorded(value)
+            elif get_origin(cls.model_fields[name].annotation) is tuple:
+                known[name] = tuple(value)
         return cls._made(known)
 
     @classmethod
@@ -246,8 +248,9 @@ class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract meth
 
     def _values(self) -> tuple[Any, ...]:
         """Return what instances are compared by: fields, and what was bound to them."""
-        bound = sorted(name for name in self.__dict__ if name[0] == "_")
-        return tuple(self.__dict__[name] for name in (*self.model_fields, *bound))
+        kind, own = type(self), self.__dict__
+        bound = sorted(k for k in own if k[0] == "_" and own[k] != getattr(kind, k, MISSING))
+        return tuple(own[name] for name in (*self.model_fields, *bound))
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._values() == other._values()
@@ -257,6 +260,9 @@ class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract meth
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable; {name} cannot be set")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"{type(self).__name__} is immutable; {name} cannot be deleted")
 
     def __repr__(self) -> str:
         fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self.model_fields)

@@ -233,5 +233,6 @@ def reads_file(data: Any) -> bool:
     """Return whether an entry `sizes`, not validated yet, names a file with diameters."""
     if not isinstance(data, dict) or not isinstance(data.get("file"), str):
         return False
-    law = Sizes.components().get(data.get("law", *names_of(FileSizes)))
+    name = data.get("law", *names_of(FileSizes))
+    law = Sizes.components().get(name) if isinstance(name, str) else None
     return law is not None and law.reads_file

@@ -128,12 +128,14 @@ class SearchMethod(Component):
 
     @classmethod
     def recorded_in(cls, identity: Mapping[str, Any]) -> "SearchMethod | None":
-        """Return the method of a campaign by its identity; None if it searches nothing.
+        """Return the method of a campaign by its identity.
 
-        It has the numbers that are entries of their own, and defaults of the others.
+        None if it searches nothing, or by a method of a later version. It has the numbers that are
+        entries of their own, and defaults of the others.
         """
         entries = {key.removeprefix("search."): value for key, value in identity.items()}
-        return cls.of_entries(entries) if "search.method" in identity else None
+        known = identity.get("search.method") in cls.components()
+        return cls.of_entries(entries) if known else None
 
     @property
     def first_generation(self) -> int:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self, T
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.components import In, UnknownComponentError
 from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
@@ -109,6 +109,9 @@ class MomentTargets(Objective):
 
         Sums over them depend on the order by their rounding.
         """
+        unknown = set(entries["targets"]) - set(MOMENTS)
+        if unknown:
+            raise UnknownComponentError(f"unknown moments: {', '.join(sorted(unknown))}")
         recorded = super().recorded(entries)
         recorded.__dict__["_order"] = tuple(entries["targets"])
         return recorded
