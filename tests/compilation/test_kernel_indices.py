@@ -10,7 +10,7 @@ from numba import types
 from agglom_mpi.compilation.kernel_indices import unsigned
 from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler
 
-JOBS = Path(__file__).parents[1] / "jobs"
+JOBS = Path(__file__).parents[2] / "jobs"
 compiled = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or COMPILER is not LinkingCompiler,
     reason="nothing is compiled, or by a version of Numba whose own pipeline is used",

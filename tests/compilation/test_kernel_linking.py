@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or COMPILER is not LinkingCompiler,
     reason="nothing is compiled, or by a version of Numba that links its own way",
 )
-JOBS = Path(__file__).parents[1] / "jobs"
+JOBS = Path(__file__).parents[2] / "jobs"
 
 EMITTED = """
 import json, sys

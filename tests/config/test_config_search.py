@@ -73,7 +73,7 @@ def message(*edits: tuple[str, str]) -> str:
         ),
         (
             "{method: }",
-            ("search.method:", "is 'None'", "genetic", "surrogate", "cmaes", "random", "sobol"),
+            ("search.method:", "is empty", "genetic", "surrogate", "cmaes", "random", "sobol"),
         ),
         ("surrogate", ("search:", "is 'surrogate'", "a mapping")),
         (

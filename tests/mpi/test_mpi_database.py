@@ -28,12 +28,12 @@ from agglom_mpi.runtime.launch import GATHERED, PARALLEL, choose_database
 from agglom_mpi.storage.reader import read_campaign
 
 TWO_NODES = """
-from agglom_mpi.runtime import launch, run
+from agglom_mpi.runtime import launch, leg, run
 
 def pretend(world):
     return launch.Nodes(2, world.rank == 1)
 
-run.find_nodes = pretend
+run.find_nodes = leg.find_nodes = pretend
 
 import os
 from agglom_mpi.storage import sample_writer as samples

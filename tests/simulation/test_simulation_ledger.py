@@ -206,7 +206,7 @@ def bouncing(scene, drift):
         friction=ConstantFriction.Numbers(0.0),
         reaction=ContactAreaReaction.Numbers(0.0),
     )
-    velocities = SpreadVelocities.Numbers(10.0, drift, 1.0)
+    velocities = SpreadVelocities.Numbers(drift, 1.0, 10.0)
     return scene._replace(laws=laws, velocities=velocities)
 
 
