@@ -133,6 +133,7 @@ class Dispatcher:
         self.name = name
         self.kind = kind
         self.table: dict[type, Callable[..., Any]] = {}
+        self._absent: Callable[..., Any] | None = None
 
     def register(self, *models: type | None) -> Callable[[F], F]:
         """Return a decorator that registers a function for these types of submodel.
@@ -155,7 +156,9 @@ class Dispatcher:
         if model in self.table:
             return self.table[model]
         if model is type(None):
-            return None if self.kind is None else self._method(self.kind.absent())
+            if self._absent is None and self.kind is not None:
+                self._absent = self._method(self.kind.absent())
+            return self._absent
         law = _LAWS.get(model, model)
         registered = (self.table[base] for base in law.__mro__ if base in self.table)
         return next(registered, None) or self._method(law) or self.table.get(ANY)
@@ -187,7 +190,7 @@ def dispatch_allocating(signature: Callable[..., Any]) -> Any:
     return _dispatched(signature, "dispatched, allocating")
 
 
-def formula(kind: Any, method: Callable[..., R], allocating: bool = False) -> Callable[..., R]:
+def formula(kind: Any, method: Callable[..., R]) -> Callable[..., R]:
     """Return the function of kernels that evaluates a method of whichever law a scene has.
 
     Parameters
@@ -196,11 +199,8 @@ def formula(kind: Any, method: Callable[..., R], allocating: bool = False) -> Ca
         Base class of the laws.
     method
         Its method: the signature, and what it computes unless a law says otherwise.
-    allocating
-        Whether it may make arrays.
     """
-    manner = "dispatched, allocating" if allocating else "dispatched"
-    found: Callable[..., R] = _dispatched(method, manner, kind)
+    found: Callable[..., R] = _dispatched(method, "dispatched", kind)
     return found
 
 

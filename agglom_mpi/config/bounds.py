@@ -237,9 +237,9 @@ def required_variables(scene: SceneSection) -> dict[str, str]:
     reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
     if scene.restitution.needs_contact_pressure:
         reasons["hardness"] = f"restitution: {scene.restitution.name}"
-    laws = {each.key: each.law for each in scene.laws() if each.is_used}
-    heating = {key: laws.pop(key) for key in ("heating",) if key in laws}
-    for key, law in (heating | laws).items():
+    used = [each for each in scene.laws() if each.is_used]
+    used.sort(key=lambda each: each.key != "heating")  # which other laws of heat need, too
+    for key, law, _ in used:
         for name in law.required:
             reasons.setdefault(name, f"{key}: {law.name}")
     return {name: reasons[name] for name in NAMES if name in reasons}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CampaignSections:
-    """What the file of a campaign states: its sections, and its text.
+    """The sections of a campaign file, and its text.
 
     The modules that describe, identify and build a campaign are written against this class;
     `campaign.Campaign` adds what people call.

@@ -1,4 +1,4 @@
-"""What a search is: the sections `search`, `ensemble`, `stopping`; and `final` and `output`."""
+"""The sections of a search: `search`, `ensemble`, `stopping`, and `final` and `output`."""
 
 from typing import Annotated, Any, NamedTuple
 

@@ -116,16 +116,6 @@ def random_numbers(
     return sample_stream(campaign.seed, parameters, sample, campaign.common_configurations)
 
 
-def objective_values(
-    campaign: "CampaignSections", rows: npt.NDArray[np.void]
-) -> npt.NDArray[np.float64]:
-    """Return the objectives of n samples, (n,).
-
-    `rows` have the columns of `OUTCOME`, and, for a user's function, its values as `objective`.
-    """
-    return campaign.objective.of_samples(rows)
-
-
 def _objective_value(
     campaign: "CampaignSections",
     scene: Scene,
@@ -139,4 +129,4 @@ def _objective_value(
         if function is None or function.source is None:
             return math.nan
         return evaluate(function, finished_sample(scene, parameters, record, final))
-    return float(objective_values(campaign, np.array([record], result.OUTCOME))[0])
+    return float(campaign.objective.of_samples(np.array([record], result.OUTCOME))[0])

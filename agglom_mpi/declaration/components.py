@@ -49,7 +49,7 @@ class In(NamedTuple):
     above, at_least, at_most, below
         Limits in that unit.
     meaning
-        What the number is, as it is said where it is missing.
+        Meaning of the number, for the message where it is missing.
     """
 
     unit: str = "1"
@@ -91,7 +91,7 @@ class Whole(NamedTuple):
     multiple_of
         Divisor of the number.
     meaning
-        What the number is, as it is said where it is missing.
+        Meaning of the number, for the message where it is missing.
     """
 
     at_least: int | None = None

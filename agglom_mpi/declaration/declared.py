@@ -112,7 +112,7 @@ class DeclaredField(NamedTuple):
 
     @property
     def description(self) -> str | None:
-        """What the field is; None if its metadata do not state it."""
+        """Meaning of the field; None if its metadata do not state it."""
         return next((each.text for each in self.metadata if isinstance(each, Meaning)), None)
 
 
@@ -227,11 +227,7 @@ class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract meth
 
     def entries(self) -> Any:
         """Return all fields as plain values, without those marked `LATER` at their default."""
-        return {
-            name: plain(getattr(self, name))
-            for name, field in self.model_fields.items()
-            if LATER not in field.metadata or getattr(self, name) != field.default
-        }
+        return recorded_entries(self, self.model_fields)
 
     def model_dump(self) -> dict[str, Any]:
         """Return all fields, and those of their values, by name."""
@@ -280,6 +276,15 @@ def declared_in(annotation: Any) -> Iterator[type[Declared]]:
         yield annotation
     for inner in get_args(annotation):
         yield from declared_in(inner)
+
+
+def recorded_entries(section: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a section as plain values, without those `LATER` at their default."""
+    return {
+        name: plain(getattr(section, name))
+        for name, field in fields.items()
+        if LATER not in field.metadata or getattr(section, name) != field.default
+    }
 
 
 def plain(value: Any) -> Any:

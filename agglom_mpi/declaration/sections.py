@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from agglom_mpi.declaration.declared import LATER, plain
+from agglom_mpi.declaration.declared import recorded_entries
 
 
 class Section(BaseModel):
@@ -14,8 +14,4 @@ class Section(BaseModel):
 
     def entries(self) -> dict[str, Any]:
         """Return all fields as plain values, without those marked `LATER` at their default."""
-        return {
-            name: plain(getattr(self, name))
-            for name, field in type(self).model_fields.items()
-            if LATER not in field.metadata or getattr(self, name) != field.default
-        }
+        return recorded_entries(self, type(self).model_fields)

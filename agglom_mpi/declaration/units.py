@@ -2,12 +2,11 @@
 
 import re
 from decimal import Decimal
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from math import isfinite
 from numbers import Real
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from agglom_mpi.declaration.declared import Reads
 from agglom_mpi.declaration.spelling import (
     MAX_MAGNITUDE,
     MIN_MAGNITUDE,
@@ -185,24 +184,6 @@ def _kinds() -> dict[Any, str]:
         registry.parse_units("" if unit == "1" else unit).dimensionality: kind
         for unit, kind in KINDS.items()
     }
-
-
-def _reader(unit: str) -> Reads:
-    return Reads(partial(to_si, unit=unit))
-
-
-Number = Annotated[float, _reader("1")]
-"""A pure number."""
-Length = Annotated[float, _reader("m")]
-"""Metres."""
-Time = Annotated[float, _reader("s")]
-"""Seconds."""
-Speed = Annotated[float, _reader("m/s")]
-"""Metres per second."""
-Temperature = Annotated[float, _reader("K")]
-"""Kelvin; degrees Celsius are converted."""
-HeatTransfer = Annotated[float, _reader("W/m^2/K")]
-"""Watts per square metre and kelvin."""
 
 
 def dimensions_of(unit: str) -> dict[str, float]:

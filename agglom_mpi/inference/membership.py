@@ -89,7 +89,7 @@ class FailingShare:
 
 
 class EmulatedBox:
-    """What an emulator of all samples of a campaign knows of the strings in its search box.
+    """The search box of a campaign with an emulator of all its samples.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ A temperature does not depend on how the grain moves, so each can be integrated 
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -118,7 +118,23 @@ class NoCooling(Cooling):
     is_absent = True
 
 
-class RadiativeCooling(Cooling):
+class SteppableCooling(Cooling):
+    """Base class of laws with a field `integration`, exact or by Euler steps."""
+
+    if TYPE_CHECKING:  # a field of each law, in its own place
+        integration: Integration
+
+    @property
+    def by_steps(self) -> bool:
+        """Whether `integration` is by Euler steps."""
+        return self.integration == "euler"
+
+    def stepped(self) -> Self:
+        """Return the law integrated by Euler steps."""
+        return self.model_copy(update={"integration": "euler"})
+
+
+class RadiativeCooling(SteppableCooling):
     """m C θ' = −h_c a_s(θ − θ_o) − B ε a_s(θ⁴ − θ_s⁴), a_s = 4πb²  [B 6.19-6.21].
 
     The emissivity is ε, the temperature of the surroundings θ_s, the `convection` h_c, and θ_o the
@@ -139,15 +155,6 @@ class RadiativeCooling(Cooling):
         """Yield convection without the temperature that it cools to."""
         if self.convection > 0 and "ambient" not in self.model_fields_set:
             yield ("ambient",), "is missing; the temperature that convection cools to, like '300 K'"
-
-    @property
-    def by_steps(self) -> bool:
-        """Whether `integration` is by Euler steps."""
-        return self.integration == "euler"
-
-    def stepped(self) -> Self:
-        """Return the law integrated by Euler steps."""
-        return self.model_copy(update={"integration": "euler"})
 
     @property
     def equilibrium(self) -> float:
@@ -195,7 +202,7 @@ class RadiativeCooling(Cooling):
         return surface * (radiated + self.convection) / capacity
 
 
-class QuarticCooling(Cooling):
+class QuarticCooling(SteppableCooling):
     """θ' = −(B/(ρC))(θ − θ₀)⁴ above the starting temperature θ₀, nothing below  [A 18-19].
 
     As published, with its fault: a length is missing, so the numbers mean nothing outside SI.
@@ -206,15 +213,6 @@ class QuarticCooling(Cooling):
     summary: ClassVar[str] = "(theta - theta0)^4, bounded at theta0 [A 18-19]"
     variables = ("density", "heat_capacity", "temperature")
     longest_step = "ρC/(4B(θ − θ₀)³)"
-
-    @property
-    def by_steps(self) -> bool:
-        """Whether `integration` is by Euler steps."""
-        return self.integration == "euler"
-
-    def stepped(self) -> Self:
-        """Return the law integrated by Euler steps."""
-        return self.model_copy(update={"integration": "euler"})
 
     def cooling_rate(self, temperature, surface, capacity):
         """(B/(ρC))(θ − θ₀)⁴ in K/s."""

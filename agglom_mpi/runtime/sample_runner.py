@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.simulate import objective_values, random_numbers
+from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.user_function import evaluate
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
@@ -247,7 +247,7 @@ class SampleTask(Task):
         completed = rows["state"] == COMPLETED
         if completed.any():
             campaign = self._runner.experiment.setup(self._string).campaign
-            rows["objective"][completed] = objective_values(campaign, rows)[completed]
+            rows["objective"][completed] = campaign.objective.of_samples(rows)[completed]
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None
         return RankMessage(self._runner.rank, rows, final_particles=final)

@@ -1,4 +1,4 @@
-"""What makes a string a member of a feasible set: which numbers of its samples, and their bounds.
+"""Criteria of membership in a feasible set: numbers of the samples, and their bounds.
 
 A criterion states which numbers of a sample are emulated, which quantities follow from the means of
 these, and which quantities make a member. `Objective.criterion` returns that of an objective.

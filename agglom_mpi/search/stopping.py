@@ -118,7 +118,7 @@ class StoppingRule(Component):
 
     @property
     def relative_to(self) -> Literal["mean_radius", "objective"] | None:
-        """What the tolerance is a share of; None if it is absolute, in units of the objective."""
+        """Quantity that the tolerance is relative to; None: it is in units of the objective."""
         return None
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:

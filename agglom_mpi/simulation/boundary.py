@@ -12,7 +12,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 class Boundary(Law):
-    """What happens at the faces of the box; a file names it by `escape`."""
+    """Law of the faces of the box; a file names it by `escape`."""
 
     found_in = ""
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.declared import LATER, Declared, FieldPath
 from agglom_mpi.declaration.field_types import NONE
-from agglom_mpi.declaration.units import Number
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
 from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs
@@ -69,7 +68,7 @@ class Genetic(PopulationMethod):
     method: Literal["genetic"] = "genetic"
     population: Annotated[int, Whole(at_least=4, at_most=10**5)] = 20
     parents: Annotated[int, Whole(at_least=2, multiple_of=2)] = 6
-    blend: tuple[Number, Number] = (0.0, 1.0)
+    blend: Annotated[tuple[float, float], In("1")] = (0.0, 1.0)
     more_samples: Annotated[Annotated[int, Whole(at_least=1, at_most=10**6)] | None, LATER] = None
     rescale: Annotated[Rescale | None, NONE] = None
 

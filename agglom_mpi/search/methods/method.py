@@ -1,4 +1,4 @@
-"""What every search method has: its declaration in a campaign file, and its running state.
+"""Base classes of the search methods: the declaration in a campaign file, and the running state.
 
 A method is a subclass of `SearchMethod` in a module of this package: its numbers, its size, and
 `build`, which returns the state that proposes strings and learns from them, a `RunningSearch`.
@@ -62,7 +62,7 @@ class RunningSearch(Protocol):
 
 
 class SearchInputs(NamedTuple):
-    """What a search is built from, beside the numbers of its method.
+    """Inputs of a search beside the numbers of its method.
 
     Attributes
     ----------

@@ -177,7 +177,7 @@ class MomentTargets(Objective):
 
     @property
     def notes(self) -> list[str]:
-        """What is to be known of the errors of its moments."""
+        """Notes on the errors of its moments."""
         return interval_notes(term.name for term in self.terms)
 
     @property

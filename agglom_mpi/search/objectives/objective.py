@@ -93,7 +93,7 @@ class Objective(Component):
     _grains: float = math.nan
 
     def of_grains(self, grains: float) -> Self:
-        """Return the objective of samples that start with so many grains of the radius b⁰.
+        """Return the objective of samples that start with `grains` grains of the radius b⁰.
 
         Grains of different sizes are counted by their volume.
         """
@@ -138,7 +138,7 @@ class Objective(Component):
 
     @property
     def notes(self) -> list[str]:
-        """What a reader of its standard errors must know."""
+        """Notes on its standard errors for readers."""
         return []
 
     @property
