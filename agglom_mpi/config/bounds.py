@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import BeforeValidator, ValidationInfo, create_model, model_validator
 
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
-from agglom_mpi.config.field_errors import is_recorded
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
+from agglom_mpi.declaration.reading import reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
 from agglom_mpi.search.space import SearchSpace
@@ -103,7 +103,7 @@ def _as_list(entry: dict[str, Any]) -> str:
 
 
 def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Range | None:
-    read = partial(read_range, variable=variable, recorded=is_recorded(info))
+    read = partial(read_range, variable=variable, recorded=reading_of(info).recorded)
     found: Range | None = read_marked(value, FRACTIONS, read)
     return found
 

@@ -26,6 +26,7 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
@@ -83,14 +84,14 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         name: str = "campaign.yaml",
         user_function: UserFunction | None = None,
         read_sizes: SizeReader = unread,
-        recorded: bool = False,
+        reading: Reading = PLAIN,
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors.
 
-        `read_sizes` returns what is in a file of sizes that its scene may name. `recorded` says
-        that the text is in a file of a run, which stays readable.
+        `read_sizes` returns what is in a file of sizes that its scene may name; `reading` says
+        whether the text is in a file of a run, which stays readable, and where own components are.
         """
-        document = read_document(text, name, read_sizes, recorded)
+        document = read_document(text, name, read_sizes, reading)
         campaign = cls(
             title=document.title,
             seed=document.seed,

@@ -14,7 +14,7 @@ from agglom_mpi.config.bounds import (
     required_variables,
     volume_fraction,
 )
-from agglom_mpi.config.field_errors import RECORDED, is_recorded, to_campaign_error
+from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
@@ -28,6 +28,7 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.components import Choice
 from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import NONE, Line, WholeNumber
+from agglom_mpi.declaration.reading import PLAIN, Reading, reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.methods.genetic import Genetic
@@ -82,7 +83,7 @@ class SceneDocument(Section):
         if "scene" not in info.data:
             return ()
         used = tuple(required_variables(info.data["scene"]))
-        derived, problems = read_derived(entries, used, is_recorded(info))
+        derived, problems = read_derived(entries, used, reading_of(info).recorded)
         raise_field_errors(problems)
         return derived
 
@@ -93,7 +94,7 @@ class SceneDocument(Section):
             return ()
         used = tuple(required_variables(info.data["scene"]))
         constraints, problems = read_constraints(
-            entries, used, info.data["derived"], is_recorded(info)
+            entries, used, info.data["derived"], reading_of(info).recorded
         )
         raise_field_errors(problems)
         return constraints
@@ -175,12 +176,9 @@ class CampaignDocument(SceneDocument):
 
 
 def read_document(
-    text: str, name: str, read_sizes: SizeReader = unread, recorded: bool = False
+    text: str, name: str, read_sizes: SizeReader = unread, reading: Reading = PLAIN
 ) -> SceneDocument:
-    """Parse and validate the text of the campaign file `name`; raise a CampaignError.
-
-    A text that was `recorded` by a run is read as it was then, where it is refused today.
-    """
+    """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
     source = parse(text, name)
     if not any(key in CampaignDocument.model_fields for key in source.data):
         # Perhaps a file with somebody's secrets: no key of it is quoted.
@@ -188,15 +186,15 @@ def read_document(
         raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
     model = CampaignDocument if reason else SceneDocument
-    data = _with_sizes(source, read_sizes)
+    data = _with_sizes(source, read_sizes, reading)
     try:
-        return model.model_validate(data, context=RECORDED if recorded else None)
+        return model.model_validate(data, context=reading)
     except ValidationError as error:
         needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
-        raise to_campaign_error(error, source, model, needs) from None
+        raise to_campaign_error(error, source, model, reading, needs) from None
 
 
-def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
+def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> dict[str, Any]:
     """Return a file's data with what is in the file of sizes that its scene may name."""
     data: dict[str, Any] = source.data
     scene: Any = data.get("scene")
@@ -211,7 +209,7 @@ def _with_sizes(source: Source, read_sizes: SizeReader) -> dict[str, Any]:
         if isinstance(string, dict) and VOLUME_FRACTION.name in string:
             message = "is not read of strings where grains have sizes; give size_ratio"
             problems.append((("search", "start", i, VOLUME_FRACTION.name), message))
-    if reads_file(sizes):
+    if reads_file(sizes, reading):
         for key in sizes:
             if key not in ("law", "file", "basis"):
                 message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"

@@ -2,17 +2,18 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, Final, get_args
+from contextlib import suppress
+from typing import Any, NamedTuple, get_args
 
 from pydantic import (
     BaseModel,
     ValidationError,
-    ValidationInfo,
 )
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.components import Choice, number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 
@@ -45,15 +46,17 @@ def to_campaign_error(
     error: ValidationError,
     source: Source,
     model: type[Any],
+    reading: Reading = PLAIN,
     needs: Mapping[FieldPath, str] | None = None,
 ) -> CampaignError:
     """Return the CampaignError of a failed validation of `source.data` by `model`.
 
     `needs` gives the reason why an entry is needed, for the message where it is missing.
     """
+    models = _Models(source, model, reading)
     problems = []
     for details in error.errors(include_url=False):
-        for path, message in _messages(dict(details), source, model):
+        for path, message in _messages(dict(details), source, models):
             if details["type"] == "missing" and needs and path in needs:
                 message = f"{message}; {needs[path]}"
             problems.append(
@@ -63,7 +66,7 @@ def to_campaign_error(
 
 
 def _messages(
-    details: dict[str, Any], source: Source, model: type[Any]
+    details: dict[str, Any], source: Source, models: "_Models"
 ) -> Iterator[tuple[FieldPath, str]]:
     kind, loc, context = details["type"], details["loc"], details.get("ctx", {})
     path = _path_in_file(loc, source)
@@ -78,14 +81,14 @@ def _messages(
             yield path, f"is {quoted(source.value(path))}; has too few entries"
         case "missing":
             (*_, last) = loc
-            wanted = [_expectation(found, last) for found in _models(loc[:-1], model)]
+            wanted = [_expectation(found, last) for found in models.at(loc[:-1])]
             message = "; ".join(["is missing", *filter(None, wanted)])
             yield (*_path_in_file(loc[:-1], source), last), message
         case "extra_forbidden":
-            yield path, _unknown_key(str(loc[-1]), _models(loc[:-1], model))
+            yield path, _unknown_key(str(loc[-1]), models.at(loc[:-1]))
         case "union_tag_not_found":
             key = context["discriminator"].strip("'")
-            tags = [tag for found in _models(loc, model) for tag in _tags(found)]
+            tags = [tag for found in models.at(loc) for tag in _tags(found)]
             yield (*path, key), f"is missing; allowed: {', '.join(tags)}"
         case "union_tag_invalid":
             key, value = context["discriminator"].strip("'"), context["tag"]
@@ -131,26 +134,46 @@ def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
     return path
 
 
-def _models(loc: FieldPath, model: type[Any]) -> Models:
-    """Return the models that pydantic may have tried at a location."""
-    models = [model]
-    for part in loc:
-        tagged = [found for found in models if part in _tags(found)]
-        models = tagged or [
-            inner
-            for found in models
-            if part in found.model_fields
-            for inner in _inside(found.model_fields[str(part)])
-        ]
-    return models
+class _Models(NamedTuple):
+    """The models that the data of a source is validated by, the outermost first.
 
+    Attributes
+    ----------
+    source
+    outermost
+        Model of all sections.
+    reading
+        Finds components of one's own.
+    """
 
-def _inside(field: Any) -> Models:
-    """Return the models that the value of a field may have."""
-    for each in field.metadata:
-        if isinstance(each, Choice):
-            return list(each.components)
-    return _models_within(field.annotation)
+    source: Source
+    outermost: type[Any]
+    reading: Reading
+
+    def at(self, loc: FieldPath) -> Models:
+        """Return the models that pydantic may have tried at a location."""
+        models: Models = [self.outermost]
+        for i, part in enumerate(loc):
+            tagged = [found for found in models if part in _tags(found)]
+            models = tagged or [
+                inner
+                for found in models
+                if part in found.model_fields
+                for inner in self._inside(found.model_fields[str(part)], loc[: i + 1])
+            ]
+        return models
+
+    def _inside(self, field: Any, loc: FieldPath) -> Models:
+        """Return the models that the value of a field may have."""
+        for each in field.metadata:
+            if isinstance(each, Choice):
+                with suppress(ValueError):
+                    entry = self.source.value(_path_in_file(loc, self.source))
+                    own = each.own_class(entry, self.reading)
+                    if own is not None:
+                        return [own]
+                return list(each.components)
+        return _models_within(field.annotation)
 
 
 def _models_within(annotation: Any) -> Models:
@@ -162,12 +185,3 @@ def _models_within(annotation: Any) -> Models:
 def _tags(model: type[Any]) -> tuple[str, ...]:
     fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
     return tuple(tag for field in fields if field for tag in get_args(field.annotation))
-
-
-RECORDED: Final = "recorded"
-"""Context of the validation of a campaign's text from its file, which is read as it was run."""
-
-
-def is_recorded(info: ValidationInfo) -> bool:
-    """Return whether the text that is validated was recorded by a run."""
-    return info.context == RECORDED

@@ -15,6 +15,7 @@ from agglom_mpi.config.user_function import (
     recorded_function,
 )
 from agglom_mpi.config.yaml_source import read_text
+from agglom_mpi.declaration.reading import Reading
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
@@ -82,7 +83,7 @@ def campaign_of_record(text: str, name: str, identity: Mapping[str, Any]) -> Cam
         If the text is damaged.
     """
     function, sizes = recorded_function(identity), recorded_sizes(identity)
-    return Campaign.from_text(text, name, function, sizes, recorded=True)
+    return Campaign.from_text(text, name, function, sizes, Reading(recorded=True))
 
 
 def _with_function(

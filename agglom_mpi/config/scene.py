@@ -2,17 +2,24 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
-from agglom_mpi.declaration.components import Choice, names_of
+from agglom_mpi.declaration.components import (
+    Choice,
+    UnknownComponentError,
+    class_named,
+    names_of,
+)
 from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import WholeNumber
 from agglom_mpi.declaration.laws import Law, Values
+from agglom_mpi.declaration.reading import reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
@@ -250,13 +257,16 @@ class SceneSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _default_hardness(cls, data: Any) -> Any:
+    def _default_hardness(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, dict) or "hardness" in data:
             return data
         given = data.get("restitution")
         name = given.get("law") if isinstance(given, dict) else given
-        law = Restitution.components().get(name) if isinstance(name, str) else PressureRestitution
-        needed = law is not None and law.needs_contact_pressure
+        needed = not isinstance(name, str) and PressureRestitution.needs_contact_pressure
+        with suppress(UnknownComponentError):  # its own field says so
+            needed = (
+                needed or class_named(Restitution, name, reading_of(info)).needs_contact_pressure
+            )
         (name,) = names_of(ArrheniusHardness if needed else ConstantHardness)
         return {**data, "hardness": name}
 

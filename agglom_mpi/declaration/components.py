@@ -7,7 +7,7 @@ class. Adding a component takes one class; nothing else lists it.
 """
 
 import pkgutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from importlib import import_module
 from typing import (
@@ -18,23 +18,28 @@ from typing import (
     Literal,
     NamedTuple,
     Self,
+    TypeVar,
     Union,
     get_args,
     get_origin,
 )
 
-from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
+from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
-from agglom_mpi.declaration.units import to_si
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
+from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.errors import UserError
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
+    from pydantic import GetCoreSchemaHandler, ValidationInfo
     from pydantic_core import CoreSchema
 
 
 class UnknownComponentError(UserError, ValueError):
     """A name that no component of a kind has, as in a file of a later version."""
+
+
+C = TypeVar("C", bound="Component")
 
 
 class In(NamedTuple):
@@ -128,6 +133,8 @@ class Component(Declared):
         Package whose modules declare the components of this kind.
     in_files
         Whether a file can name it, and not only another component can become it.
+    may_be_own
+        Whether a file can name a class of one's own of this kind, `FILE.py:Class`.
     not_in_files
         Fields that a file does not give: they are read from elsewhere.
     """
@@ -135,6 +142,7 @@ class Component(Declared):
     named_by: ClassVar[str] = "law"
     found_in: ClassVar[str] = ""
     in_files: ClassVar[bool] = True
+    may_be_own: ClassVar[bool] = True
     not_in_files: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -181,7 +189,7 @@ class Component(Declared):
         return named(entry)
 
     @classmethod
-    def of_entries(cls, entries: Mapping[str, Any]) -> Self:
+    def of_entries(cls, entries: Mapping[str, Any], reading: Reading = PLAIN) -> Self:
         """Return the component of a recorded campaign.
 
         Parameters
@@ -189,6 +197,8 @@ class Component(Declared):
         entries
             Its section as plain values, as `entries` returned it; what an identity has beside the
             fields, such as the digest of a function's source, is left out.
+        reading
+            Finds components of one's own.
 
         Raises
         ------
@@ -197,11 +207,7 @@ class Component(Declared):
         ValueError
             If it lacks entries.
         """
-        found, name = cls.components(), entries.get(cls.named_by)
-        if name not in found:
-            known = ", ".join(found)
-            raise UnknownComponentError(f"{cls.named_by} {name!r} is unknown; known: {known}")
-        return found[name].recorded(entries)
+        return class_named(cls, entries.get(cls.named_by), reading).recorded(entries)
 
     def settings(self) -> Iterator[Setting]:
         """Yield all fields but the name."""
@@ -223,6 +229,35 @@ def _subclasses(kind: type[Any]) -> Iterator[type[Any]]:
     for below in kind.__subclasses__():
         yield below
         yield from _subclasses(below)
+
+
+def class_named(kind: type[C], name: Any, reading: Reading = PLAIN) -> type[C]:
+    """Return the component of a kind by its name in a file, one of one's own included.
+
+    Raises
+    ------
+    UnknownComponentError
+        If there is none; with the reason, or the names that are known.
+    """
+    if kind.may_be_own and names_own(name):
+        return _own_class(kind, name, reading)
+    found = kind.components()
+    if not isinstance(name, str) or name not in found:
+        known = ", ".join(found)
+        raise UnknownComponentError(f"{kind.named_by} {name!r} is unknown; known: {known}")
+    return found[name]
+
+
+def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
+    """Return a class of one's own, `FILE.py:Class`, of a kind."""
+    try:
+        found = reading.own.find(name)
+    except ValueError as error:
+        raise UnknownComponentError(str(error)) from error
+    if not issubclass(found, kind):
+        message = f"is {quoted(name)}, which is no subclass of {kind.__name__}"
+        raise UnknownComponentError(message)
+    return found
 
 
 def names_of(component: type[Declared]) -> tuple[str, ...]:
@@ -277,7 +312,37 @@ class Choice(NamedTuple):
         union: Any = Union.__getitem__(self.components)  # of a number known when it is run
         tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
         schema = handler.generate_schema(Annotated[tagged, Reads(self._as_mapping)])
+        if self.kind.may_be_own:
+            schema = core_schema.with_info_wrap_validator_function(self._read, schema)
         return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
+
+    def own_class(self, entry: Any, reading: Reading) -> type[Component] | None:
+        """Return the class of one's own that an entry of a file names, None if it names none.
+
+        Raises
+        ------
+        FieldError
+            If the class cannot be had.
+        """
+        is_mapping = isinstance(entry, Mapping)
+        name = entry.get(self.kind.named_by) if is_mapping else entry
+        if not (self.kind.may_be_own and names_own(name)):
+            return None
+        try:
+            return class_named(self.kind, name, reading)
+        except UnknownComponentError as error:
+            path = (self.kind.named_by,) if is_mapping else ()
+            raise FieldError((path, str(error))) from error
+
+    def _read(self, entry: Any, validate: Callable[[Any], Any], info: "ValidationInfo") -> Any:
+        """Return the component of an entry: of one's own, or one of the package."""
+        if isinstance(entry, self.kind):
+            return entry
+        reading = reading_of(info)
+        own = self.own_class(entry, reading)
+        if own is None:
+            return validate(entry)
+        return own.checked(self._as_mapping(entry), reading)
 
     def _as_mapping(self, entry: Any) -> Any:
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, TypeAdapter
     from pydantic_core import CoreSchema
 
+    from agglom_mpi.declaration.reading import Reading
+
 FieldPath: TypeAlias = tuple[str | int, ...]
 """Keys and list positions from the top of a file, or of a section, down to a field."""
 
@@ -147,9 +149,9 @@ class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract meth
             self.__dict__.update(self._made({}).__dict__)
 
     @classmethod
-    def checked(cls, values: Mapping[Any, Any]) -> Self:
+    def checked(cls, values: Mapping[Any, Any], reading: "Reading | None" = None) -> Self:
         """Return the instance of given values; raise a ValueError if they do not fit."""
-        return cls._adapter().validate_python(dict(values))
+        return cls._adapter().validate_python(dict(values), context=reading)
 
     @classmethod
     @cache

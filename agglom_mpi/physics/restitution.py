@@ -186,6 +186,8 @@ class LastingContact(ConstantRestitution):
 class Solver(Law):
     """How e = G(e) is solved  [A 6] [B 4.13]."""
 
+    may_be_own = False
+
     def solve_pressure_law(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
         """Solution of e = G(e) for a pair, or bonding."""
         raise NotImplementedError

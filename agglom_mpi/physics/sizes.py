@@ -2,14 +2,22 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.declaration.components import Component, In, names_of
+from agglom_mpi.declaration.components import (
+    Component,
+    In,
+    UnknownComponentError,
+    class_named,
+    names_of,
+)
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (
     ListedDistribution,
@@ -229,10 +237,11 @@ def are_lengths(data: Any) -> bool:
     return any(key in data for key in LENGTH_KEYS) or data.get("absolute") is True
 
 
-def reads_file(data: Any) -> bool:
+def reads_file(data: Any, reading: Reading = PLAIN) -> bool:
     """Return whether an entry `sizes`, not validated yet, names a file with diameters."""
     if not isinstance(data, dict) or not isinstance(data.get("file"), str):
         return False
     name = data.get("law", *names_of(FileSizes))
-    law = Sizes.components().get(name) if isinstance(name, str) else None
-    return law is not None and law.reads_file
+    with suppress(UnknownComponentError):  # its own field says so
+        return class_named(Sizes, name, reading).reads_file
+    return False

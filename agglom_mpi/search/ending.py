@@ -30,6 +30,7 @@ class EndingCriterion(Component):
     """
 
     found_in: ClassVar[str] = "agglom_mpi.search"
+    may_be_own: ClassVar[bool] = False
     key: ClassVar[str] = ""
     always_recorded: ClassVar[bool] = False
 

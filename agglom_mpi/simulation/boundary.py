@@ -15,6 +15,7 @@ class Boundary(Law):
     """Law of the faces of the box; a file names it by `escape`."""
 
     found_in = ""
+    may_be_own = False
 
     def entries(self) -> Any:
         """Return the name alone."""

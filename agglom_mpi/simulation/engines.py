@@ -20,6 +20,7 @@ class Engine(Law):
     """
 
     found_in = ""
+    may_be_own = False
     has_time_steps: ClassVar[bool] = True
     uses_linked_cells: ClassVar[bool] = False
 
