@@ -12,7 +12,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.variables import VARIABLES
 
 FORMAT: Final = "agglom_mpi campaign"
-FORMAT_VERSION: Final = 3
+FORMAT_VERSION: Final = 4
 """Version of the files written; files of versions from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
