@@ -23,6 +23,7 @@ ALLOWED_SHARE: Final = 107
 CONSEQUENCES: Final = 108
 FEASIBLE_SET: Final = 109
 PLACEMENT_FORECAST: Final = 110
+OWN_SEARCH: Final = 111
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

@@ -8,6 +8,9 @@ again.
 An index says which data file belongs to which types of arguments. Data files are named after their
 content, so that two processes that write at once, or a copy that mixes two caches, never make an
 index name the machine code of another kernel.
+
+Kernels for laws of one's own have a folder for each combination of modules, below that of all
+others: an index can be read only where the classes that it names are known.
 """
 
 import errno
@@ -30,6 +33,9 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
 )
 from numba.core.serialize import dumps
+from numba.core.types import BaseTuple, NamedTuple, NamedUniTuple
+
+from agglom_mpi.compilation.stages import OWN_PREFIX
 
 LOG: Final = logging.getLogger(__name__)
 """Receives one line on the first file of a folder that cannot be read, or not be written."""
@@ -173,6 +179,20 @@ class _OneFolder(CompileResultCacheImpl):
     _locator_classes: Any = (UserProvidedCacheLocator,)
 
 
+def own_modules_of(types: Any) -> list[str]:
+    """Return the names of the modules of one's own that types of Numba refer to, sorted."""
+    found: set[str] = set()
+    left = list(types)
+    while left:
+        each = left.pop()
+        if isinstance(each, NamedTuple | NamedUniTuple):
+            found.add(each.instance_class.__module__)
+        if isinstance(each, BaseTuple):
+            parts: Any = each
+            left += parts.types
+    return sorted(name for name in found if name.startswith(OWN_PREFIX))
+
+
 class KernelCache(FunctionCache):
     """The cache of one kernel: what cannot be read is compiled again, and reported once."""
 
@@ -180,13 +200,24 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        locator = self._impl.locator
-        self._cache_file = CheckedFiles(
-            Path(locator.get_cache_path()), self._impl.filename_base, locator.get_source_stamp()
-        )
+        self._folder = Path(self._impl.locator.get_cache_path())
+        self._cache_file = self._files_in(self._folder)
+
+    def _files_in(self, folder: Path) -> CheckedFiles:
+        stamp = self._impl.locator.get_source_stamp()
+        return CheckedFiles(folder, self._impl.filename_base, stamp)
+
+    def _choose_folder(self, sig: Any) -> None:
+        """Choose the folder for the types of arguments; Numba's lock is held meanwhile."""
+        modules = own_modules_of(sig)
+        digest = hashlib.sha256(" ".join(modules).encode()).hexdigest()[:16]
+        folder = self._folder / f"{OWN_PREFIX}{digest}" if modules else self._folder
+        if folder != self._cache_file.folder:
+            self._cache_file = self._files_in(folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a compiled kernel for these types, or None if it is to be compiled."""
+        self._choose_folder(sig)
         try:
             return super().load_overload(sig, target_context)
         except MemoryError:  # says nothing about the file
@@ -203,7 +234,9 @@ class KernelCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write a compiled kernel; without room for it the next process compiles it again."""
+        self._choose_folder(sig)
         try:
+            self._cache_file.folder.mkdir(exist_ok=True)
             super().save_overload(sig, data)
         except OSError as error:
             _report(self._cache_file.folder, f"cannot be written ({_reason(error)})")

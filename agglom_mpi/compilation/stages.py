@@ -19,6 +19,9 @@ R = TypeVar("R")
 AS_PLAIN_PYTHON: Final = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 """Whether kernels run as plain Python, to be debugged."""
 
+OWN_PREFIX: Final = "agglom_own_"
+"""Beginning of the names of modules of one's own, whose laws kernels may be compiled for."""
+
 _LAWS: Final[dict[type, type]] = {}
 _WAITING: Final[list[Callable[[Any], None]]] = []
 _COMPILERS: Final[list[Any]] = []

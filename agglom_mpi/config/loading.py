@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_components import ONLY_ALLOWED, BesideCampaign
 from agglom_mpi.config.size_file import read_beside, recorded_sizes
 from agglom_mpi.config.user_function import (
     UserFunction,
@@ -26,7 +27,8 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     path
         The YAML file.
     allow_code
-        Whether a Python function that its objective names may be executed.
+        Whether Python code that it names may be executed: the function of its objective, and
+        components of one's own.
 
     Returns
     -------
@@ -45,13 +47,9 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     'Quickstart - double the mean grain size'
     """
     name = os.fspath(path)
-    campaign = _campaign(name)
+    campaign = _campaign(name, allow_code)
     if campaign.objective.code is not None and not allow_code:
-        message = (
-            f"is {campaign.objective.code!r}, Python code, which runs only with your permission: "
-            "--allow-code, or load_campaign(..., allow_code=True)"
-        )
-        raise campaign.function_error(message)
+        raise campaign.function_error(f"is {campaign.objective.code!r}, {ONLY_ALLOWED}")
     return _with_function(campaign, load_function)
 
 
@@ -60,16 +58,18 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
     if allow_code:
         return load_campaign(path, allow_code)
     name = os.fspath(path)
-    campaign = _with_function(_campaign(name))
+    campaign = _with_function(_campaign(name, allow_code=False))
     function = campaign.user_function
     return (
         campaign if function is None else replace(campaign, user_function=function.without_source)
     )
 
 
-def _campaign(name: str) -> Campaign:
+def _campaign(name: str, allow_code: bool) -> Campaign:
     """Return the campaign of a file, without its function."""
-    return Campaign.from_text(read_text(name), name, None, read_beside(Path(name).parent))
+    folder = Path(name).parent
+    reading = Reading(own=BesideCampaign(folder, allow_code))
+    return Campaign.from_text(read_text(name), name, None, read_beside(folder), reading)
 
 
 def campaign_of_record(text: str, name: str, identity: Mapping[str, Any]) -> Campaign:

@@ -8,14 +8,10 @@ file knows only the digest, and cannot call the function.
 import hashlib
 import linecache
 import math
-import os
-import posix
 import reprlib
 import sys
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import cache, wraps
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple
@@ -24,7 +20,8 @@ import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
-from agglom_mpi.errors import FAILURE, named_error
+from agglom_mpi.declaration.users_code import EndedError, users_code
+from agglom_mpi.errors import named_error
 
 NUMBERS: Final = (float, int, np.floating, np.integer)
 """Types of what a function may return, but for bool."""
@@ -71,21 +68,32 @@ def read_function(folder: Path, call: str) -> UserFunction:
         If there is no such file, or it is not Python.
     """
     function = UserFunction(call, "")
-    path = folder / function.file
+    source = read_source(folder / function.file, call)
+    return UserFunction(call, hashlib.sha256(source).hexdigest(), source)
+
+
+def read_source(path: Path, named: str) -> bytes:
+    """Return the source of a module that a campaign names as `named`; it is not executed.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, or it is not Python.
+    """
     try:
         source = read_bounded(path, MAX_BYTES)
     except OSError as error:
-        raise ValueError(f"is {call!r}, but {path} cannot be read: {error.strerror}") from None
+        raise ValueError(f"is {named!r}, but {path} cannot be read: {error.strerror}") from None
     try:
-        compile(source, function.file, "exec", dont_inherit=True)
+        compile(source, path.name, "exec", dont_inherit=True)
     except (MemoryError, RecursionError):
-        raise ValueError(f"is {call!r}, but {path}: is nested too deeply") from None
+        raise ValueError(f"is {named!r}, but {path}: is nested too deeply") from None
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         place = f"{path}:{line}" if line else str(path)
         reason = clipped(getattr(error, "msg", error))
-        raise ValueError(f"is {call!r}, but {place}: {reason}") from None
-    return UserFunction(call, hashlib.sha256(source).hexdigest(), source)
+        raise ValueError(f"is {named!r}, but {place}: {reason}") from None
+    return source
 
 
 def recorded_function(identity: Mapping[str, Any]) -> UserFunction | None:
@@ -161,64 +169,3 @@ def as_float(number: Any) -> float:
         return float(number)
     except OverflowError:
         return math.inf
-
-
-class EndedError(RuntimeError):
-    """A user's code has asked to end the process, or to replace it by another program."""
-
-
-@contextmanager
-def users_code(name: str) -> Iterator[None]:
-    """Let nothing but exceptions come out of code of the user's, which `name` says.
-
-    What would end the rank, and with it perhaps the run with exit code 0, raises an EndedError. A
-    process that the code has forked ends here if it gets here, as it is no rank.
-
-    Raises
-    ------
-    EndedError
-        Instead of SystemExit and whatever else is no Exception. A Ctrl-C stays one: it reaches the
-        main thread alone.
-    """
-    _refuse_endings()
-    owner, outer = os.getpid(), getattr(_INSIDE, "owner", None)
-    _INSIDE.owner = owner
-    try:
-        yield
-    except Exception:
-        raise
-    except BaseException as error:
-        main = threading.current_thread() is threading.main_thread()
-        if main and isinstance(error, KeyboardInterrupt):
-            raise
-        raise EndedError(f"{name} raised {type(error).__name__}, which would end a rank") from error
-    finally:
-        _INSIDE.owner = outer
-        if os.getpid() != owner:
-            _ENDINGS["_exit"](FAILURE)
-
-
-_ENDINGS: Final = {name: getattr(posix, name) for name in ("_exit", "execv", "execve")}
-"""Functions that end a process, or replace it, without an exception."""
-
-_INSIDE: Final = threading.local()
-"""`owner`: the process whose thread executes code of the user's; None outside."""
-
-
-@cache
-def _refuse_endings() -> None:
-    """Let these functions raise an EndedError within `users_code`, but not in its children."""
-    for name, original in _ENDINGS.items():
-        refusing = _refusing(name, original)
-        setattr(os, name, refusing)
-        setattr(posix, name, refusing)
-
-
-def _refusing(name: str, original: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(original)
-    def refusing(*arguments: Any, **named: Any) -> Any:
-        if getattr(_INSIDE, "owner", None) == os.getpid():
-            raise EndedError(f"os.{name} would end a rank")
-        return original(*arguments, **named)
-
-    return refusing

@@ -26,8 +26,9 @@ from typing import (
 
 from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
+from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
-from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.declaration.units import check_si, quoted, to_si
 from agglom_mpi.errors import UserError
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class In(NamedTuple):
     Attributes
     ----------
     unit
-        SI unit, a key of `units.KINDS`; a file may give any unit of the same dimension.
+        SI unit, such as a key of `units.KINDS`; a file may give any unit of the same dimension.
     above, at_least, at_most, below
         Limits in that unit.
     meaning
@@ -137,6 +138,8 @@ class Component(Declared):
         Whether a file can name a class of one's own of this kind, `FILE.py:Class`.
     not_in_files
         Fields that a file does not give: they are read from elsewhere.
+    own
+        Module of a class of one's own, which is named `FILE.py:Class`; None for the package's.
     """
 
     named_by: ClassVar[str] = "law"
@@ -144,6 +147,24 @@ class Component(Declared):
     in_files: ClassVar[bool] = True
     may_be_own: ClassVar[bool] = True
     not_in_files: ClassVar[tuple[str, ...]] = ()
+    own: ClassVar[OwnModule | None] = None
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Give a class of one's own its name."""
+        super().__init_subclass__(**options)
+        cls.own = own_module(cls.__module__)
+        if cls.own is not None and cls.may_be_own:
+            cls._call(f"{cls.own.file}:{cls.__name__}")
+            for field in cls.model_fields.values():
+                check_si(unit_of(field))
+
+    @classmethod
+    def _call(cls, name: str) -> None:
+        """Name the class, whatever name it has declared."""
+        others = {key: field for key, field in cls.model_fields.items() if key != cls.named_by}
+        literal: Any = Literal.__getitem__(name)
+        cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
+        setattr(cls, cls.named_by, name)
 
     @property
     def name(self) -> str:
@@ -156,10 +177,14 @@ class Component(Declared):
         raise NotImplementedError
 
     def entries(self) -> dict[str, Any]:
-        """Return the fields as plain values, the name first; see `Declared.entries`."""
+        """Return the fields as plain values, the name first; see `Declared.entries`.
+
+        A component of one's own has the digest of its module, too.
+        """
         entries = super().entries()
         name = {key: entries[key] for key in (self.named_by,) if key in entries}
-        return name | entries
+        source = {} if self.own is None else {"source_sha256": self.own.sha256}
+        return name | entries | source
 
     @classmethod
     def components(cls) -> dict[str, type[Self]]:
@@ -225,10 +250,11 @@ def _import_modules(package: str) -> None:
 
 
 def _subclasses(kind: type[Any]) -> Iterator[type[Any]]:
-    """Yield all subclasses, in the order of their declaration; those of subclasses after these."""
+    """Yield the package's subclasses, as they are declared; those of subclasses after these."""
     for below in kind.__subclasses__():
-        yield below
-        yield from _subclasses(below)
+        if below.own is None:
+            yield below
+            yield from _subclasses(below)
 
 
 def class_named(kind: type[C], name: Any, reading: Reading = PLAIN) -> type[C]:

@@ -6,6 +6,7 @@ is first needed; `recorded` takes values that were checked before. So a command 
 recorded campaigns does not load pydantic.
 """
 
+import copyreg
 from abc import ABCMeta
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
@@ -23,6 +24,8 @@ from typing import (
     get_origin,
     get_type_hints,
 )
+
+from agglom_mpi.declaration.own_modules import reduced_class
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, TypeAdapter
@@ -118,8 +121,15 @@ class DeclaredField(NamedTuple):
         return next((each.text for each in self.metadata if isinstance(each, Meaning)), None)
 
 
+class DeclaredType(ABCMeta):
+    """Metaclass of what is declared; a class of one's own is pickled with its module."""
+
+
+copyreg.pickle(DeclaredType, reduced_class)
+
+
 @dataclass_transform(kw_only_default=True, frozen_default=True)
-class Declared(metaclass=ABCMeta):  # noqa: B024  (subclasses have abstract methods)
+class Declared(metaclass=DeclaredType):
     """Base class of what is declared by annotated fields; equal where all fields are equal.
 
     Attributes

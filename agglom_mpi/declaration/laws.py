@@ -4,7 +4,7 @@ import collections
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
-from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula
+from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula, law_of
 from agglom_mpi.declaration.components import Component, number_of
 
 _named_tuple: Any = collections.namedtuple  # of names known when it is run, which mypy refuses
@@ -69,6 +69,8 @@ class Law(Component):
         numbers: Any = _named_tuple(cls.__name__, names, defaults=defaults)
         numbers.__module__ = cls.__module__
         numbers.__qualname__ = f"{cls.__qualname__}.Numbers"  # so that it can be pickled
+        if cls.own is not None:
+            numbers.__reduce__ = _reduced_numbers
         cls.Numbers = numbers
         declare_numbers(numbers, cls)
 
@@ -112,6 +114,15 @@ class Law(Component):
     def required(self) -> tuple[str, ...]:
         """Variables without which the law cannot be evaluated."""
         return (*self.variables, *self.needs)
+
+
+def _reduced_numbers(numbers: Any) -> Any:
+    """Return how the numbers of a law of one's own are pickled: with its class."""
+    return _numbers_of, (law_of(numbers), tuple(numbers))
+
+
+def _numbers_of(law: type[Law], values: tuple[Any, ...]) -> Any:
+    return law.Numbers(*values)
 
 
 is_frame_dependent = formula(Law, Law.is_frame_dependent)

@@ -58,7 +58,7 @@ def to_si(value: Any, unit: str) -> float:
     value
         A finite number in SI units, or a text of a number and a unit.
     unit
-        The SI unit of the field, a key of `KINDS`.
+        The SI unit of the field, such as a key of `KINDS`.
 
     Raises
     ------
@@ -123,7 +123,8 @@ def _convert(text: str, unit: str) -> float:
         raise
     target = registry.parse_units("" if unit == "1" else unit)
     if source.dimensionality != target.dimensionality:
-        expected = KINDS[unit] if unit == "1" else f"{KINDS[unit]} like '{unit}'"
+        named = KINDS.get(unit, "a quantity")
+        expected = named if unit == "1" else f"{named} like '{unit}'"
         kind = _kinds().get(source.dimensionality, str(source.dimensionality))
         raise ValueError(f"wrong unit: '{given}' is {kind}, expected {expected}")
     try:
@@ -184,6 +185,12 @@ def _kinds() -> dict[Any, str]:
         registry.parse_units("" if unit == "1" else unit).dimensionality: kind
         for unit, kind in KINDS.items()
     }
+
+
+def check_si(unit: str) -> None:
+    """Raise a ValueError unless a unit is one of the SI, without prefix or factor."""
+    if unit not in KINDS and (in_base_units("1", unit), in_base_units("0", unit)) != (1.0, 0.0):
+        raise ValueError(f"'{unit}' is no unit of the SI without factor, such as 'm/s' or 'J/m^2'")
 
 
 def dimensions_of(unit: str) -> dict[str, float]:

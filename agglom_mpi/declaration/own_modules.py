@@ -1,0 +1,127 @@
+"""Modules of one's own: executed from their bytes, in every process under the same name.
+
+A component of one's own is a class of a module beside the campaign file. The bytes of the module
+are read once, and nothing is imported by path: whoever pickles such a class, or the numbers of a
+law of that class, pickles the bytes with it, so that ranks and other processes have the same
+module. Its name has the digest of the bytes, so that two versions do not disturb each other.
+"""
+
+import hashlib
+import linecache
+import sys
+from functools import cache
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from agglom_mpi.compilation.stages import OWN_PREFIX
+from agglom_mpi.declaration.users_code import EndedError, users_code
+from agglom_mpi.errors import named_error
+
+
+class OwnModule(NamedTuple):
+    """A module of one's own.
+
+    Attributes
+    ----------
+    file
+        File name, `sticking.py`.
+    sha256
+        SHA-256 of the source, hexadecimal.
+    source
+        Bytes of the file.
+    """
+
+    file: str
+    sha256: str
+    source: bytes
+
+    @classmethod
+    def of(cls, file: str, source: bytes) -> "OwnModule":
+        """Return the module of a file with this content."""
+        return cls(file, hashlib.sha256(source).hexdigest(), source)
+
+    @property
+    def name(self) -> str:
+        """Name of the executed module, by file and content."""
+        return f"{OWN_PREFIX}{self.file.removesuffix('.py')}_{self.sha256[:16]}"
+
+
+class ExecutedModule(ModuleType):
+    """An executed module of one's own, which knows its source as `own`."""
+
+    own: OwnModule
+
+
+@cache
+def executed(own: OwnModule) -> ExecutedModule:
+    """Execute a module, once in each process.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be executed, with the reason and its line.
+    """
+    module = ExecutedModule(own.name)
+    module.own = own
+    lines = own.source.decode(errors="replace").splitlines(keepends=True)
+    linecache.cache[own.file] = len(own.source), None, lines, own.file  # for tracebacks
+    sys.modules[own.name] = module  # classes look their module up there
+    try:
+        with users_code(own.file):
+            exec(compile(own.source, own.file, "exec", dont_inherit=True), module.__dict__)
+    except Exception as error:
+        del sys.modules[own.name]
+        if isinstance(error, EndedError):
+            raise ValueError(str(error)) from error
+        place = line_in(own.file, error)
+        raise ValueError(f"{place} raises {named_error(error)}") from error
+    return module
+
+
+def line_in(file: str, error: BaseException) -> str:
+    """Return the last place in a file that an error came through, `FILE:LINE`; else the file."""
+    lines, traceback = [], error.__traceback__
+    while traceback is not None:
+        if traceback.tb_frame.f_code.co_filename == file:
+            lines.append(traceback.tb_lineno)
+        traceback = traceback.tb_next
+    return f"{file}:{lines[-1]}" if lines else file
+
+
+def class_in(own: OwnModule, name: str) -> type[Any]:
+    """Return a class that a module defines itself.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be executed, or defines no such class.
+    """
+    module = executed(own)
+    found = getattr(module, name, None)
+    if not isinstance(found, type):
+        raise ValueError(f"{own.file} defines no class {name!r}")
+    if found.__module__ != own.name:
+        raise ValueError(f"{own.file} only imports {name!r}; a class of its own may subclass it")
+    return found
+
+
+def own_module(module: str) -> OwnModule | None:
+    """Return the module of one's own that an executed module is; None for all others."""
+    if not module.startswith(OWN_PREFIX):
+        return None
+    found = sys.modules.get(module)
+    return found.own if isinstance(found, ExecutedModule) else None
+
+
+def reduced_class(component: type[Any]) -> Any:
+    """Return how a class is pickled: by its name, or of one's own with the bytes of its module."""
+    own = own_module(component.__module__)
+    qualified = component.__qualname__
+    return qualified if own is None else (_named_in, (own, qualified))
+
+
+def _named_in(own: OwnModule, qualified: str) -> Any:
+    found: Any = executed(own)
+    for name in qualified.split("."):
+        found = getattr(found, name)
+    return found
