@@ -36,6 +36,15 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def needed(method: F) -> F:
+    """Mark a method, or the function of a property, that a class which a file can name defines."""
+    method.is_needed = True  # type: ignore[attr-defined]
+    return method
+
+
 class UnknownComponentError(UserError, ValueError):
     """A name that no component of a kind has, as in a file of a later version."""
 
@@ -166,12 +175,42 @@ class Component(Declared):
         cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
         setattr(cls, cls.named_by, name)
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Refuse a class that a file can name, and that lacks what its kind needs.
+
+        Raises
+        ------
+        TypeError
+            With the names of class and methods.
+        """
+        super().__init_subclass__(**options)
+        if cls.names():
+            cls.check_complete()
+
+    @classmethod
+    def check_complete(cls) -> None:
+        """Raise a TypeError if the class lacks a method that its kind needs."""
+        if lacking := list(cls.lacking()):
+            wanted = " and ".join(f"{name} of {kind}" for name, kind in lacking)
+            raise TypeError(f"class {cls.__qualname__} does not define {wanted}")
+
+    @classmethod
+    def lacking(cls) -> Iterator[tuple[str, str]]:
+        """Yield each method that the kind needs and the class lacks, and the class that asks it."""
+        known = set(cls.model_fields)
+        for kind in cls.__mro__:
+            for name, found in vars(kind).items():
+                if name not in known and _is_needed(found):
+                    yield name, kind.__qualname__
+            known.update(vars(kind))
+
     @property
     def name(self) -> str:
         """Name in a campaign file; empty of a component without alternatives."""
         return next(iter(self.names()), "")
 
     @property
+    @needed
     def summary(self) -> str:
         """One line on the component, as `agglom check` prints it."""
         raise NotImplementedError
@@ -283,7 +322,18 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
     if not issubclass(found, kind):
         message = f"is {quoted(name)}, which is no subclass of {kind.__name__}"
         raise UnknownComponentError(message)
+    try:
+        found.check_complete()
+    except TypeError as error:
+        raise UnknownComponentError(f"is {quoted(name)}, but {error}") from None
     return found
+
+
+def _is_needed(attribute: Any) -> bool:
+    """Return whether an attribute of a class is marked by `needed`, or is abstract."""
+    function = attribute.fget if isinstance(attribute, property) else attribute
+    marks = ("is_needed", "__isabstractmethod__")
+    return any(getattr(function, mark, False) is True for mark in marks)
 
 
 def names_of(component: type[Declared]) -> tuple[str, ...]:

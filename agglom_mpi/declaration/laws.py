@@ -1,7 +1,7 @@
 """Laws: components whose formulas are compiled into the kernels of a scene."""
 
 import collections
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
 from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula, law_of
@@ -73,6 +73,11 @@ class Law(Component):
             numbers.__reduce__ = _reduced_numbers
         cls.Numbers = numbers
         declare_numbers(numbers, cls)
+
+    @classmethod
+    def lacking(cls) -> Iterator[tuple[str, str]]:
+        """Yield each formula that is missing; an absent law needs none."""
+        return iter(()) if cls.is_absent else super().lacking()
 
     def build(self, value: Values) -> Submodel:
         """Return the law's numbers as kernels see them, None if it is absent.

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.components import In, needed
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.physics.pair import ContactPair
@@ -56,14 +56,17 @@ class Duration(Law):
 
     takes_published_steps: ClassVar[bool] = False
 
+    @needed
     def force_scale(self, pair: ContactPair) -> float:
         """Mean force J/δt at e = 0 in N."""
         raise NotImplementedError
 
+    @needed
     def restitution_factor(self, restitution: float) -> float:
         """Mean force over that at e = 0, dimensionless; must not fall with e."""
         raise NotImplementedError
 
+    @needed
     def restitution_factor_slope(self, deficit: float) -> float:
         """−d ln(restitution factor)/d ln d, dimensionless; must not fall with the deficit d."""
         raise NotImplementedError

@@ -4,6 +4,7 @@ import math
 from typing import ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import formula, inlined
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
 
 FRAGMENTATION: Final = Group(
@@ -23,6 +24,7 @@ class FragmentCount(NamedTuple):
 class Fragmentation(Law):
     """Law of the breakage of aggregates; the variable `surface_energy` is γ in J/m²."""
 
+    @needed
     def breakage(
         self, pair_loss: float, own_change: float, radius: float, grains: int
     ) -> FragmentCount:

@@ -3,6 +3,7 @@
 from typing import ClassVar, Literal
 
 from agglom_mpi.compilation.stages import formula, inlined
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.physics.pair import ContactPair
 
@@ -13,10 +14,12 @@ class Friction(Law):
     Neither paper caps it; without the cap friction reverses the slip and makes energy.
     """
 
+    @needed
     def tangential_impulse(self, pair: ContactPair, deficit: float) -> float:
         """Friction impulse in N s of a bounce with 1 − e = `deficit`."""
         raise NotImplementedError
 
+    @needed
     def impulse_slopes(self, pair: ContactPair, lower: float, upper: float) -> tuple[float, float]:
         """Least and largest slope in N s of the impulse over the deficits [lower, upper]."""
         raise NotImplementedError

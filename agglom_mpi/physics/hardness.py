@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import formula
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.heating import keeps_root_unique
@@ -41,10 +42,12 @@ class Hardness(Law):
     exponent_symbol: ClassVar[str] = "ln(H/H0)"
     least_exponent: ClassVar[float] = 0.0
 
+    @needed
     def log_hardening(self, temperature: float) -> float:
         """ln(H/H₀) at `temperature` in K, dimensionless; +inf where the grain does not yield."""
         raise NotImplementedError
 
+    @needed
     def softening_rate(self, temperature: float) -> float:
         """−d ln H/dθ in 1/K at `temperature` > 0 K; must not rise with the temperature.
 

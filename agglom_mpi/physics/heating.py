@@ -7,6 +7,7 @@ straight line through its upper end, with the least slope that the heat has in t
 from typing import ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
 from agglom_mpi.physics.friction import (
     friction_loss,
@@ -26,18 +27,21 @@ HEATING: Final = Group(
 class Heating(Law):
     """Law of the heat that the spheres of a pair get from the energy that they lose."""
 
+    @needed
     def impact_heats(
         self, friction: Submodel | None, pair: ContactPair, deficit: float
     ) -> tuple[float, float]:
         """Mechanical heats (q_i, q_j) in J of a bounce with 1 − e = `deficit`."""
         raise NotImplementedError
 
+    @needed
     def least_heat_slopes(
         self, friction: Submodel | None, pair: ContactPair, lower: float, upper: float
     ) -> tuple[float, float]:
         """Lower bounds in J of the slopes of both heats with the deficit, over [lower, upper]."""
         raise NotImplementedError
 
+    @needed
     def merge_heat(self, pair: ContactPair) -> float:
         """Mechanical heat in J of both spheres together when they bond."""
         raise NotImplementedError

@@ -3,6 +3,7 @@
 from typing import ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import formula
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
 
 REACTION: Final = Group(
@@ -21,6 +22,7 @@ REACTION: Final = Group(
 class Reaction(Law):
     """Law of the heat that a contact sets free in each of its two spheres."""
 
+    @needed
     def contact_heat(self, area: float) -> float:
         """Reaction heat of one sphere in J, from the contact area in m²."""
         raise NotImplementedError

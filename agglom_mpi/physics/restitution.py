@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import In, Setting
+from agglom_mpi.declaration.components import In, Setting, needed
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Group, Law, Values
 from agglom_mpi.physics.contact import (
@@ -77,6 +77,7 @@ class Restitution(Law):
     needs_contact_pressure: ClassVar[bool] = False
     contacts_last: ClassVar[bool] = False
 
+    @needed
     def solve_restitution(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
         """Deficit 1 − e of a pair under the scene's laws, or bonding."""
         raise NotImplementedError
@@ -188,6 +189,7 @@ class Solver(Law):
 
     may_be_own = False
 
+    @needed
     def solve_pressure_law(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
         """Solution of e = G(e) for a pair, or bonding."""
         raise NotImplementedError

@@ -14,6 +14,7 @@ from agglom_mpi.declaration.components import (
     UnknownComponentError,
     class_named,
     names_of,
+    needed,
 )
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import Line
@@ -65,6 +66,7 @@ class Sizes(Component):
         return super().as_mapping(entry)
 
     @property
+    @needed
     def mean_diameter(self) -> float | None:
         """Mean diameter in m; None where the law is of sizes relative to the mean."""
         raise NotImplementedError
@@ -74,6 +76,7 @@ class Sizes(Component):
         """The distribution of radii; one object, which calculates its moments once."""
         return self.build()
 
+    @needed
     def build(self) -> SizeLaw:
         """Return the distribution of radii over their mean."""
         raise NotImplementedError

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from agglom_mpi.compilation.stages import formula
-from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.components import In, needed
 from agglom_mpi.declaration.laws import Law
 
 
@@ -15,14 +15,17 @@ class Velocities(Law):
 
     variables = ("relative_speed",)
 
+    @needed
     def draw_velocities(self, random: np.random.Generator, velocity: np.ndarray) -> None:
         """Fill `velocity`, shape (3, N), m/s, with random starting velocities."""
         raise NotImplementedError
 
+    @needed
     def variance(self, speed: float) -> float:
         """Return ⟨|v − ⟨v⟩|²⟩ in m²/s² for v⁰ = `speed` in m/s."""
         raise NotImplementedError
 
+    @needed
     def fastest_approach(self, speed: float) -> float:
         """Return the highest approach speed of two grains at the start, m/s."""
         raise NotImplementedError

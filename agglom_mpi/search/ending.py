@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from agglom_mpi.declaration.components import Component, In, Whole
+from agglom_mpi.declaration.components import Component, In, Whole, needed
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.search.methods.method import RunningSearch, SearchMethod
 from agglom_mpi.search.objectives.objective import Objective
@@ -54,6 +54,7 @@ class EndingCriterion(Component):
         entries = super().entries()
         return entries[self.key] if self._is_one_value() else entries
 
+    @needed
     def holds(self, generations: int, search: RunningSearch) -> bool:
         """Return whether the campaign ends.
 
@@ -75,6 +76,7 @@ class EndingCriterion(Component):
         return False
 
     @property
+    @needed
     def reached(self) -> str:
         """Statement that it holds, for the end of a run."""
         raise NotImplementedError

@@ -20,7 +20,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, In, Whole
+from agglom_mpi.declaration.components import Component, In, Whole, needed
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.formatting import pluralise
@@ -112,6 +112,7 @@ class StoppingRule(Component):
         return self.highest_moment > 1
 
     @property
+    @needed
     def label(self) -> str:
         """The rule with its tolerance, for legends."""
         raise NotImplementedError
@@ -121,6 +122,7 @@ class StoppingRule(Component):
         """Quantity that the tolerance is relative to; None: it is in units of the objective."""
         return None
 
+    @needed
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Return whether the sample between two states was the last one needed, elementwise."""
         raise NotImplementedError

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 
 from agglom_mpi.compilation.stages import formula, inlined, inlined_allocating
+from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Law
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -21,18 +22,22 @@ class Boundary(Law):
         """Return the name alone."""
         return self.name
 
+    @needed
     def separation(self, difference: float, half_width: float) -> float:
         """Signed component in m of the vector between two particles in the box."""
         raise NotImplementedError
 
+    @needed
     def distance_along(self, difference: float, half_width: float) -> float:
         """Magnitude in m of `separation`, without a branch."""
         raise NotImplementedError
 
+    @needed
     def wrapped(self, coordinate: float, half_width: float) -> float:
         """Coordinate in m at which a particle that may have left the box is put."""
         raise NotImplementedError
 
+    @needed
     def nearest_image(self, difference: float, side: float, per_side: float) -> float:
         """`separation` in m of particles that may be outside the box, without a branch.
 
@@ -40,6 +45,7 @@ class Boundary(Law):
         """
         raise NotImplementedError
 
+    @needed
     def clamped_position(self, scene: Any, position: Vector) -> Vector:
         """Place in m of a particle whose leaving the box is an event of its own, three components.
 
@@ -47,6 +53,7 @@ class Boundary(Law):
         """
         raise NotImplementedError
 
+    @needed
     def is_periodic(self) -> bool:
         """Whether contacts reach across faces."""
         raise NotImplementedError

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import agglom_mpi.compilation.kernels  # noqa: F401  (gives the formulas to Numba)
 from agglom_mpi.physics.cooling import (
     SHORT,
     QuarticCooling,

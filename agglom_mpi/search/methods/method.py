@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, P
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, Whole
+from agglom_mpi.declaration.components import Component, Whole, needed
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.given_values import EarlierCampaign, GivenStrings
 from agglom_mpi.formatting import pluralise
@@ -138,14 +138,17 @@ class SearchMethod(Component):
         return cls.of_entries(entries) if known else None
 
     @property
+    @needed
     def first_generation(self) -> int:
         """Number of strings in the first generation."""
         raise NotImplementedError
 
+    @needed
     def strings(self, generations: int) -> int:
         """Return the number of strings in `generations` generations."""
         raise NotImplementedError
 
+    @needed
     def build(self, inputs: SearchInputs) -> RunningSearch:
         """Return the search before its first generation."""
         raise NotImplementedError
