@@ -7,7 +7,7 @@ it.
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, TypeAlias, TypeVar
 
 Submodel: TypeAlias = Any
@@ -25,6 +25,7 @@ OWN_PREFIX: Final = "agglom_own_"
 _LAWS: Final[dict[type, type]] = {}
 _WAITING: Final[list[Callable[[Any], None]]] = []
 _COMPILERS: Final[list[Any]] = []
+_FORMULAS: Final[list[tuple[type, str, Callable[..., Any]]]] = []
 
 
 def declare_numbers(numbers: type, law: type) -> None:
@@ -35,6 +36,16 @@ def declare_numbers(numbers: type, law: type) -> None:
 def law_of(numbers: Any) -> Any:
     """Return the law whose numbers these are."""
     return _LAWS[type(numbers)]
+
+
+def laws_in(models: Iterable[Any]) -> Iterator[Any]:
+    """Yield those of several submodels that are the numbers of a law."""
+    return (model for model in models if type(model) in _LAWS)
+
+
+def formulas_of(law: type) -> dict[str, Callable[..., Any]]:
+    """Return the formulas of a law's kind by name: the methods of its base classes."""
+    return {name: method for kind, name, method in _FORMULAS if issubclass(law, kind)}
 
 
 def attach(compiler: Any) -> None:
@@ -203,6 +214,7 @@ def formula(kind: Any, method: Callable[..., R]) -> Callable[..., R]:
     method
         Its method: the signature, and what it computes unless a law says otherwise.
     """
+    _FORMULAS.append((kind, method.__name__, method))
     found: Callable[..., R] = _dispatched(method, "dispatched", kind)
     return found
 

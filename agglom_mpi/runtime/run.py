@@ -94,13 +94,22 @@ def run_on_all_ranks(
             raise
         if isinstance(error, KeyboardInterrupt):
             print("interrupted; run the same command again to continue", file=sys.stderr)
+        elif isinstance(error, UserError):  # a law of the user's that does not compile
+            print(error_text(error), file=sys.stderr)
         else:
             text = exhausted(error)
             shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
             print(f"rank {world.rank}:{shown}", file=sys.stderr)
         sys.stderr.flush()
-        end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
+        end_job(world, _exit_code(error))
         raise
+
+
+def _exit_code(error: BaseException) -> int:
+    """Return what a job ends with that an error ends."""
+    if isinstance(error, UserError):
+        return error.exit_code
+    return STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE
 
 
 def run_worker(world: "Intracomm") -> int:

@@ -29,6 +29,7 @@ from agglom_mpi.simulation import initial_state, sample, trajectory
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.impact import solve_impact
+from agglom_mpi.simulation.own_laws import check_own_laws
 from agglom_mpi.simulation.particles import new_ledger, new_particles
 from agglom_mpi.simulation.scene import Scene, new_engine_state
 
@@ -104,7 +105,7 @@ def compile_kernels(
         for name in [*_called(scene), *names]:
             if name == ENGINE:
                 finish()
-            compiled |= compile_ahead(*_example(name, scene))
+            compiled |= _compile(name, scene)
             if is_new.get(name):
                 show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
     for what in [_ALL, FRAMES] if frames else [_ALL]:
@@ -112,6 +113,21 @@ def compile_kernels(
             mark_of(scene, what).touch()
     # What was compiled before may be missing from the cache, or be damaged.
     return time.perf_counter() - begin if new or compiled else 0.0
+
+
+def _compile(name: str, scene: Scene) -> bool:
+    """Compile or load a kernel of a scene; return whether it was compiled.
+
+    Raises
+    ------
+    UncompiledLawError
+        If a law of the user's cannot be compiled.
+    """
+    try:
+        return compile_ahead(*_example(name, scene))
+    except Exception:  # Numba raises many kinds
+        check_own_laws(scene)
+        raise
 
 
 def ensure_compiled(scene: Scene, frames: bool = False) -> None:
