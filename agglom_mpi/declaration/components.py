@@ -322,10 +322,6 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
     if not issubclass(found, kind):
         message = f"is {quoted(name)}, which is no subclass of {kind.__name__}"
         raise UnknownComponentError(message)
-    try:
-        found.check_complete()
-    except TypeError as error:
-        raise UnknownComponentError(f"is {quoted(name)}, but {error}") from None
     return found
 
 

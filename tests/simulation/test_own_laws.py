@@ -42,7 +42,7 @@ MUTANTS = {
     "a dict": ("        s = {}\n        s['a'] = pair.radius\n", "s['a']"),
     "two kinds of result": (
         "        if pair.radius > 1.0:\n            return 0.5\n",
-        "return Rest",
+        "return 0.5|return Rest",
     ),
     "another result": ("        return 0.5\n", "def solve"),
     "a text as deficit": (
