@@ -1,6 +1,7 @@
 """What a finished run should be looked at for again, one line each."""
 
 from collections.abc import Iterator
+from math import inf
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason
+from agglom_mpi.physics.restitution import Solver
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -27,7 +29,8 @@ def run_warnings(file: "CampaignData") -> list[str]:
     """Return lines on a finished campaign; none of one that is still to go on.
 
     They say that the target was not reached, that the best string lies at the edge of the search
-    box, has few particles left or samples that jammed, and in how many strings nothing happened.
+    box, has few particles left or samples that jammed, in how many strings nothing happened, and
+    that impact equations were not solved.
     """
     ranked = rank_strings(file)
     if file.status().state != "finished" or not ranked.order:
@@ -39,6 +42,7 @@ def run_warnings(file: "CampaignData") -> list[str]:
         *_few(file, best),
         *_jammed(file, best),
         *_idle(file, ranked),
+        *_unsolved(file),
     ]
 
 
@@ -124,4 +128,19 @@ def _idle(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
         yield (
             f"variables: in none of {judged} did any grains bond, so b/b0 stayed 1; "
             "faster, denser or softer grains bond"
+        )
+
+
+def _unsolved(file: "CampaignData") -> Iterator[str]:
+    """Yield how far impacts were left from e = G(e), where the solver promises a root."""
+    name = file.identity.get("scene.solver.law")
+    most = Solver.components()[name].largest_residual if name in Solver.components() else inf
+    rows = file.all_sample_rows()
+    residuals = rows["largest_residual"][rows["state"] == COMPLETED]
+    unsolved = int((residuals > most).sum())
+    if unsolved:
+        yield (
+            f"scene.solver: in {unsolved:,} of {pluralise(len(residuals), 'completed sample')} an "
+            f"impact was left with |e - G(e)| up to {residuals.max():.3g}; usual is below "
+            f"{most:g}, so the restitution that the laws give may jump, or have no such root"
         )

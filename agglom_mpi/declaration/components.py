@@ -26,6 +26,7 @@ from typing import (
 
 from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
+from agglom_mpi.declaration.needed import missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
 from agglom_mpi.declaration.units import check_si, quoted, to_si
@@ -34,15 +35,6 @@ from agglom_mpi.errors import UserError
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, ValidationInfo
     from pydantic_core import CoreSchema
-
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def needed(method: F) -> F:
-    """Mark a method, or the function of a property, that a class which a file can name defines."""
-    method.is_needed = True  # type: ignore[attr-defined]
-    return method
 
 
 class UnknownComponentError(UserError, ValueError):
@@ -159,13 +151,22 @@ class Component(Declared):
     own: ClassVar[OwnModule | None] = None
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Give a class of one's own its name."""
+        """Give a class of one's own its name, and refuse one of the package that is not complete.
+
+        Raises
+        ------
+        TypeError
+            If the class lacks what its kind needs. One of one's own may be a base class, and is
+            checked when a file names it.
+        """
         super().__init_subclass__(**options)
         cls.own = own_module(cls.__module__)
         if cls.own is not None and cls.may_be_own:
             cls._call(f"{cls.own.file}:{cls.__name__}")
             for field in cls.model_fields.values():
                 check_si(unit_of(field))
+        elif cls.names():
+            cls.check_complete()
 
     @classmethod
     def _call(cls, name: str) -> None:
@@ -174,18 +175,6 @@ class Component(Declared):
         literal: Any = Literal.__getitem__(name)
         cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
         setattr(cls, cls.named_by, name)
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Refuse a class that a file can name, and that lacks what its kind needs.
-
-        Raises
-        ------
-        TypeError
-            With the names of class and methods.
-        """
-        super().__init_subclass__(**options)
-        if cls.names():
-            cls.check_complete()
 
     @classmethod
     def check_complete(cls) -> None:
@@ -196,13 +185,8 @@ class Component(Declared):
 
     @classmethod
     def lacking(cls) -> Iterator[tuple[str, str]]:
-        """Yield each method that the kind needs and the class lacks, and the class that asks it."""
-        known = set(cls.model_fields)
-        for kind in cls.__mro__:
-            for name, found in vars(kind).items():
-                if name not in known and _is_needed(found):
-                    yield name, kind.__qualname__
-            known.update(vars(kind))
+        """Yield each method that the class lacks, and the base class that needs it."""
+        return missing_methods(cls)
 
     @property
     def name(self) -> str:
@@ -322,14 +306,12 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
     if not issubclass(found, kind):
         message = f"is {quoted(name)}, which is no subclass of {kind.__name__}"
         raise UnknownComponentError(message)
+    if found.own is not None:
+        try:
+            found.check_complete()
+        except TypeError as error:
+            raise UnknownComponentError(f"is {quoted(name)}, but {error}") from None
     return found
-
-
-def _is_needed(attribute: Any) -> bool:
-    """Return whether an attribute of a class is marked by `needed`, or is abstract."""
-    function = attribute.fget if isinstance(attribute, property) else attribute
-    marks = ("is_needed", "__isabstractmethod__")
-    return any(getattr(function, mark, False) is True for mark in marks)
 
 
 def names_of(component: type[Declared]) -> tuple[str, ...]:

@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import In, needed
+from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.pair import ContactPair
 
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, NamedTupl
 import numpy as np
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import In, needed
+from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Law, Values
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.constants import STEFAN_BOLTZMANN
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)

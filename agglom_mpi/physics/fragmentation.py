@@ -4,8 +4,8 @@ import math
 from typing import ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import formula, inlined
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
+from agglom_mpi.declaration.needed import needed
 
 FRAGMENTATION: Final = Group(
     "ρv²b/γ",

@@ -3,8 +3,8 @@
 from typing import ClassVar, Literal
 
 from agglom_mpi.compilation.stages import formula, inlined
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.pair import ContactPair
 
 

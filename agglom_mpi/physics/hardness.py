@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import formula
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.heating import keeps_root_unique
 

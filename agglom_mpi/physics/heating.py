@@ -7,8 +7,8 @@ straight line through its upper end, with the least slope that the heat has in t
 from typing import ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.friction import (
     friction_loss,
     impulse_slopes,

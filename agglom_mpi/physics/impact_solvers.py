@@ -26,6 +26,11 @@ SMALLEST_LOG: Final = -600.0
 TOLERANCE: Final = 4e-15
 STEP_CAP: Final = 10_000
 
+LARGEST_RESIDUAL: Final = 1e-6
+"""Largest |e − G(e)| at a root of laws that are smooth: `TOLERANCE` of ln d times the slope of
+ln r, which grows with the hardening U/(Rθ), and rounding; seen are 1e-10. A jump leaves its height.
+"""
+
 
 @inlined
 def lower_bracket(laws: ImpactLaws, pair: ContactPair, scale: float, start: float) -> float:
@@ -114,6 +119,7 @@ class BracketedRoot(Solver):
 
     law: Literal["root"] = "root"
     summary: ClassVar[str] = "e = G(e) by a bracketed root finder"
+    largest_residual = LARGEST_RESIDUAL
 
     def solve_pressure_law(self, laws, pair):
         """Smallest root in e, by bracketing."""

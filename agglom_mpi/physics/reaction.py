@@ -3,8 +3,8 @@
 from typing import ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import formula
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Group, Law
+from agglom_mpi.declaration.needed import needed
 
 REACTION: Final = Group(
     "κ/(ρbCθ)",

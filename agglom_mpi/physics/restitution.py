@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
-from agglom_mpi.declaration.components import In, Setting, needed
+from agglom_mpi.declaration.components import In, Setting
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.laws import Group, Law, Values
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.contact import (
     ContactArea,
     area_fraction,
@@ -185,9 +186,16 @@ class LastingContact(ConstantRestitution):
 
 
 class Solver(Law):
-    """How e = G(e) is solved  [A 6] [B 4.13]."""
+    """How e = G(e) is solved  [A 6] [B 4.13].
+
+    Attributes
+    ----------
+    largest_residual
+        Largest |e − G(e)| that it leaves where the laws are smooth; inf if it promises none.
+    """
 
     may_be_own = False
+    largest_residual: ClassVar[float] = math.inf
 
     @needed
     def solve_pressure_law(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:

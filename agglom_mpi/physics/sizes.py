@@ -14,10 +14,10 @@ from agglom_mpi.declaration.components import (
     UnknownComponentError,
     class_named,
     names_of,
-    needed,
 )
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (

@@ -6,8 +6,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from agglom_mpi.compilation.stages import formula
-from agglom_mpi.declaration.components import In, needed
+from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.needed import needed
 
 
 class Velocities(Law):

@@ -10,8 +10,9 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from agglom_mpi.declaration.components import Component, In, Whole, needed
+from agglom_mpi.declaration.components import Component, In, Whole
 from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.search.methods.method import RunningSearch, SearchMethod
 from agglom_mpi.search.objectives.objective import Objective
 

@@ -20,9 +20,10 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, In, Whole, needed
+from agglom_mpi.declaration.components import Component, In, Whole
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 
 from agglom_mpi.compilation.stages import formula, inlined, inlined_allocating
-from agglom_mpi.declaration.components import needed
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.needed import needed
 
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -41,3 +41,24 @@ def test_a_run_that_is_still_to_go_on_is_not_warned_of(path, tmp_path):
     status = file.status()
     file.status = lambda: status._replace(state="stopped")
     assert run_warnings.run_warnings(file) == []
+
+
+@pytest.mark.parametrize(("residual", "warned"), [(1e-9, 0), (1e-3, 1)])
+def test_impacts_that_were_not_solved_are_counted(path, residual, warned):
+    file = read_campaign(path)
+    rows = file.all_sample_rows().copy()
+    rows["largest_residual"][:2] = residual
+    file.all_sample_rows = lambda: rows
+    lines = [line for line in run_warnings.run_warnings(file) if line.startswith("scene.solver:")]
+    assert len(lines) == warned
+    assert all(f"in 2 of {len(rows)} completed samples" in line for line in lines)
+
+
+def test_the_published_iteration_promises_no_root(path):
+    file = read_campaign(path)
+    rows = file.all_sample_rows().copy()
+    rows["largest_residual"] = 0.5
+    file.all_sample_rows = lambda: rows
+    file.identity = {**file.identity, "scene.solver.law": "iteration"}
+    lines = run_warnings.run_warnings(file)
+    assert not [line for line in lines if line.startswith("scene.solver:")]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import needed
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
 from agglom_mpi.search.methods.method import NO_STRINGS, PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, P
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, Whole, needed
+from agglom_mpi.declaration.components import Component, Whole
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.given_values import EarlierCampaign, GivenStrings
+from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
