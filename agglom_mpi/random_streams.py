@@ -56,7 +56,7 @@ def sample_stream(
     seed
         Seed of the campaign, not negative.
     parameters
-        The ten variables in SI units, shape (10,).
+        Numbers that the string's samples depend on, in SI units, shape (k,).
     sample
         Sample number from 0.
     common

@@ -21,7 +21,7 @@ from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.few_body import few_body_section
 from agglom_mpi.accuracy.impact_solver import impact_solver_section
 from agglom_mpi.accuracy.run_times import busy_lines
-from agglom_mpi.accuracy.study import Rows, Setup, Study, completed, scene_error
+from agglom_mpi.accuracy.study import Rows, Setup, Study, closed, completed, scene_error
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
@@ -33,7 +33,7 @@ from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
-from agglom_mpi.variables import VARIABLES, values_by_name, volume_fraction
+from agglom_mpi.variables import TEN, volume_fraction
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -147,7 +147,10 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
         pool = max(size.pool, options.samples)
         size = size._replace(samples=options.samples, pool=pool, again=options.samples)
     campaign, scenes = _read_sources(options.sources, options.allow_code)
-    parameters = campaign.parameters(options.settings) if campaign else np.zeros(0)
+    parameters = np.zeros(0)
+    if campaign is not None:
+        campaign, parameters = closed(campaign, campaign.parameters(options.settings))
+    scenes = {name: closed(scene, scene.parameters())[0] for name, scene in scenes.items()}
     history = read_inversion(options.history) if options.history else None
     setups: dict[str, Setup] = {}
     if campaign is not None:
@@ -227,7 +230,7 @@ def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Re
     if not quick:
         yield few_body_section()
     yield impact_solver_section(quick)
-    yield cooling_section(campaign.scene.build(parameters), quick)
+    yield cooling_section(campaign.at(parameters).build(), quick)
     if not quick:
         yield published_method.end_to_end(campaign, samples)
     yield ensemble_section(campaign, completed(samples[time_integration.EVENT]), quick)
@@ -253,13 +256,13 @@ def _command(options: AccuracyOptions) -> str:
 def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
     """Yield what was measured, and how long it took."""
     if plan.campaign is not None:
-        values = values_by_name(plan.parameters)
+        values = TEN.values_by_name(plan.parameters)
         fraction = volume_fraction(values["size_ratio"], plan.campaign.scene.third_moment)
         yield f"{plan.campaign.scene.particles} particles, volume fraction {fraction:.3g}"
         yield ", ".join(
             f"{variable.name} {values[variable.name]:.6g}"
             f"{'' if variable.unit == '1' else ' ' + variable.unit}"
-            for variable in VARIABLES
+            for variable in TEN.variables
             if variable.name in plan.campaign.variables.used
         )
     ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()

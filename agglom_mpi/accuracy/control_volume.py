@@ -136,7 +136,7 @@ def measure(
     Parameters
     ----------
     campaign, parameters
-        The scene and the string, shape (10,), SI units.
+        The scene and the string, shape (k,), SI units.
     samples
         Rows of each of `setups`, and of the event engine.
     quick

@@ -14,7 +14,7 @@ from agglom_mpi.accuracy.document import (
     TableColumn,
     draw_curves,
 )
-from agglom_mpi.accuracy.study import Rows, Setup, completed
+from agglom_mpi.accuracy.study import Rows, Setup, closed, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import campaign_of_record
@@ -25,7 +25,6 @@ from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -64,11 +63,9 @@ def setups(
             message = "is a function that is not run from a file: give its unchanged campaign, too"
             raise CampaignError(Problem(campaign.name, None, "objective.call", message))
         campaign = replace(campaign, user_function=allowed)
-    parameters = {int(row["string"]): row for row in history.string_rows()}
     return {
         name_of(string): Setup(
-            campaign,
-            np.array([parameters[string][name] for name in NAMES]),
+            *closed(campaign, history.parameters[string]),
             samples,
             first_sample=history.max_samples,
         )
@@ -123,10 +120,11 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
-    objective, rows = campaign_objective(history), []
+    campaign, rows = campaign_of(history), []
     for row in history.generation_rows():
         string = int(row["best_string"])
         good = completed(samples[name_of(string)])
+        objective = campaign.objective_at(history.parameters[string])
         value, error = objective.of_rows(good)
         rows.append(
             {

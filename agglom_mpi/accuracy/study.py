@@ -7,9 +7,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
+from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
@@ -23,7 +25,7 @@ from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import STUDY
-from agglom_mpi.variables import values_by_name
+from agglom_mpi.variables import TEN
 
 Rows = NDArray[np.void]
 """Samples with the columns of `OUTCOME` and of `/samples`, shape (n,)."""
@@ -41,7 +43,8 @@ class Setup(NamedTuple):
     Attributes
     ----------
     campaign : Campaign
-        Its scene, seed and objective; what else it says is not used.
+        Its scene, seed and objective; what else it says is not used. All numbers of the scene are
+        in the scene; see `closed`.
     parameters : array, shape (10,), SI units
     samples : int
         Samples to simulate.
@@ -66,15 +69,31 @@ class Setup(NamedTuple):
         yield "engine", self.engine.entries() if self.engine else None
         yield "samples", self.samples
         yield "first_sample", self.first_sample
-        for name, value in values_by_name(self.parameters).items():
+        for name, value in TEN.values_by_name(self.parameters).items():
             if name in self.campaign.variables.used:
                 yield f"parameters.{name}", value
+
+
+def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, NDArray[np.float64]]:
+    """Return a campaign whose scene has the numbers that a string, (k,), gives, and the other ten.
+
+    A study compares set-ups of several campaigns in one file, whose strings are of the variables
+    that all campaigns have.
+    """
+    if not campaign.variables.paths:
+        return campaign, string
+    section, values = campaign.at(string)
+    rest = np.array([values[name] for name in TEN.names])
+    nowhere = np.zeros(TEN.count, np.bool_)
+    used = tuple(name for name in TEN.names if not np.isnan(values[name]))
+    box = Bounds(rest, rest, nowhere, nowhere, used, (), third_moment=section.third_moment)
+    return replace(campaign, scene=section, variables=box, relations=NO_RELATIONS), rest
 
 
 def scene_error(setup: Setup) -> str:
     """Return why the scene of a set-up cannot be simulated; empty if it can."""
     try:
-        setup.campaign.scene.build(setup.parameters, setup.engine)
+        setup.campaign.at(setup.parameters).build(setup.engine)
     except ValueError as error:
         return str(error)
     return ""
@@ -207,7 +226,7 @@ class Study(Experiment):
         parameters = np.array([setup.parameters for setup in self._by_string])
         return Inversion(
             FixedProposals(parameters),
-            ensembles.__next__,
+            lambda string: next(ensembles),
             Generations(generations=1),
             restore=restore,
         )

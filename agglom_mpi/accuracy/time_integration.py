@@ -77,8 +77,8 @@ def name_of(stepper: Stepper) -> str:
 
 
 def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
-    """Return the end time of a campaign's scene in s; `parameters` has shape (10,), SI units."""
-    return campaign.scene.build(parameters).end_time
+    """Return the end time of a campaign's scene in s; `parameters` has shape (k,), SI units."""
+    return campaign.at(parameters).build().end_time
 
 
 def setups(
@@ -108,7 +108,7 @@ def time_integration_section(
     Parameters
     ----------
     campaign, parameters
-        The scene and the string, shape (10,), SI units.
+        The scene and the string, shape (k,), SI units.
     samples
         Rows of each of `setups`.
     quick

@@ -17,7 +17,6 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import NAMES
 
 REESTIMATED: Final = (
     "objective",
@@ -109,7 +108,7 @@ def _entry(
     """Return the numbers of a string: as searched, and under `reestimate` on fresh samples."""
     number = int(result["string"])
     entry: dict[str, Any] = {"string": number}
-    for name in NAMES:
+    for name in file.variables.names:
         if not np.isnan(string[name]):
             entry[name] = float(string[name])
     for name in ("objective", "standard_error", "mean_radius_ratio", "growth_number"):

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.estimates import Estimate, objective_at
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, mean_of, t_tails
@@ -52,9 +52,10 @@ class PairedSamples:
             return None
         fresh = data.fresh_samples
         fresh = fresh[fresh["state"] == COMPLETED]
-        law = objective_of(data)
         strings = [estimate.string for estimate in estimates if estimate.known]
-        return cls({i: sample_values(law, fresh[fresh["string"] == i]) for i in strings})
+        return cls(
+            {i: sample_values(objective_at(data, i), fresh[fresh["string"] == i]) for i in strings}
+        )
 
     def difference(self, one: int, other: int) -> MeanEstimate:
         """Return the objective of `one` minus that of `other`, over the samples that both have."""

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.derived import DerivedColumn, columns_of
-from agglom_mpi.storage.reader import parameters_of
-from agglom_mpi.storage.schema import INVERSION
+from agglom_mpi.storage.schema import INVERSION, parameters_of
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED, FailureReason
-from agglom_mpi.physics.size_distributions import SizeLaw, draw_radii, third_moment
-from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.physics.size_distributions import SizeLaw, draw_radii
 from agglom_mpi.statistics import MeanEstimate, mean_of
-from agglom_mpi.variables import NAMES, volume_fraction
+from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -71,10 +70,10 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
     done = rows["sample"][rows["state"] == COMPLETED]
     if campaign.scene.size_law is None or not len(done):
         return None
-    size_ratio = file.parameters[string][NAMES.index("size_ratio")]
-    wanted = volume_fraction(float(size_ratio), campaign.scene.third_moment)
+    section, values = campaign.at(file.parameters[string])
+    wanted = volume_fraction(values["size_ratio"], section.third_moment)
     ratios = _mean_cubes(campaign, file.parameters[string], string, done.tolist())
-    completed = mean_of([wanted / third_moment(campaign.scene.size_law) * cube for cube in ratios])
+    completed = mean_of([wanted / section.third_moment * cube for cube in ratios])
     jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
     return DrawnFraction(completed, wanted, jammed, len(rows))
 
@@ -83,12 +82,12 @@ def _mean_cubes(
     campaign: "Campaign", parameters: np.ndarray, string: int, samples: list[int]
 ) -> list[float]:
     """Return ⟨b³⟩/⟨b⟩³ of the grains of each of the first samples."""
-    law: SizeLaw = campaign.scene.size_law
+    from agglom_mpi.config.simulate import random_numbers
+
+    law: SizeLaw = campaign.at(parameters).section.size_law
     count, first = campaign.scene.particles, campaign.first_sample(string)
     found = []
     for sample in samples[: max(2, MAX_GRAINS // count)]:
-        random = sample_stream(
-            campaign.seed, parameters, first + sample, campaign.common_configurations
-        )
+        random = random_numbers(campaign, parameters, first + sample)
         found.append(float(np.mean(draw_radii(law, random, count) ** 3)))
     return found

@@ -91,10 +91,14 @@ def estimates_of(data: "CampaignData") -> list[Estimate]:
     strings = sorted({*rows["string"].tolist(), *timed_out} & results.keys())
     if not strings:
         return []
-    law, rounding = objective_of(data), rounding_of(data)
+    rounding = rounding_of(data)
     found = [
         estimate(
-            results[string], rows[rows["string"] == string], timed_out.count(string), law, rounding
+            results[string],
+            rows[rows["string"] == string],
+            timed_out.count(string),
+            objective_at(data, string),
+            rounding,
         )
         for string in strings
     ]
@@ -160,6 +164,17 @@ def unconverged(data: "CampaignData") -> int:
 def objective_of(data: "CampaignData") -> "Objective":
     """Return the objective that a campaign searched by."""
     return data.derived(_objective)
+
+
+def objective_at(data: "CampaignData", string: int) -> "Objective":
+    """Return the same for the samples of a string, which start with its own grains."""
+    law = objective_of(data)
+    known = string in data.parameters  # or its row is damaged
+    if not known or not any(name.startswith("sizes.") for name in data.variables.further_names):
+        return law
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
+
+    return recorded_campaign(data).objective_at(data.parameters[string])
 
 
 def _objective(data: "CampaignData") -> "Objective":

@@ -3,7 +3,7 @@
 import json
 import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
@@ -16,10 +16,9 @@ from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.variables import VARIABLES, volume_fraction
+from agglom_mpi.variables import volume_fraction
 
 CONSTRAINTS: Final = "constraints"
-UNITS: Final = {f"variables.{each.name}": each.unit for each in VARIABLES if each.unit != "1"}
 SHOWN: Final = 12
 """Most differing settings that are listed; more are counted."""
 
@@ -36,11 +35,14 @@ class FileComparison(NamedTuple):
         Under `constraints` are lists of those that not all files have, as they are written.
     comparable : bool
         Whether all have the same objective and number of grains.
+    units : dict
+        SI units of the variables that are no pure numbers: `variables.density` -> `kg/m^3`.
     """
 
     summaries: list[Summary]
     differences: dict[str, list[Any]]
     comparable: bool
+    units: dict[str, str]
 
 
 def compare(files: Sequence[CampaignData]) -> FileComparison:
@@ -63,9 +65,10 @@ def compare(files: Sequence[CampaignData]) -> FileComparison:
     decisive = [
         name for name in differences if name == "scene.particles" or name.startswith("objective")
     ]
-    return FileComparison(
-        [collect_summary(file, best=1) for file in files], differences, not decisive
-    )
+    known = {each for file in files for each in file.variables.variables}
+    units = {f"variables.{each.name}": each.unit for each in known if each.unit != "1"}
+    summaries = [collect_summary(file, best=1) for file in files]
+    return FileComparison(summaries, differences, not decisive, units)
 
 
 def _different_constraints(files: Sequence[CampaignData]) -> list[Any]:
@@ -180,16 +183,16 @@ def _footer(comparison: FileComparison) -> Iterator[str]:
                 )
     settings = comparison.differences
     for name, values in list(settings.items())[:SHOWN]:
-        yield _setting(name, values)
+        yield _setting(name, values, comparison.units)
     if len(settings) > SHOWN:
         yield f"and {len(settings) - SHOWN} more settings differ (--json has all)"
     if not settings:
         yield "all are of the same campaign, with the same seed"
 
 
-def _setting(name: str, values: list[Any]) -> str:
+def _setting(name: str, values: list[Any], units: Mapping[str, str]) -> str:
     """Return a setting with its value in each file, in a line; constraints with a line for each."""
-    unit = UNITS.get(name.rpartition(".")[0], "")
+    unit = units.get(name.rpartition(".")[0], "")
     texts = [_text(value) for value in values]
     if name == CONSTRAINTS:
         return "\n".join([f"{name}:", *(f"  file {i}: {text}" for i, text in enumerate(texts, 1))])

@@ -21,11 +21,10 @@ from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
-from agglom_mpi.storage.reader import given_strings, parameters_of
-from agglom_mpi.storage.schema import STUDY
+from agglom_mpi.storage.reader import given_strings
+from agglom_mpi.storage.schema import STUDY, parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
-from agglom_mpi.variables import NAMES
 
 
 class Replayed(NamedTuple):
@@ -146,7 +145,7 @@ def _propose_ahead(inversion: Inversion, last: int) -> None:
 
 
 def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
-    """Return the strings that the search began with, as they are stored, shape (n, 10).
+    """Return the strings that the search began with, as they are stored, shape (n, k).
 
     Where a row is lost, the middle of the box takes its place, so that the others keep theirs.
     """
@@ -182,6 +181,7 @@ def stored_outcomes(
 
 def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
     stored = {int(row["string"]): row for row in report.data.string_rows()}
+    parameters = report.data.parameters
     same: set[int] = set()
     other: set[int] = set()  # some strings are proposed ahead, and again
     for ids, batch in log.batches:
@@ -195,7 +195,7 @@ def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
                 and row["slot"] == batch.slot[i]
                 and row["origin"] == batch.origin[i]
                 and np.array_equal(row["parents"], batch.parents[i])
-                and (believed or _close([row[name] for name in NAMES], batch.parameters[i]))
+                and (believed or _close(parameters[string], batch.parameters[i]))
             )
             (same if agrees else other).add(string)
     if other:

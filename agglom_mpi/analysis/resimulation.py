@@ -19,7 +19,7 @@ AGREEMENT: Final = {
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:
-    """Return the parameters of a string, (10,); raises CampaignError if the file has none."""
+    """Return the parameters of a string, (k,); raises CampaignError if the file has none."""
     if string is not None and string in data.parameters:
         return data.parameters[string].copy()
     said = "is missing" if string is None else f"is {string}"

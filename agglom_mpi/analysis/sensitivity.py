@@ -19,8 +19,9 @@ from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.methods.surrogate import best_and_spread
-from agglom_mpi.storage.reader import CampaignData, parameters_of
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.schema import parameters_of
 
 POINTS: Final = 2048
 """Base points of the estimate, a power of two; it takes d + 2 times as many evaluations."""

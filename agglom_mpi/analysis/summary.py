@@ -25,7 +25,7 @@ from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, sel
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, number_or_none, pluralise
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import VARIABLES
+from agglom_mpi.variables import PAPER_VARIABLES
 
 _WIDE: Final = 10_000
 
@@ -55,6 +55,8 @@ class Summary(NamedTuple):
     """SI units of the derived columns in `best`, by name."""
     best: list[dict[str, Any]]
     verdict: SelectionBias | None
+    further: dict[str, str]
+    """SI units of the variables beside those of the papers, by name."""
 
 
 def collect_summary(file: CampaignData, best: int = 6) -> Summary:
@@ -97,6 +99,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         derived={column.name: column.unit for column in derived_columns(file)},
         best=collect_best(file, best),
         verdict=selection_bias(estimates, PairedSamples.behind(estimates, file), rounding_of(file)),
+        further={variable.name: variable.unit for variable in file.variables.further},
     )
 
 
@@ -145,10 +148,10 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
     ranks = (f"#{rank}" for rank in range(1, len(best) + 1))
     table = FittedTable("", *ranks, gap=1, title=summary.title)
     _add_row(table, "string", best, "string", "d")
-    for variable in VARIABLES:
-        if best and variable.name in best[0]:
-            unit = "" if variable.unit == "1" else f" {variable.unit}"
-            _add_row(table, variable.name + unit, best, variable.name, ".4g")
+    units = {variable.name: variable.unit for variable in PAPER_VARIABLES} | summary.further
+    for name, unit in units.items():
+        if best and name in best[0]:
+            _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
     for name, unit in summary.derived.items():
         _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
     for row in OBJECTIVE_ROWS:
@@ -227,7 +230,10 @@ def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str
     """Return a summary, and `more` entries, for JSON; nan and inf become None."""
     verdict = summary.verdict
     said = verdict and {**verdict._asdict(), "is_bias": verdict.is_bias}
-    return dict(_without_nan(summary._asdict() | {"verdict": said} | dict(more or {})))
+    entries = summary._asdict() | {"verdict": said} | dict(more or {})
+    if not summary.further:
+        del entries["further"]
+    return dict(_without_nan(entries))
 
 
 def to_json(summary: Summary, more: Mapping[str, Any] | None = None) -> str:

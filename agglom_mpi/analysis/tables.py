@@ -11,8 +11,15 @@ from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.search.proposals import ORIGINS
-from agglom_mpi.storage.schema import RESULTS, SAMPLES, STATES, STRINGS, Column, generations_schema
-from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION, Variable, volume_fraction
+from agglom_mpi.storage.schema import (
+    RESULTS,
+    SAMPLES,
+    STATES,
+    Column,
+    generations_schema,
+    strings_schema,
+)
+from agglom_mpi.variables import VOLUME_FRACTION, Variable, volume_fraction
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +48,7 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     """
     pandas, rows, results = _pandas(), data.string_rows(), data.result_rows()
     variables, samples = data.variable_rows(), data.all_sample_rows()
-    unused = set(NAMES) - set(_used_names(variables))
+    unused = set(data.variables.names) - set(_used_names(variables))
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
@@ -57,7 +64,7 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
     for name in ("seconds", "cpu_seconds"):
         second[name] = time_of_strings(samples, room, name)[rows["string"]]
-    fields = STRINGS.fields + RESULTS.fields + SAMPLES.fields
+    fields = strings_schema(data.variables).fields + RESULTS.fields + SAMPLES.fields
     table = _with_units(pandas.concat([first, second], axis=1), fields)
     table.attrs["units"] |= {column.name: column.unit for column in derived}
     return table
@@ -115,7 +122,7 @@ def estimates(data: "CampaignData") -> "pd.DataFrame":
     strings = [estimate.string for estimate in rows]
     for place, name in enumerate(_used_names(data.variable_rows()), 1):
         frame.insert(place, name, data.values(strings, name))
-        units[name] = VARIABLES[NAMES.index(name)].unit
+        units[name] = data.variables[name].unit
     frame.attrs["units"] = units
     return frame
 
@@ -174,7 +181,7 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
             float(row["upper"]),
             data.identity.get(f"variables.{variable.name}.2") == "log",
         )
-        for variable, row in zip(VARIABLES, data.variable_rows(), strict=True)
+        for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True)
         if row["searched"] == 1
     ]
     if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):

@@ -14,12 +14,11 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import (
     given_strings,
-    parameters_of,
     read_campaign,
     read_inversion,
 )
+from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.verify import row_list
-from agglom_mpi.variables import NAMES
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ class WarmStart(NamedTuple):
     Attributes
     ----------
     strings
-        Shape (n, 10), in SI units.
+        Shape (n, k), in SI units.
     warnings
         On better strings of the earlier campaign that are left out.
     """
@@ -72,7 +71,7 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     line = parse(campaign.text, campaign.name).line(("search", "start"))
     path = Path(campaign.name).parent / earlier.file
     try:
-        strings, left_out = _chosen(campaign, earlier.strings, *_ranked_strings(path))
+        strings, left_out = _chosen(campaign, earlier.strings, *_ranked_strings(campaign, path))
         if begun is not None:
             _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
@@ -86,17 +85,19 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     return WarmStart(strings, (warning,) if left_out else ())
 
 
-def _ranked_strings(path: Path) -> tuple[NDArray[np.int64], Floats]:
+def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], Floats]:
     """Return the judged strings of another campaign, ranked as in a report.
 
     Returns
     -------
     tuple
-        Their numbers, shape (n,), and parameters, shape (n, 10).
+        Their numbers, shape (n,), and the campaign's variables of them, shape (n, k), nan
+        where the other campaign lacks one.
     """
     data = read_inversion(str(path))
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
-    return order, parameters_of(strings[np.searchsorted(strings["string"], order)])
+    parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
+    return order, campaign.variables.table.of_other(parameters, data.variables)
 
 
 def _chosen(
@@ -121,7 +122,8 @@ def _chosen(
         If there are too few.
     """
     strings, outside = _in_the_box(campaign, best)
-    faults = {f"{NAMES[i]} out of range": outside[:, i] for i in range(len(NAMES))}
+    names = campaign.variables.table.names
+    faults = {f"{name} out of range": outside[:, i] for i, name in enumerate(names)}
     faults["against the constraints"] = ~campaign.allowed_strings(strings)
     usable = ~np.any(list(faults.values()), axis=0)
     faults["the same as one before"] = usable & ~_first_of_equals(strings, usable)
@@ -148,7 +150,7 @@ def _named(numbers: NDArray[np.int64], faults: dict[str, NDArray[np.bool_]]) -> 
 
 
 def _in_the_box(campaign: Campaign, best: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return strings, (n, 10), as the campaign has them, and which variables are out of range.
+    """Return strings, (n, k), as the campaign has them, and which variables are out of range.
 
     What it fixes or does not use is as it says. A value beyond an end by rounding is that end.
     """
@@ -161,7 +163,7 @@ def _in_the_box(campaign: Campaign, best: Floats) -> tuple[Floats, NDArray[np.bo
 
 
 def _first_of_equals(strings: Floats, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which strings, (n, 10), are no copies of a usable one before them, (n,)."""
+    """Return which strings, (n, k), are no copies of a usable one before them, (n,)."""
     seen = set[bytes]()
     first = np.zeros(len(strings), np.bool_)
     for i in np.flatnonzero(usable).tolist():

@@ -21,7 +21,7 @@ def compile(campaigns: tuple[str, ...]) -> int:
 
     loaded = [check_campaign(path) for path in campaigns]
     for path, campaign in zip(campaigns, loaded, strict=True):
-        scene = campaign.scene.build(campaign.parameters())
+        scene = campaign.at(campaign.parameters()).build()
         seconds = compile_kernels(scene, True, lambda line: say(line, error=True))
         done = f"compiled in {format_duration(seconds)}" if seconds else "compiled before"
         say(f"{path}: {done}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, ValidationInfo, create_model, model_valida
 
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.scene_paths import ScenePath
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
 from agglom_mpi.declaration.reading import reading_of
@@ -17,11 +18,11 @@ from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import (
-    COUNT,
-    NAMES,
-    VARIABLES,
+    PAPER_VARIABLES,
+    TEN,
     VOLUME_FRACTION,
     Variable,
+    VariableTable,
     size_ratio,
     volume_fraction,
 )
@@ -122,21 +123,32 @@ class _Entries(Section):
         return one_of(FRACTIONS, data)
 
 
-VariableEntries: Any = create_model(
-    "VariableEntries",
-    __base__=_Entries,
-    **{variable.name: _field(variable) for variable in (*VARIABLES, VOLUME_FRACTION)},
-)
-"""Model of the section, with one optional field per variable, and the volume fraction."""
+@cache
+def entries_model(further: tuple[Variable, ...] = ()) -> Any:
+    """Return the model of the section, with one optional field per variable.
 
-
-def ranges_of(entries: Any, third_moment: float) -> dict[str, Range | None]:
-    """Return the ten variables' ranges; that of a volume fraction as one of the size ratio.
-
-    The latter by the `third_moment` of the law of sizes, 1 for equal grains.
+    These are the variables of the papers, the volume fraction, and `further` ones.
     """
-    ranges: dict[str, Range | None] = dict(entries)
-    fraction = ranges.pop(VOLUME_FRACTION.name)
+    fields = (*PAPER_VARIABLES, VOLUME_FRACTION, *further)
+    named: dict[str, Any] = {variable.name: _field(variable) for variable in fields}
+    return create_model("VariableEntries", __base__=_Entries, **named)
+
+
+VariableEntries: Any = entries_model()
+"""Model of the section of a campaign that names only variables of the papers."""
+
+
+def ranges_of(
+    entries: Any, third_moment: float, table: VariableTable = TEN
+) -> dict[str, Range | None]:
+    """Return the variables' ranges by name, in their order.
+
+    That of a volume fraction is one of the size ratio unless the fraction is a variable of its own.
+    The size ratio follows by the `third_moment` of the law of sizes, 1 for equal grains.
+    """
+    given: dict[str, Range | None] = dict(entries)
+    ranges = {name: given[name] for name in table.names}
+    fraction = None if VOLUME_FRACTION.name in table else given[VOLUME_FRACTION.name]
     if fraction is not None:
         lower, upper, logarithmic, _ = fraction
         searched = lower < upper
@@ -156,12 +168,12 @@ class Bounds:
     Attributes
     ----------
     lower, upper
-        Ends in SI units, shape (10,), in the order of `agglom_mpi.variables.VARIABLES`: equal where
-        a variable is fixed, nan where the scene does not depend on it.
+        Ends in SI units, shape (k,), in the order of `table`: equal where a variable is fixed, nan
+        where the scene does not depend on it.
     logarithmic
-        Which variables are searched by their logarithms, shape (10,).
+        Which variables are searched by their logarithms, shape (k,).
     cubic
-        Which variables are searched by their cubes, shape (10,).
+        Which variables are searched by their cubes, shape (k,).
     used
         Names of variables that the scene depends on.
     ignored
@@ -169,7 +181,12 @@ class Bounds:
     by_volume_fraction
         Whether the file gives the volume fraction in place of the size ratio.
     third_moment
-        Mean volume of the grains over that of their mean radius.
+        Mean volume of the grains over that of their mean radius, in the campaign's own section
+        `scene`.
+    table
+        The variables.
+    paths
+        Those of them that are numbers of the scene.
     """
 
     lower: np.ndarray
@@ -180,18 +197,31 @@ class Bounds:
     ignored: tuple[str, ...]
     by_volume_fraction: bool = False
     third_moment: float = 1.0
+    table: VariableTable = TEN
+    paths: tuple[ScenePath, ...] = ()
 
     @property
     def searched(self) -> tuple[str, ...]:
         """Names of the variables that are ranges."""
-        return tuple(NAMES[i] for i in np.flatnonzero(self.lower < self.upper))
+        return tuple(self.table.names[i] for i in np.flatnonzero(self.lower < self.upper))
+
+    def stream_key(self, string: np.ndarray) -> np.ndarray:
+        """Return the numbers of a string, (k,), that its random numbers depend on.
+
+        Numbers of the scene that are not searched are left out, so that samples are the same
+        whether they stand in the scene or here.
+        """
+        if not self.paths:
+            return string
+        fixed = {path.name for path in self.paths} - set(self.searched)
+        return string[[name not in fixed for name in self.table.names]]
 
     def space(self) -> SearchSpace:
         """Return the search box."""
         return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic, cubic=self.cubic)
 
     def at(self, share: float) -> np.ndarray:
-        """Return the string that is this share of the way from lower to upper ends, (10,)."""
+        """Return the string that is this share of the way from lower to upper ends, (k,)."""
         string = (1.0 - share) * self.lower + share * self.upper
         cubes = (1.0 - share) * self.lower**3 + share * self.upper**3
         string[self.cubic] = np.cbrt(cubes[self.cubic])
@@ -200,24 +230,37 @@ class Bounds:
     @property
     def fixed(self) -> dict[str, float]:
         """Values of the used variables that are not searched, in SI units."""
-        return {NAMES[i]: float(self.lower[i]) for i in np.flatnonzero(self.lower == self.upper)}
+        fixed = np.flatnonzero(self.lower == self.upper)
+        return {self.table.names[i]: float(self.lower[i]) for i in fixed}
 
 
-def bounds_of(entries: Any, scene: SceneSection) -> Bounds:
+def bounds_of(
+    entries: Any,
+    scene: SceneSection,
+    table: VariableTable = TEN,
+    paths: tuple[ScenePath, ...] = (),
+) -> Bounds:
     """Return the bounds of the entries that a scene depends on."""
-    used, cubes = tuple(required_variables(scene)), scene.third_moment
-    lower, upper = np.full(COUNT, np.nan), np.full(COUNT, np.nan)
-    logarithmic, cubic = np.zeros((2, COUNT), np.bool_)
+    cubes = scene.third_moment
+    used = tuple(required_variables(scene, table))
+    lower, upper = np.full(table.count, np.nan), np.full(table.count, np.nan)
+    logarithmic, cubic = np.zeros((2, table.count), np.bool_)
     ignored = []
-    for i, (name, entry) in enumerate(ranges_of(entries, cubes).items()):
+    for i, (name, entry) in enumerate(ranges_of(entries, cubes, table).items()):
         if entry is not None and name in used:
             lower[i], upper[i], logarithmic[i], cubic[i] = entry
         elif entry is not None:
             ignored.append(name)
     for array in (lower, upper, logarithmic, cubic):
         array.flags.writeable = False
-    by_fraction = entries.volume_fraction is not None
-    return Bounds(lower, upper, logarithmic, cubic, used, tuple(ignored), by_fraction, cubes)
+    by_fraction = entries.volume_fraction is not None and VOLUME_FRACTION.name not in table
+    return Bounds(
+        *(lower, upper, logarithmic, cubic, used, tuple(ignored)),
+        by_volume_fraction=by_fraction,
+        third_moment=cubes,
+        table=table,
+        paths=paths,
+    )
 
 
 ABSENT: Final = {
@@ -232,8 +275,11 @@ ABSENT: Final = {
 """Submodels that are absent from a scene in which nothing depends on the variable."""
 
 
-def required_variables(scene: SceneSection) -> dict[str, str]:
-    """Return the variables that the scene depends on, in their order, with what requires each."""
+def required_variables(scene: SceneSection, table: VariableTable = TEN) -> dict[str, str]:
+    """Return the variables that the scene depends on, in their order, with what requires each.
+
+    All numbers of the scene that `table` has are among them.
+    """
     reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
     if scene.restitution.needs_contact_pressure:
         reasons["hardness"] = f"restitution: {scene.restitution.name}"
@@ -242,14 +288,17 @@ def required_variables(scene: SceneSection) -> dict[str, str]:
     for key, law, _ in used:
         for name in law.required:
             reasons.setdefault(name, f"{key}: {law.name}")
-    return {name: reasons[name] for name in NAMES if name in reasons}
+    if VOLUME_FRACTION.name in table:
+        del reasons["size_ratio"]
+    reasons |= {variable.name: "scene" for variable in table.further}
+    return {name: reasons[name] for name in table.names if name in reasons}
 
 
 def check_required(
-    scene: SceneSection, entries: Mapping[str, Range | None]
+    scene: SceneSection, entries: Mapping[str, Range | None], table: VariableTable = TEN
 ) -> list[tuple[FieldPath, str]]:
     """Return problems: variables that are missing, and ranges that nothing depends on."""
-    needed = required_variables(scene)
+    needed = required_variables(scene, table)
     problems: list[tuple[FieldPath, str]] = []
     filled, cubes = entries["size_ratio"], scene.third_moment
     if filled is not None and cubes > 1.0:
@@ -261,7 +310,7 @@ def check_required(
                 f"random placement jams near {JAMMING_FRACTION}, so at most {most:.4g}"
             )
             problems.append((("size_ratio",), message))
-    for name in NAMES:
+    for name in TEN.names:
         entry = entries[name]
         if entry is None and name in needed:
             message = f"is missing; needed by {needed[name]}; a value or a range [lower, upper]"
@@ -274,4 +323,10 @@ def check_required(
                 "give one value or leave it out"
             )
             problems.append(((name,), message))
+    idle = {law.key for law in scene.laws() if not law.is_used}
+    for variable in table.further:
+        entry, key = entries[variable.name], variable.name.split(".")[0]
+        if key in idle and entry is not None and entry.lower < entry.upper:
+            message = "is a range, but nothing in the scene depends on it; leave it out"
+            problems.append(((variable.name,), message))
     return problems

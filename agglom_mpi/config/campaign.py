@@ -11,6 +11,7 @@ from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import bounds_of
+from agglom_mpi.config.box_ends import check_ends
 from agglom_mpi.config.campaign_sections import CampaignSections
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.own_variables import Parameters, read_strings, string_of
@@ -32,7 +33,6 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.engines import Engine
-from agglom_mpi.variables import COUNT, columns_by_name, values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
+    *("at", "objective_at", "scenes"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
@@ -91,12 +92,12 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         `read_sizes` returns what is in a file of sizes that its scene may name; `reading` says
         whether the text is in a file of a run, which stays readable, and where own components are.
         """
-        document = read_document(text, name, read_sizes, reading)
+        document, entries = read_document(text, name, read_sizes, reading)
         campaign = cls(
             title=document.title,
             seed=document.seed,
             scene=document.scene,
-            variables=bounds_of(document.variables, document.scene),
+            variables=bounds_of(document.variables, document.scene, entries.table, entries.paths),
             objective=document.objective,
             plan=document.plan,
             output=document.output,
@@ -106,20 +107,24 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
             user_function=user_function,
             relations=Relations(document.derived, document.constraints),
         )
+        check_ends(campaign)
         if campaign.plan is not None:
             campaign._check_given_strings()
         return campaign
 
     def given_strings(self) -> npt.NDArray[np.float64]:
-        """Return the strings that `search.start` lists, in SI units, shape (n, 10)."""
+        """Return the strings that `search.start` lists, in SI units, shape (n, k)."""
         listed = self.search.listed
-        return np.array([self.parameters(values) for values in listed]).reshape(-1, COUNT)
+        return np.array([self.parameters(values) for values in listed]).reshape(
+            -1, self.variables.table.count
+        )
 
     def _check_given_strings(self) -> None:
         """Raise a CampaignError if given strings do not satisfy the constraints."""
         problems = []
         for i, string in enumerate(self.given_strings()):
-            for broken in self.relations.broken(self.scene, columns_by_name(string[None])):
+            columns = self.variables.table.columns_by_name(string[None])
+            for broken in self.relations.broken(self.scenes, columns):
                 line = parse(self.text, self.name).line(("search", "start", i))
                 message = f"does not satisfy the constraint '{broken}'"
                 problems.append(Problem(self.name, line, f"search.start.{i}", message))
@@ -133,7 +138,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         ----------
         parameters
             Values by name, numbers in SI units or texts with units, each (n,) or one for all; what
-            is not given is fixed, or the middle of its range. Or all ten in SI units, (n, 10).
+            is not given is fixed, or the middle of its range. Or all ten in SI units, (n, k).
 
         Raises
         ------
@@ -227,9 +232,10 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         Returns
         -------
         numpy.ndarray
-            The ten variables in SI units, shape (10,), in the order relative_speed, size_ratio,
-            density, hardness, heat_capacity, friction, temperature, activation_energy,
-            reaction_heat, surface_energy; nan where the scene does not use one.
+            The variables in SI units, shape (k,): relative_speed, size_ratio, density, hardness,
+            heat_capacity, friction, temperature, activation_energy, reaction_heat, surface_energy,
+            then numbers of the scene by the order of their paths; nan where the scene does not use
+            one.
 
         Raises
         ------
@@ -264,7 +270,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         Parameters
         ----------
         parameters
-            Values by name, as for `parameters`, or all ten in SI units, shape (10,).
+            Values by name, as for `parameters`, or all of them in SI units, shape (k,).
         sample
             Sample number from 0.
         engine
@@ -351,7 +357,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
             message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
             raise ArgumentError.of(self.name, "parameters", message)
         if not by_name and np.ndim(parameters) != 1:
-            message = f"have the shape {np.shape(parameters)}; must be {COUNT} numbers"
+            count = self.variables.table.count
+            message = f"have the shape {np.shape(parameters)}; must be {count} numbers"
             raise ArgumentError.of(self.name, "parameters", message)
         return strings[0]
 
@@ -364,9 +371,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
     def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         from agglom_mpi.simulation.frames import frame_times
 
-        value = values_by_name(string)
         try:
-            return frame_times(frames, scales.end_time(self.scene, value))
+            return frame_times(frames, scales.end_time(*self.at(string)))
         except ValueError as error:
             raise CampaignError(Problem(self.name, None, "frames", str(error))) from None
 

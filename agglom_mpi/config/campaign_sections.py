@@ -1,6 +1,7 @@
 """The sections of a campaign, typed and in SI units, and what follows from them alone."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.string_scenes import StringScene, StringScenes
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
     CampaignError,
@@ -22,7 +24,7 @@ from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
-from agglom_mpi.variables import columns_by_name, values_by_name, volume_fraction
+from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
     pass
@@ -49,6 +51,8 @@ class CampaignSections:
         Source of the objective's function; None where it has none.
     relations
         Derived quantities and constraints.
+    scenes
+        The scenes of its strings; see `at`.
     """
 
     title: str
@@ -63,10 +67,29 @@ class CampaignSections:
     name: str
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
+    scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
         of_scene = self.objective.of_grains(self.scene.equivalent_grains)
         object.__setattr__(self, "objective", of_scene)
+        scenes = StringScenes(self.scene, self.variables.table, self.variables.paths)
+        object.__setattr__(self, "scenes", scenes)
+
+    def at(self, string: npt.ArrayLike) -> StringScene:
+        """Return the scene of a string, shape (k,), with the numbers that the string gives.
+
+        Raises
+        ------
+        ValueError
+            If a law refuses its numbers together.
+        """
+        return self.scenes.at(string)
+
+    def objective_at(self, string: npt.ArrayLike) -> Objective:
+        """Return the objective of the samples of a string, which start with its own grains."""
+        if not self.scenes.sizes_differ:
+            return self.objective
+        return self.objective.of_grains(self.at(string).section.equivalent_grains)
 
     @property
     def search(self) -> SearchMethod:
@@ -136,14 +159,19 @@ class CampaignSections:
         return volume_fraction(size_ratio, self.variables.third_moment)
 
     def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        """Return which strings, (n, 10) in SI units, satisfy the constraints, shape (n,)."""
-        return self.relations.allowed(self.scene, columns_by_name(strings))
+        """Return which strings, (n, k) in SI units, satisfy the constraints, shape (n,)."""
+        return self.relations.allowed(self.scenes, self.variables.table.columns_by_name(strings))
 
     def derived_values(
         self, strings: npt.NDArray[np.float64]
     ) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the derived quantities of strings, (n, 10), in SI units, each (n,), by name."""
-        return self.relations.values(self.scene, columns_by_name(strings))
+        """Return the derived quantities of strings, (n, k), in SI units, each (n,), by name."""
+        return self.relations.values(self.scenes, self.variables.table.columns_by_name(strings))
+
+    def used_values(self, string: npt.NDArray[np.float64]) -> dict[str, float]:
+        """Return the variables of a string, (k,), that the scene uses, by name in SI units."""
+        values = self.variables.table.values_by_name(string)
+        return {name: value for name, value in values.items() if not math.isnan(value)}
 
     def function_error(self, message: str) -> CampaignError:
         """Return a CampaignError about `objective.call`, with its line."""
@@ -156,18 +184,22 @@ class CampaignSections:
         Parameters
         ----------
         string
-            The ten variables in SI units, shape (10,).
+            The variables in SI units, shape (k,).
         """
-        value = values_by_name(string)
+        try:
+            section, values = self.at(string)
+        except ValueError as error:
+            raise CampaignError(Problem(self.name, None, "scene", str(error))) from None
         problems = []
-        for field, measure in (
-            (self.scene.size_key, scales.grain_mass),
+        for key, measure in (
+            (section.size_key, scales.grain_mass),
             ("end_time", scales.end_time),
         ):
             try:
-                measure(self.scene, value)
+                measure(section, values)
             except ValueError as error:
-                line = parse(self.text, self.name).line(("scene", field))
-                problems.append(Problem(self.name, line, f"scene.{field}", str(error)))
+                place = ("variables" if key in self.variables.table else "scene", key)
+                line = parse(self.text, self.name).line(place)
+                problems.append(Problem(self.name, line, ".".join(place), str(error)))
         if problems:
             raise CampaignError(*problems)

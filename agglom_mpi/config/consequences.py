@@ -12,7 +12,6 @@ from agglom_mpi.config.quantities import BY_NAME, Quantity, Value, one_by_one
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
-from agglom_mpi.variables import COUNT, columns_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -92,10 +91,9 @@ def consequences(campaign: "CampaignSections") -> list[str]:
     float64, as for a scene that is refused.
     """
     scene, strings = campaign.scene, _strings(campaign)
-    parameters = columns_by_name(strings)
+    rows = campaign.scenes.rows(campaign.variables.table.columns_by_name(strings))
     values = {
-        label: (quantity.unit, one_by_one(scene, quantity, parameters))
-        for label, quantity in _quantities(scene)
+        label: (quantity.unit, one_by_one(rows, quantity)) for label, quantity in _quantities(scene)
     }
     derived = campaign.derived_values(strings)
     notes = NOTES if scene.sizes is None else NOTES | NOTES_OF_SIZES
@@ -109,7 +107,7 @@ def consequences(campaign: "CampaignSections") -> list[str]:
 
 
 def _strings(campaign: "CampaignSections") -> Floats:
-    """Return allowed strings, (n, 10), of the corners of the box and within it."""
+    """Return allowed strings, (n, k), of the corners of the box and within it."""
     bounds, space = campaign.variables, campaign.variables.space()
     if not space.dimensions:
         return campaign.variables.at(0.5)[None]
@@ -119,7 +117,7 @@ def _strings(campaign: "CampaignSections") -> Floats:
     )
     random = search_stream(campaign.seed, CONSEQUENCES)
     strings = np.vstack((corners, space.from_unit(random.random((STRINGS, space.dimensions)))))
-    return strings[campaign.allowed_strings(strings)].reshape(-1, COUNT)
+    return strings[campaign.allowed_strings(strings)].reshape(-1, bounds.table.count)
 
 
 def _line(label: str, unit: str, values: Any, note: str) -> str:
@@ -129,7 +127,7 @@ def _line(label: str, unit: str, values: Any, note: str) -> str:
         return ""
     low, high = (_text(float(value), unit) for value in (finite.min(), finite.max()))
     text = low if low == high else f"{low} .. {high}"
-    return f"{label:<26}{text:<26}{note}".rstrip()
+    return f"{label:<25} {text:<25} {note}".rstrip()
 
 
 def _text(value: float, unit: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.groups import Group, groups_of, powers_of
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -29,18 +29,20 @@ class Coordinates:
     Parameters
     ----------
     lower, upper
-        The box in SI units, shape (10,).
+        The box in SI units, shape (k,).
     groups
         The groups.
     powers
         Names of variables of which a law takes a power.
     logarithmic
-        Which variables are searched by their logarithm, shape (10,).
+        Which variables are searched by their logarithm, shape (k,).
+    table
+        The variables.
 
     Attributes
     ----------
     searched
-        Places of the d searched variables among the ten, shape (d,).
+        Places of the d searched variables in a string, shape (d,).
     names
         Names of the searched variables.
     groups
@@ -53,19 +55,21 @@ class Coordinates:
         groups: list[Group],
         powers: frozenset[str] = frozenset(),
         logarithmic: NDArray[np.bool_] | None = None,
+        table: VariableTable = TEN,
     ) -> None:
         self.searched = np.flatnonzero(lower < upper)
-        self.names = tuple(NAMES[i] for i in self.searched)
+        self.names = tuple(table.names[i] for i in self.searched)
+        self._table = table
         self.groups = groups
         self._lower, self._upper = lower, upper
-        by_power = np.array([name in powers for name in NAMES])
+        by_power = np.array([name in powers for name in table.names])
         wanted = by_power if logarithmic is None else by_power | logarithmic
         self._positive = lower[self.searched] > 0.0
         self._logarithmic = self._positive & wanted[self.searched]
         self._first, self._last = (self._scaled(ends[None])[0] for ends in (lower, upper))
-        self._powers = np.zeros((len(groups), len(NAMES)))
+        self._powers = np.zeros((len(groups), table.count))
         for row, group in zip(self._powers, groups, strict=True):
-            row[[NAMES.index(name) for name in group.powers]] = list(group.powers.values())
+            row[[table.index(name) for name in group.powers]] = list(group.powers.values())
         self._powers[:, ~(lower < upper)] = 0.0
         ends = np.array([self._logarithms(lower[None])[0], self._logarithms(upper[None])[0]])
         corners = self._powers[:, None, :] * ends
@@ -93,7 +97,7 @@ class Coordinates:
         return np.asarray(self._powers[:, self.searched] * self.spans)
 
     def of_strings(self, strings: Floats) -> Floats:
-        """Return the coordinates of strings, (n, 10) in SI units, shape (n, p)."""
+        """Return the coordinates of strings, (n, k) in SI units, shape (n, p)."""
         own = self.own(strings)
         if not self.groups:
             return own
@@ -101,11 +105,11 @@ class Coordinates:
         return np.column_stack((own, (values - self._least) / (self._most - self._least)))
 
     def own(self, strings: Floats) -> Floats:
-        """Return the coordinates of the searched variables alone, of strings (n, 10): (n, d)."""
+        """Return the coordinates of the searched variables alone, of strings (n, k): (n, d)."""
         return np.asarray((self._scaled(strings) - self._first) / (self._last - self._first))
 
     def strings(self, own: Floats) -> Floats:
-        """Return the strings, (n, 10), of coordinates of the searched variables, (n, d)."""
+        """Return the strings, (n, k), of coordinates of the searched variables, (n, d)."""
         scaled = self._first + own * (self._last - self._first)
         strings = np.tile(self._lower, (len(own), 1))
         exponents = np.where(self._logarithmic, scaled, 0.0)
@@ -113,8 +117,10 @@ class Coordinates:
         return strings
 
     def group_values(self, strings: Floats, group: Group) -> Floats:
-        """Return a group of strings, (n, 10), in SI units but for constants, shape (n,)."""
-        factors = [strings[:, NAMES.index(name)] ** power for name, power in group.powers.items()]
+        """Return a group of strings, (n, k), in SI units but for constants, shape (n,)."""
+        factors = [
+            strings[:, self._table.index(name)] ** power for name, power in group.powers.items()
+        ]
         return np.asarray(np.prod(factors, axis=0))
 
     def _scaled(self, strings: Floats) -> Floats:
@@ -123,7 +129,7 @@ class Coordinates:
         return np.where(self._logarithmic, np.log(positive), chosen)
 
     def _logarithms(self, strings: Floats) -> Floats:
-        """Return logarithms of all ten variables, 0 for those that are not searched, (n, 10)."""
+        """Return logarithms of all variables, 0 for those that are not searched, (n, k)."""
         found = np.zeros(strings.shape)
         x, top = strings[:, self.searched], self._upper[self.searched]
         found[:, self.searched] = np.log(np.where(self._positive, x, x + SMALL * top))
@@ -133,5 +139,6 @@ class Coordinates:
 def coordinates_of(campaign: "CampaignSections") -> Coordinates:
     """Return the coordinates in which a campaign's strings are emulated."""
     box = campaign.variables
-    groups, powers = groups_of(campaign.scene, box.searched), powers_of(campaign.scene)
-    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic)
+    groups = groups_of(campaign.scene, box.searched, box.table)
+    powers = powers_of(campaign.scene, box.table)
+    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box.table)

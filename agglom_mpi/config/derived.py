@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.quantities import BY_NAME, quantity_values
-from agglom_mpi.variables import columns_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -37,11 +36,11 @@ class DerivedColumn(NamedTuple):
 
 
 def columns_of(campaign: "CampaignSections", strings: Floats) -> list[DerivedColumn]:
-    """Return the derived columns of strings, (n, 10), of a campaign."""
+    """Return the derived columns of strings, (n, k), of a campaign."""
     implied = ["volume_fraction"] if campaign.variables.by_volume_fraction else []
     implied += [] if campaign.scene.diameter is None else ["half_width"]
-    parameters = columns_by_name(strings)
-    values = quantity_values(campaign.scene, implied, parameters)
+    parameters = campaign.variables.table.columns_by_name(strings)
+    values = quantity_values(campaign.scenes, implied, parameters)
     columns = [DerivedColumn(n, BY_NAME[n].unit, values[n], False) for n in implied]
     own = campaign.derived_values(strings)
     return columns + [

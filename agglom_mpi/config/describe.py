@@ -1,5 +1,6 @@
 """Description of what a campaign would run, as `agglom check CAMPAIGN.yaml` prints it."""
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,19 +12,22 @@ from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import pluralise, value_with_prefix
-from agglom_mpi.variables import NAMES, VARIABLES, VOLUME_FRACTION
+from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
 
 
-def submodels(scene: SceneSection) -> tuple[list[str], list[str]]:
-    """Return a line for each submodel that the scene uses, and the names of all others."""
+def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[str], list[str]]:
+    """Return a line for each submodel that the scene uses, and the names of all others.
+
+    `paths` are those of the numbers that stand under `variables`.
+    """
     used, left_out = [], []
     for key, law, is_used in scene.laws():
         if is_used:
             name = f"{key}: {law.name}" if law.name else key
-            used.append(f"{name:<32}{law.summary}{_settings(law)}")
+            used.append(f"{name:<32}{law.summary}{_settings(key, law, paths)}")
         else:
             left_out.append(key)
     return used, left_out
@@ -40,9 +44,12 @@ def missing_fields(scene: SceneSection) -> list[str]:
     return [name for name, used in kept.items() if not used]
 
 
-def _settings(law: Law) -> str:
+def _settings(key: str, law: Law, paths: Collection[str]) -> str:
     pairs = []
     for each in law.settings():
+        if any(f"{path}.".startswith(f"{key}.{each.name}.") for path in paths):
+            pairs.append(f"{each.name} as in variables")
+            continue
         unit = "" if each.unit == "1" else f" {each.unit}"
         by_default = "" if each.is_given else " (default)"
         pairs.append(f"{each.name} {_plain(each.value)}{unit}{by_default}")
@@ -54,8 +61,6 @@ def _plain(value: object) -> str:
         return f"({', '.join(map(_plain, value))})"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
-
-SIZE_RATIO: Final = NAMES.index("size_ratio")
 
 Paragraph = tuple[str, list[str]]
 """A heading with its lines."""
@@ -86,7 +91,8 @@ def as_dict(campaign: "CampaignSections") -> dict[str, object]:
 
 def sections(campaign: "CampaignSections") -> list[Paragraph]:
     """Return headings with their lines."""
-    used, left_out = submodels(campaign.scene)
+    paths = campaign.variables.table.further_names
+    used, left_out = submodels(campaign.scene, paths)
     return [
         (campaign.title or campaign.name, _run(campaign)),
         ("Scene", _scene(campaign)),
@@ -198,20 +204,26 @@ def _objective(campaign: "CampaignSections") -> str:
 def _scene(campaign: "CampaignSections") -> list[str]:
     scene = campaign.scene
     mean = "" if scene.sizes is None else "mean "
+    paths = campaign.variables.table.further_names
     if scene.diameter is not None:
         diameter = value_with_prefix(scene.diameter, "m")
+        if campaign.scenes.lengths_differ and len(set(_diameters(campaign))) > 1:
+            diameter = "as in variables"
         size = f"grains: {mean}diameter {diameter}; the box follows from it"
     else:
-        low, high = (campaign.fraction(float(ends[SIZE_RATIO])) for ends in _ends(campaign))
-        fraction = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-        size = f"box: half-width {scene.half_width:g} m, volume fraction {fraction}"
-    if scene.end_time == "characteristic":
+        ends = dict.fromkeys(f"{fraction:.3g}" for fraction in _fractions(campaign))
+        fraction = " to ".join(ends)
+        width = "as in variables" if "half_width" in paths else f"{scene.half_width:g} m"
+        size = f"box: half-width {width}, volume fraction {fraction}"
+    if "end_time" in paths:
+        end = "as in variables"
+    elif scene.end_time == "characteristic":
         end = "characteristic time, (S/v_crit) ln(0.01)/ln(0.9) [A 13]"
     else:
         end = f"{scene.end_time:g} s"
     return [
         f"particles: {scene.particles:,}",
-        *_sizes(scene),
+        *_sizes(campaign),
         size,
         f"engine: {scene.engine.summary}",
         f"end time: {end}",
@@ -222,17 +234,22 @@ SHARES: Final = (0.1, 0.5, 0.9)
 """Shares of the grains, or of their volume, that are smaller than d10, d50 and d90."""
 
 
-def _sizes(scene: SceneSection) -> list[str]:
-    """Return the law of sizes with its quantiles by number and by volume, if grains differ."""
+def _sizes(campaign: "CampaignSections") -> list[str]:
+    """Return the law of sizes with its quantiles by number and by volume, if grains differ.
+
+    Where strings have numbers of the law these are of the middle of the box.
+    """
+    scene = campaign.scene
     law, diameter = scene.size_law, scene.diameter
     if scene.sizes is None or law is None:
         return []
+    middle = " in the middle of the box" if campaign.scenes.sizes_differ else ""
 
     def text(ratio: float) -> str:
         return f"{ratio:.3g}" if diameter is None else value_with_prefix(ratio * diameter, "m")
 
     unit = ", over the mean diameter" if diameter is None else ""
-    lines = [f"sizes: {scene.sizes.summary}"]
+    lines = [f"sizes{middle}: {scene.sizes.summary}"]
     for name, by_volume in (("number", False), ("volume", True)):
         found = [f"d{100 * share:.0f} {text(law.quantile(share, by_volume))}" for share in SHARES]
         found += [f"D[4,3] {text(law.volume_mean)}"] if by_volume else []
@@ -244,11 +261,26 @@ def _ends(campaign: "CampaignSections") -> tuple[np.ndarray, np.ndarray]:
     return campaign.variables.lower, campaign.variables.upper
 
 
+def _fractions(campaign: "CampaignSections") -> tuple[float, float]:
+    """Return the smallest and largest volume fraction at the ends of the box."""
+    found = []
+    for string in _ends(campaign):
+        section, values = campaign.at(string)
+        found.append(volume_fraction(values["size_ratio"], section.third_moment))
+    return min(found), max(found)
+
+
+def _diameters(campaign: "CampaignSections") -> list[float | None]:
+    return [campaign.at(string).section.diameter for string in _ends(campaign)]
+
+
 def _variables(campaign: "CampaignSections") -> list[str]:
-    reasons = required_variables(campaign.scene)
-    logarithmic = {NAMES[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
+    table = campaign.variables.table
+    reasons = required_variables(campaign.scene, table)
+    logarithmic = {table.names[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
+    width = max([18, *(len(name) + 1 for name in table.further_names)])
     lines = []
-    for variable, *ends in zip(VARIABLES, *_ends(campaign), strict=True):
+    for variable, *ends in zip(table.variables, *_ends(campaign), strict=True):
         name, (lower, upper) = variable.name, ends
         if name == "size_ratio" and campaign.variables.by_volume_fraction:
             name, lower, upper = VOLUME_FRACTION.name, *map(campaign.fraction, (lower, upper))
@@ -263,5 +295,5 @@ def _variables(campaign: "CampaignSections") -> list[str]:
         else:
             continue
         unit = "" if variable.unit == "1" else variable.unit
-        lines.append(f"{name:<18}{unit:<8}{value}")
+        lines.append(f"{name:<{width}}{unit:<8}{value}")
     return lines

@@ -1,20 +1,29 @@
 """The campaign file as one typed model, with the checks between sections."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
 from typing import Annotated, Any, Final
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from agglom_mpi.config.bounds import (
-    VOLUME_FRACTION,
     Range,
     VariableEntries,
     check_required,
+    entries_model,
     ranges_of,
     required_variables,
-    volume_fraction,
 )
 from agglom_mpi.config.field_errors import to_campaign_error
+from agglom_mpi.config.path_entries import PathEntries, read_paths
 from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
@@ -36,6 +45,7 @@ from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
+from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, volume_fraction
 
 
 class SceneDocument(Section):
@@ -70,11 +80,9 @@ class SceneDocument(Section):
     @classmethod
     def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" in info.data:
-            raise_field_errors(
-                check_required(
-                    info.data["scene"], ranges_of(entries, info.data["scene"].third_moment)
-                )
-            )
+            scene, table = info.data["scene"], reading_of(info).variables
+            ranges = ranges_of(entries, scene.third_moment, table)
+            raise_field_errors(check_required(scene, ranges, table))
         return entries
 
     @field_validator("derived")
@@ -82,8 +90,9 @@ class SceneDocument(Section):
     def _derived_quantities(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" not in info.data:
             return ()
-        used = tuple(required_variables(info.data["scene"]))
-        derived, problems = read_derived(entries, used, reading_of(info).recorded)
+        reading = reading_of(info)
+        used = tuple(required_variables(info.data["scene"], reading.variables))
+        derived, problems = read_derived(entries, used, reading)
         raise_field_errors(problems)
         return derived
 
@@ -92,10 +101,9 @@ class SceneDocument(Section):
     def _comparisons(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" not in info.data or "derived" not in info.data:
             return ()
-        used = tuple(required_variables(info.data["scene"]))
-        constraints, problems = read_constraints(
-            entries, used, info.data["derived"], reading_of(info).recorded
-        )
+        reading = reading_of(info)
+        used = tuple(required_variables(info.data["scene"], reading.variables))
+        constraints, problems = read_constraints(entries, used, info.data["derived"], reading)
         raise_field_errors(problems)
         return constraints
 
@@ -135,10 +143,10 @@ class CampaignDocument(SceneDocument):
         cls, search: SearchMethod, info: ValidationInfo
     ) -> SearchMethod:
         if "variables" in info.data and search.listed:
-            entries = info.data["variables"]
+            entries, table = info.data["variables"], reading_of(info).variables
             by_fraction = entries.volume_fraction is not None
             scene = info.data.get("scene")
-            ranges = ranges_of(entries, 1.0 if scene is None else scene.third_moment)
+            ranges = ranges_of(entries, 1.0 if scene is None else scene.third_moment, table)
             raise_field_errors(check_given_strings(search.listed, ranges, by_fraction))
         return search
 
@@ -177,38 +185,54 @@ class CampaignDocument(SceneDocument):
 
 def read_document(
     text: str, name: str, read_sizes: SizeReader = unread, reading: Reading = PLAIN
-) -> SceneDocument:
-    """Parse and validate the text of the campaign file `name`; raise a CampaignError."""
+) -> tuple[SceneDocument, PathEntries]:
+    """Parse and validate the text of the campaign file `name`; raise a CampaignError.
+
+    Returns
+    -------
+    tuple
+        The sections, and the numbers of the scene that stand under `variables`.
+    """
     source = parse(text, name)
     if not any(key in CampaignDocument.model_fields for key in source.data):
         # Perhaps a file with somebody's secrets: no key of it is quoted.
         message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
         raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
-    model = CampaignDocument if reason else SceneDocument
-    data = _with_sizes(source, read_sizes, reading)
+    entries = read_paths(_with_sizes(source, read_sizes, reading), reading)
+    _check_fractions(source, entries.table)
+    reading = reading._replace(variables=entries.table)
+    model = _model_of(CampaignDocument if reason else SceneDocument, entries.table)
     try:
-        return model.model_validate(data, context=reading)
+        document = model.model_validate(entries.source.data, context=reading)
     except ValidationError as error:
         needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
-        raise to_campaign_error(error, source, model, reading, needs) from None
+        found = to_campaign_error(error, entries.source, model, reading, needs)
+        raise entries.error(found) from None
+    if entries.problems:
+        raise CampaignError(*entries.problems)
+    return document, entries
 
 
-def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> dict[str, Any]:
-    """Return a file's data with what is in the file of sizes that its scene may name."""
+@cache
+def _model_of(model: type[SceneDocument], table: VariableTable) -> type[SceneDocument]:
+    """Return the model of a file whose section `variables` has the keys of a table."""
+    if not table.further:
+        return model
+    description = model.model_fields["variables"].description
+    variables: Any = entries_model(table.further), Field(description=description)
+    return create_model(model.__name__, __base__=model, variables=variables)
+
+
+def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Source:
+    """Return a file with what is in the file of sizes that its scene may name."""
     data: dict[str, Any] = source.data
     scene: Any = data.get("scene")
     sizes = scene.get("sizes") if isinstance(scene, dict) else None
     if sizes is None:
-        return data
+        return source
     path: FieldPath = ("scene", "sizes")
     problems: list[tuple[FieldPath, str]] = []
-    search = data.get("search")
-    start = search.get("start") if isinstance(search, dict) else None
-    for i, string in enumerate(start if isinstance(start, list) else ()):
-        if isinstance(string, dict) and VOLUME_FRACTION.name in string:
-            message = "is not read of strings where grains have sizes; give size_ratio"
-            problems.append((("search", "start", i, VOLUME_FRACTION.name), message))
     if reads_file(sizes, reading):
         for key in sizes:
             if key not in ("law", "file", "basis"):
@@ -228,7 +252,28 @@ def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> dic
                 for where, message in problems
             )
         )
-    return data
+    return replace(source, data=data)
+
+
+def _check_fractions(source: Source, table: VariableTable) -> None:
+    """Raise a CampaignError if a given string has a volume fraction that cannot be read alone."""
+    scene, search = source.data.get("scene"), source.data.get("search")
+    start = search.get("start") if isinstance(search, dict) else None
+    if not isinstance(scene, dict) or scene.get("sizes") is None or VOLUME_FRACTION.name in table:
+        return
+    message = "is not read of strings where grains have sizes; give size_ratio"
+    places: list[FieldPath] = [
+        ("search", "start", i, VOLUME_FRACTION.name)
+        for i, string in enumerate(start if isinstance(start, list) else ())
+        if isinstance(string, dict) and VOLUME_FRACTION.name in string
+    ]
+    if places:
+        raise CampaignError(
+            *(
+                Problem(source.name, source.line(place), ".".join(map(str, place)), message)
+                for place in places
+            )
+        )
 
 
 NEEDED_TO_SEARCH: Final = ("objective", "ensemble", "stopping")
@@ -261,7 +306,7 @@ def check_given_strings(
     strings
         Values in SI units by name.
     entries
-        Ranges of the ten variables.
+        Ranges of the variables by name.
     by_fraction
         Whether to say the volume fraction in place of the size ratio.
     """

@@ -16,7 +16,7 @@ from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.objectives.moment_targets import interval_notes
 from agglom_mpi.search.objectives.objective import ReachedMoment
 from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
-from agglom_mpi.variables import VARIABLES, values_by_name
+from agglom_mpi.variables import PAPER_VARIABLES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -81,6 +81,8 @@ class StringEstimate(metaclass=PublicFace):
         Where grains have different sizes: share of the box that the drawn grains of the completed
         samples fill. It is lower than the volume fraction of `parameters` where samples with large
         grains find no place for them and fail.
+    units : dict
+        SI units of the parameters beside those of the papers, by name.
     """
 
     parameters: dict[str, float]
@@ -101,6 +103,7 @@ class StringEstimate(metaclass=PublicFace):
     moments: tuple[ReachedMoment, ...]
     ledger: dict[str, float]
     volume_fraction: MeanEstimate | None
+    units: dict[str, str]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate as plain values for JSON; nan and inf become None."""
@@ -128,7 +131,7 @@ class StringEstimate(metaclass=PublicFace):
         return "\n".join(self._lines())
 
     def _lines(self) -> list[str]:
-        units = {variable.name: variable.unit for variable in VARIABLES}
+        units = {variable.name: variable.unit for variable in PAPER_VARIABLES} | self.units
         lines = ["parameters"]
         lines += [_line(name, value, units[name]) for name, value in self.parameters.items()]
         if self.derived:
@@ -182,13 +185,13 @@ def estimate_of(
     ----------
     campaign
     parameters
-        The ten variables in SI units, shape (10,).
+        The variables in SI units, shape (k,).
     outcomes
         Of `campaign.simulate`.
     failed
         Number of samples that failed.
     """
-    objective = campaign.objective
+    objective, table = campaign.objective_at(parameters), campaign.variables.table
     summaries = [outcome.measured for outcome in outcomes]
     value, error = objective.of_ensemble(summaries)
     rounding = objective.rounding(value)
@@ -199,7 +202,7 @@ def estimate_of(
         return mean_of([float(record[name]) for record in records])
 
     return StringEstimate(
-        parameters={n: v for n, v in values_by_name(parameters).items() if n in used},
+        parameters={n: v for n, v in table.values_by_name(parameters).items() if n in used},
         derived={
             column.name: (float(column.values[0]), column.unit)
             for column in columns_of(campaign, parameters[None])
@@ -222,6 +225,7 @@ def estimate_of(
         moments=objective.reached(summaries),
         ledger={name: max((o.ledger[name] for o in outcomes), key=abs) for name in LEDGER},
         volume_fraction=_filled(campaign, parameters, outcomes),
+        units={variable.name: variable.unit for variable in table.further},
     )
 
 
@@ -234,7 +238,7 @@ def _filled(
     """
     if campaign.scene.size_law is None:
         return None
-    value = values_by_name(parameters)
-    volume = (2.0 * half_width(campaign.scene, value)) ** 3
+    section, value = campaign.at(parameters)
+    volume = (2.0 * half_width(section, value)) ** 3
     masses = [float(outcome.final.masses.sum()) for outcome in outcomes]
     return mean_of([mass / (value["density"] * volume) for mass in masses])

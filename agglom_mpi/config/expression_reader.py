@@ -7,7 +7,7 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Container
+from collections.abc import Collection, Container
 from keyword import iskeyword
 from typing import Final
 
@@ -27,7 +27,7 @@ _BINARY: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.P
 _COMPARED: Final = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 
 
-def read_expression(text: str, names: Container[str], recorded: bool = False) -> Node:
+def read_expression(text: str, names: Collection[str], recorded: bool = False) -> Node:
     """Return the tree of an expression.
 
     Parameters
@@ -35,7 +35,7 @@ def read_expression(text: str, names: Container[str], recorded: bool = False) ->
     text
         Such as `0.5 * density * relative_speed**2`.
     names
-        Names of quantities, which are not read as units.
+        Names of quantities, which are not read as units; paths such as `sizes.spread` among them.
     recorded
         Whether a run recorded the text. Then 20 degC may stand in a sum, where it is 293.15 K.
 
@@ -50,7 +50,7 @@ def read_expression(text: str, names: Container[str], recorded: bool = False) ->
     return reader.node(parsed)
 
 
-def read_comparison(text: str, names: Container[str], recorded: bool = False) -> Comparison:
+def read_comparison(text: str, names: Collection[str], recorded: bool = False) -> Comparison:
     """Return the operands of a constraint; arguments and errors as for `read_expression`."""
     parsed, reader = _parse(text, names, recorded)
     if isinstance(parsed, ast.BoolOp):
@@ -64,7 +64,7 @@ def read_comparison(text: str, names: Container[str], recorded: bool = False) ->
     return Comparison(text, operands, tuple(_COMPARED[type(each)] for each in parsed.ops))
 
 
-def _parse(text: str, names: Container[str], recorded: bool) -> tuple[ast.expr, "_Reader"]:
+def _parse(text: str, names: Collection[str], recorded: bool) -> tuple[ast.expr, "_Reader"]:
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"has {len(text)} characters; must be at most {MAX_CHARACTERS}")
     if private := _PRIVATE.search(text):
@@ -73,7 +73,8 @@ def _parse(text: str, names: Container[str], recorded: bool) -> tuple[ast.expr, 
         raise ValueError(f"is {quoted(text)}{remedy(text)}")
     reader = _Reader(text, recorded)
     spelled = _FORTRAN.sub(r"\1e", with_plain_minus(text))
-    plain = _without_units(spelled, names, reader)
+    pathless = _without_paths(spelled, names, reader)
+    plain = _without_units(pathless, {*names, *reader.paths}, reader)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -93,7 +94,19 @@ _SEGMENT: Final = re.compile(rf"\s*[*/]?\s*({_WORD}){_POWER}")
 _DECIMAL_COMMA: Final = re.compile(r"\d,\d")
 _PLACEHOLDER: Final = "_"
 _EXPONENT: Final = re.compile(r"(?<=[^\W\d_])(\d+)\b")
+_PATH: Final = re.compile(r"(?<![\w.])[^\W\d_]\w*(?:\.\w+)+")
 _PRIVATE: Final = re.compile(r"(?<!\w)_\w*")
+
+
+def _without_paths(text: str, names: Collection[str], reader: "_Reader") -> str:
+    """Return a text in which placeholders stand for the paths of numbers of the scene."""
+    if not any("." in name for name in names):
+        return text
+
+    def placed(match: re.Match[str]) -> str:
+        return reader.add_path(match.group()) if match.group() in names else match.group()
+
+    return _PATH.sub(placed, text)
 
 
 def _without_units(text: str, names: Container[str], reader: "_Reader") -> str:
@@ -143,6 +156,14 @@ class _Reader:
         self.quantities: dict[str, Number] = {}
         self.negatives: dict[str, tuple[str, str]] = {}
         """Numbers with a minus sign, and units, where the unit has an offset."""
+        self.paths: dict[str, str] = {}
+        """Paths of numbers of the scene, by the placeholders that stand for them."""
+
+    def add_path(self, path: str) -> str:
+        """Return the placeholder that stands for a path."""
+        place = f"{_PLACEHOLDER}path{len(self.paths)}{_PLACEHOLDER}"
+        self.paths[place] = path
+        return place
 
     def add(self, number: str, unit: str) -> str:
         """Read a number with a unit, and return the placeholder that stands for it."""
@@ -184,6 +205,8 @@ class _Reader:
                 return self.number(value)
             case ast.Name(id=name) if name in self.quantities:
                 return self.quantities[name]
+            case ast.Name(id=name) if name in self.paths:
+                return Name(self.paths[name])
             case ast.Name(id=name) if not name.startswith(_PLACEHOLDER):
                 return Name(name)
             case ast.UnaryOp(op=ast.USub(), operand=ast.Name(id=name)) if name in self.negatives:
@@ -213,7 +236,7 @@ def _what(node: ast.expr) -> str:
         case ast.Call():
             return "a call"
         case ast.Attribute():
-            return "a dot"
+            return f"the unknown path {quoted(ast.unparse(node))}"
         case ast.Compare() | ast.BoolOp():
             return "a comparison within"
         case ast.Constant(value=str() | bytes()):

@@ -8,34 +8,49 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from agglom_mpi.declaration.laws import Group
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import SceneSection
 
 
-def groups_of(scene: "SceneSection", searched: tuple[str, ...]) -> list[Group]:
+def groups_of(
+    scene: "SceneSection", searched: tuple[str, ...], table: VariableTable = TEN
+) -> list[Group]:
     """Return the groups of a scene in which a searched variable meets another, in SI units.
 
-    Their powers are of the ten variables alone: a grain radius is that of the size ratio, or the
-    same in all strings.
+    Their powers are of variables alone: a grain radius is that of the size ratio and the box, that
+    of a variable that gives the grains' size, or the same in all strings.
     """
     found: dict[str, Group] = {}
     for group in _named(scene):
-        powers = {name: power for name, power in group.powers.items() if name in NAMES}
-        radius = group.powers.get("grain_radius", 0.0)
-        if radius and scene.diameter is None:
-            powers["size_ratio"] = powers.get("size_ratio", 0.0) + radius
+        powers = _of_variables(group, scene, table)
         if sum(name in searched for name in powers) > 1:
             found[group.symbol] = group._replace(powers=powers)
     return list(found.values())
 
 
-def powers_of(scene: "SceneSection") -> frozenset[str]:
+def powers_of(scene: "SceneSection", table: VariableTable = TEN) -> frozenset[str]:
     """Return the variables of which a law of the scene takes a power."""
-    names = {name for group in _named(scene) for name in group.powers}
-    sized = "grain_radius" in names and scene.diameter is None
-    return frozenset(names - {"grain_radius"} | ({"size_ratio"} if sized else set()))
+    return frozenset(name for group in _named(scene) for name in _of_variables(group, scene, table))
+
+
+def _of_variables(group: Group, scene: "SceneSection", table: VariableTable) -> dict[str, float]:
+    """Return the powers of the variables in a group, by name."""
+    powers = {name: power for name, power in group.powers.items() if name in table}
+    if radius := group.powers.get("grain_radius", 0.0):
+        for name in _radius_factors(scene, table):
+            powers[name] = powers.get(name, 0.0) + radius
+    if VOLUME_FRACTION.name in table and "size_ratio" in powers:
+        powers[VOLUME_FRACTION.name] = powers.pop("size_ratio") / 3.0
+    return powers
+
+
+def _radius_factors(scene: "SceneSection", table: VariableTable) -> list[str]:
+    """Return the variables that the mean radius of the grains is proportional to."""
+    if scene.diameter is None:
+        return ["size_ratio", *(["half_width"] if "half_width" in table else [])]
+    return [name for name in ("grain_diameter", "grain_radius", "sizes.median") if name in table]
 
 
 def _named(scene: "SceneSection") -> Iterator[Group]:

@@ -5,9 +5,10 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from agglom_mpi.variables import NAMES
+from agglom_mpi.config.alternatives import SIZES
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.bounds import Bounds
     from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.plan import Plan
 
@@ -27,7 +28,9 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
     scales = zip(variables.logarithmic.tolist(), variables.cubic.tolist(), strict=True)
     boxes = {
         name: (*pair, "log") if logarithmic else (*pair, "cubic") if cubic else pair
-        for name, pair, (logarithmic, cubic) in zip(NAMES, ends, scales, strict=True)
+        for name, pair, (logarithmic, cubic) in zip(
+            variables.table.names, ends, scales, strict=True
+        )
     }
     sections = {
         "seed": campaign.seed,
@@ -39,7 +42,16 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
         sections["constraints"] = sorted(campaign.relations.canonical())
     if campaign.plan is not None:
         sections |= _required_plan(campaign.plan)
-    return dict(_flat(sections))
+    given = {f"scene.{name}" for name in _given_as_variables(variables)}
+    return {name: value for name, value in _flat(sections) if name not in given}
+
+
+def _given_as_variables(variables: "Bounds") -> Iterator[str]:
+    """Yield the entries of a scene that stand under `variables`, and so in its entries."""
+    for path in variables.paths:
+        yield path.name
+        if path.section in SIZES:  # each of which is recorded as the diameter or the half-width
+            yield from SIZES
 
 
 def objective(campaign: "CampaignSections") -> dict[str, object]:

@@ -29,7 +29,7 @@ def inversion_of(
     campaign
         The campaign.
     given
-        Strings to start with, in SI units, shape (n, 10).
+        Strings to start with, in SI units, shape (n, k).
     restore
         Replaces proposals by those an earlier leg has stored; None keeps them.
     background
@@ -55,7 +55,7 @@ def inversion_of(
 
     return Inversion(
         campaign.search.build(inputs),
-        lambda: Ensemble(ensemble, objective, particles),
+        lambda string: Ensemble(ensemble, campaign.objective_at(string), particles),
         campaign.stopping.ending,
         restore=restore,
         signed=signed,

@@ -4,6 +4,7 @@ A file may give the volume fraction in place of the size ratio, which is what st
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -14,12 +15,10 @@ from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relation_reader import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
-from agglom_mpi.declaration.given_values import read_variable
+from agglom_mpi.declaration.given_values import component_of, read_variable
 from agglom_mpi.variables import (
-    COUNT,
-    NAMES,
-    VARIABLES,
     VOLUME_FRACTION,
+    VariableTable,
     size_ratio,
     volume_fraction,
 )
@@ -43,12 +42,10 @@ class NamedColumns(Protocol):
 
 
 Parameters = Mapping[str, Any] | NamedColumns | ArrayLike
-"""Values by name, numbers in SI units or texts with units, one or (n,); or strings, (n, 10)."""
+"""Values by name, numbers in SI units or texts with units, one or (n,); or strings, (n, k)."""
 
 ROUNDING: Final = 1e-9
 """Relative difference from a fixed value that is only rounding."""
-UNREMARKABLE: Final = 0.1
-"""A number that every variable may have."""
 
 
 class OwnVariable(NamedTuple):
@@ -82,7 +79,7 @@ class OwnVariable(NamedTuple):
         return 1.0 if self.cubes is None else 3.0
 
     def values(self, strings: Floats) -> Floats:
-        """Return its values at strings, (n, 10), shape (n,)."""
+        """Return its values at strings, (n, k), shape (n,)."""
         return self.of_components(strings[:, self.column])
 
     def of_components(self, components: Floats) -> Floats:
@@ -102,7 +99,7 @@ def own_variables(box: Bounds) -> tuple[OwnVariable, ...]:
     """Return the searched variables of a campaign's box, in the order of the strings."""
     found = []
     for i in np.flatnonzero(box.lower < box.upper).tolist():
-        variable, cubes = VARIABLES[i], None
+        variable, cubes = box.table.variables[i], None
         if variable.name == "size_ratio" and box.by_volume_fraction:
             variable, cubes = VOLUME_FRACTION, box.third_moment
         logarithmic, cubic = bool(box.logarithmic[i]), bool(box.cubic[i]) and cubes is None
@@ -112,24 +109,24 @@ def own_variables(box: Bounds) -> tuple[OwnVariable, ...]:
     return tuple(found)
 
 
-def given_names(parameters: Parameters) -> set[str]:
+def given_names(table: VariableTable, parameters: Parameters) -> set[str]:
     """Return the components of a string that parameters by name give; all of an array."""
     if not hasattr(parameters, "items"):
-        return set(NAMES)
+        return set(table.names)
     names = {str(name) for name, _ in parameters.items()}
     return names | ({"size_ratio"} if VOLUME_FRACTION.name in names else set())
 
 
 def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats:
-    """Return strings of a campaign, (n, 10) in SI units, as `campaign.simulate` reads one.
+    """Return strings of a campaign, (n, k) in SI units, as `campaign.simulate` reads one.
 
     Parameters
     ----------
     campaign
     parameters
         Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each (n,)
-        or one for all; what is not given is fixed, or the middle of its range. Or all ten in SI
-        units, shape (10,) or (n, 10).
+        or one for all; what is not given is fixed, or the middle of its range. Or all variables
+        in SI units, shape (k,) or (n, k).
 
     Raises
     ------
@@ -143,7 +140,7 @@ def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats
     columns: dict[str, tuple[str, Floats]] = {}
     for key, value in parameters.items():
         try:
-            name, values = _read_column(str(key), value, box.third_moment)
+            name, values = _read_column(str(key), value, box)
             if name in columns:
                 other = columns[name][0]
                 raise ValueError(f"is given beside {other}; give one of {', '.join(FRACTIONS)}")
@@ -162,7 +159,7 @@ def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats
     strings = np.tile(campaign.variables.at(0.5), (*shape, 1))
     for name, (_, values) in columns.items():
         if name in box.used:
-            strings[:, NAMES.index(name)] = values
+            strings[:, box.table.index(name)] = values
     return strings
 
 
@@ -176,11 +173,12 @@ def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, 
     if "string" not in values:
         return values
     others = {*TABLE_COLUMNS, *(each.name for each in campaign.relations.derived)}
+    others -= set(campaign.variables.table.further_names)
     return {name: value for name, value in values.items() if name not in others}
 
 
 def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Floats:
-    """Return strings, (n, 10), of which every searched variable is given, and no other is changed.
+    """Return strings, (n, k), of which every searched variable is given, and no other is changed.
 
     Parameters
     ----------
@@ -193,13 +191,14 @@ def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Float
     CampaignError
         If a name is unknown, a value impossible or missing, or another than the campaign fixed.
     """
-    strings, given = read_strings(campaign, parameters), given_names(parameters)
+    table = campaign.variables.table
+    strings, given = read_strings(campaign, parameters), given_names(table, parameters)
     for variable in own_variables(campaign.variables):
-        if NAMES[variable.column] not in given:
+        if table.names[variable.column] not in given:
             message = "is missing; the campaign searches it"
             raise ArgumentError.of(campaign.name, variable.name, message)
     for name, fixed in campaign.variables.fixed.items():
-        values = strings[:, NAMES.index(name)]
+        values = strings[:, table.index(name)]
         other = values[np.abs(values - fixed) > ROUNDING * abs(fixed)]
         if len(other):
             raise _other_than_fixed(campaign, name, float(other[0]), fixed)
@@ -210,7 +209,7 @@ def _other_than_fixed(
     campaign: "CampaignSections", name: str, given: float, fixed: float
 ) -> ArgumentError:
     """Return the error about a value that is not what the campaign fixed."""
-    unit = VARIABLES[NAMES.index(name)].unit
+    unit = campaign.variables.table[name].unit
     if name == "size_ratio" and campaign.variables.by_volume_fraction:
         name = VOLUME_FRACTION.name
         given, fixed = campaign.fraction(given), campaign.fraction(fixed)
@@ -220,41 +219,51 @@ def _other_than_fixed(
 
 
 def _whole_strings(campaign: "CampaignSections", parameters: Any) -> Floats:
-    """Return strings of all ten numbers, of which those that the scene uses must be finite."""
+    """Return strings of all k numbers, of which those that the scene uses must be finite."""
+    table = campaign.variables.table
     try:
         strings = np.atleast_2d(np.asarray(parameters, np.float64))
     except (TypeError, ValueError):
-        message = f"are {type(parameters).__name__}; must be values by name, or {COUNT} numbers"
+        message = (
+            f"are {type(parameters).__name__}; must be values by name, or {table.count} numbers"
+        )
         raise ArgumentError.of(campaign.name, "parameters", message) from None
-    if strings.ndim != 2 or strings.shape[1] != COUNT:
-        message = f"have the shape {np.shape(parameters)}; must be {COUNT} numbers, or (n, {COUNT})"
+    if strings.ndim != 2 or strings.shape[1] != table.count:
+        shapes = f"{table.count} numbers, or (n, {table.count})"
+        message = f"have the shape {np.shape(parameters)}; must be {shapes}"
         raise ArgumentError.of(campaign.name, "parameters", message)
     for name in campaign.variables.used:
-        values = strings[:, NAMES.index(name)]
-        wrong = values[~(np.isfinite(values) & (values >= 0.0))]
-        if len(wrong):
-            message = f"is {wrong[0]:g}; must be a finite number of at least 0"
-            raise ArgumentError.of(campaign.name, name, message)
+        values, limits = strings[:, table.index(name)], table[name].limits
+        if limits is None:
+            wrong = values[~(np.isfinite(values) & (values >= 0.0))].tolist()
+            must = "must be a finite number of at least 0"
+        else:
+            wrong = [one for one in _extremes(values) if limits.broken_by(one)]
+            must = f"must be {limits.broken_by(wrong[0])}" if wrong else ""
+        if wrong:
+            raise ArgumentError.of(campaign.name, name, f"is {wrong[0]:g}; {must}")
     return strings
 
 
-def _read_column(key: str, value: Any, third_moment: float) -> tuple[str, Floats]:
+def _read_column(key: str, value: Any, box: Bounds) -> tuple[str, Floats]:
     """Return the component that values of a variable give, and its values, (n,) or ()."""
+    third_moment = box.third_moment
+    read = partial(read_variable, third_moment=third_moment, table=box.table)
     if isinstance(value, str) or np.ndim(value) == 0:
         one = value.item() if hasattr(value, "item") else value
-        name, number = read_variable(key, one, third_moment)
+        name, number = read(key, one)
         return name, np.asarray(number)
     if np.ndim(value) != 1:
         raise ValueError(f"has the shape {np.shape(value)}; must be one value or one-dimensional")
-    name, _ = read_variable(key, UNREMARKABLE, third_moment)
+    name = component_of(key, box.table)
     values = np.asarray(value)
     if values.dtype.kind not in "iuf":  # of a list, as it is: numpy makes texts of its numbers
         listed = np.asarray(value, object).tolist()
-        return name, np.array([read_variable(key, one, third_moment)[1] for one in listed])
+        return name, np.array([read(key, one)[1] for one in listed])
     values = values.astype(np.float64)
     for one in _extremes(values):
-        read_variable(key, one, third_moment)
-    if key == VOLUME_FRACTION.name:
+        read(key, one)
+    if key != name:
         values = np.array([size_ratio(one, third_moment) for one in values.tolist()])
     return name, values
 
@@ -273,7 +282,7 @@ def string_of(
     values: Mapping[str, float | str],
     fill: Literal["lower", "centre", "upper"] = "centre",
 ) -> Floats:
-    """Return one parameter string, (10,), in SI units; see `Campaign.parameters`.
+    """Return one parameter string, (k,), in SI units; see `Campaign.parameters`.
 
     Parameters
     ----------
@@ -288,13 +297,13 @@ def string_of(
     CampaignError
         If a name is unknown or a value impossible.
     """
-    share = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill]
-    string = campaign.variables.at(share)
+    share, box = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill], campaign.variables
+    string = box.at(share)
     problems = []
     given: dict[str, str] = {}
     for key, value in without_results(campaign, values).items():
         try:
-            name, number = read_variable(key, value, campaign.variables.third_moment)
+            name, number = read_variable(key, value, box.third_moment, box.table)
         except ValueError as error:
             problems.append(Problem(campaign.name, None, key, str(error)))
             continue
@@ -302,8 +311,8 @@ def string_of(
             message = f"is given beside {given[name]}; give one of {', '.join(FRACTIONS)}"
             problems.append(Problem(campaign.name, None, key, message))
         given[name] = key
-        if name in campaign.variables.used:
-            string[NAMES.index(name)] = number
+        if name in box.used:
+            string[box.table.index(name)] = number
     if problems:
         raise CampaignError(*problems)
     return string

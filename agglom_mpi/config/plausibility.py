@@ -21,7 +21,10 @@ from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import LIGHT_SPEED
-from agglom_mpi.variables import NAMES, VARIABLES, values_by_name
+from agglom_mpi.variables import TEN, VariableTable
+
+Value = dict[str, float]
+"""The variables of a string in SI units, by name."""
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -89,13 +92,8 @@ def implausible(
         idle = {name: value for name, value in given.items() if name not in used}
     findings = [
         *_idle(idle),
-        *_unusual(lower, upper),
-        *_softening(campaign.scene, lower, upper),
-        *_speeds(campaign.scene, upper),
-        *_bonding(campaign.scene, lower, upper),
-        *_sizes(campaign.scene, lower, upper),
-        *unlikely_draws(campaign, values_by_name(upper)["size_ratio"]),
-        *_collisions(campaign.scene, lower, upper),
+        *_unusual(box.table, lower, upper),
+        *_of_scenes(campaign, lower, upper),
         *(_growth(campaign) if campaign.plan is not None else ()),
     ]
     source = parse(campaign.text, campaign.name)
@@ -115,9 +113,53 @@ def _idle(values: Mapping[str, Any]) -> Iterator[Finding]:
         yield ("variables", name), message
 
 
-def _unusual(lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+def _of_scenes(
+    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
+) -> Iterator[Finding]:
+    """Yield what is unlikely in the scene.
+
+    Where its numbers are searched, only what is unlikely with their lower ends, with their upper
+    ends and in the middle.
+    """
+    middle = 0.5 * (lower + upper) if campaign.scenes.paths else lower
+    found = []
+    for string in (
+        dict.fromkeys(map(tuple, (middle, lower, upper))) if campaign.scenes.paths else ()
+    ):
+        found.append(dict(_of_scene(campaign, np.array(string), lower, upper)))
+    if not found:
+        yield from _of_scene(campaign, lower, lower, upper)
+        return
+    for path, message in found[0].items():
+        if all(path in other for other in found):
+            yield path, message
+
+
+def _of_scene(
+    campaign: "CampaignSections", string: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> Iterator[Finding]:
+    """Yield what is unlikely in the scene of a string, with the other variables in their ranges."""
+    try:
+        scene, values = campaign.at(string)
+    except ValueError:  # reported where the box is checked
+        return
+    numbers = {name: values[name] for name in campaign.variables.table.further_names}
+    ends = [
+        campaign.scenes.of_values(TEN.values_by_name(end[: TEN.count]) | numbers).values
+        for end in (lower, upper)
+    ]
+    low, high = ends
+    yield from _softening(scene, low, high)
+    yield from _speeds(scene, high)
+    yield from _bonding(scene, low, high)
+    yield from _sizes(scene, low, high)
+    yield from unlikely_draws(scene, campaign.seed, high["size_ratio"])
+    yield from _collisions(scene, low, high)
+
+
+def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
     """Yield variables of which an end is outside of what exists."""
-    for variable, low, high in zip(VARIABLES, lower.tolist(), upper.tolist(), strict=True):
+    for variable, low, high in zip(table.variables, lower.tolist(), upper.tolist(), strict=True):
         usual = USUAL.get(variable.name)
         if usual is None or np.isnan(low):
             continue
@@ -129,12 +171,12 @@ def _unusual(lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
             yield ("variables", variable.name), f"{reaches} {value:g}{unit}; usual is {usual.words}"
 
 
-def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+def _softening(scene: "SceneSection", soft: Value, hard: Value) -> Iterator[Finding]:
     """Yield the activation energy if it makes a usual hardness one that no matter has."""
     name = scene.hardness.softened_by
     if not scene.restitution.needs_contact_pressure or name is None:
         return
-    soft, hard, usual = values_by_name(lower), values_by_name(upper), USUAL["hardness"]
+    usual = USUAL["hardness"]
     coldest = soft["temperature"]
     if coldest < USUAL["temperature"].lower:
         return
@@ -142,7 +184,7 @@ def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> I
     power = math.log10(hard["hardness"]) + exponent / math.log(10.0)
     both_usual = all(hard[n] <= USUAL[n].upper for n in ("hardness", name))
     if both_usual and power > math.log10(usual.upper):
-        fixed, unit = soft[name] == hard[name], VARIABLES[NAMES.index(name)].unit
+        fixed, unit = soft[name] == hard[name], TEN[name].unit
         message = (
             f"{'is' if fixed else 'reaches'} {hard[name]:g} {unit}, with which "
             f"grains at {coldest:g} K have a hardness of 10^{power:.3g} Pa; usual is "
@@ -151,9 +193,9 @@ def _softening(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> I
         yield ("variables", name), message
 
 
-def _speeds(scene: "SceneSection", upper: np.ndarray) -> Iterator[Finding]:
+def _speeds(scene: "SceneSection", fast: Value) -> Iterator[Finding]:
     """Yield a wide spread in y and z, and speeds at which mechanics is not Newton's."""
-    speed, mean = values_by_name(upper)["relative_speed"], scene.velocities.mean_flow
+    speed, mean = fast["relative_speed"], scene.velocities.mean_flow
     across, usual = scene.velocities.transverse_speed(speed), USUAL["relative_speed"]
     if across > usual.upper >= speed:
         message = (
@@ -172,15 +214,14 @@ def _speeds(scene: "SceneSection", upper: np.ndarray) -> Iterator[Finding]:
         yield path, message
 
 
-def _bonding(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+def _bonding(scene: "SceneSection", low: Value, fast: Value) -> Iterator[Finding]:
     """Yield the length ratio if no grains of any string are fast enough to bond; see `SLOW`.
 
     Taken with the hardness of hot grains, as the heat of impacts softens them.
     """
     if not scene.restitution.needs_contact_pressure:
         return
-    fast = values_by_name(upper)
-    soft = fast | {"hardness": values_by_name(lower)["hardness"]}
+    soft = fast | {"hardness": low["hardness"]}
     needed = scales.critical_speed(scene, soft, scene.hardness.least_exponent)
     fastest = scales.fastest_approach(scene, fast)
     if 0.0 < fastest < SLOW * needed:
@@ -192,10 +233,9 @@ def _bonding(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Ite
         yield ("scene", "duration", *field), message
 
 
-def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+def _sizes(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:
     """Yield the length of the box if it makes grains of a size that is not usual."""
-    ends = values_by_name(lower), values_by_name(upper)
-    small, large = (2.0 * scales.grain_radius(scene, value) for value in ends)
+    small, large = (2.0 * scales.grain_radius(scene, value) for value in (low, high))
     if small < GRAINS.lower or large > GRAINS.upper:
         size = small if small < GRAINS.lower else large
         message = (
@@ -205,9 +245,9 @@ def _sizes(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Itera
         yield ("scene", scene.size_key), message
 
 
-def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
+def _collisions(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:
     """Yield the end time if it is too short for collisions, or too long to be simulated."""
-    counts = _expected(scene, lower, upper)
+    counts = _expected(scene, low, high)
     if not counts:
         return
     most, typical = max(counts), counts[-1]
@@ -227,17 +267,16 @@ def _collisions(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> 
         yield ("scene", "end_time"), message
 
 
-def _expected(scene: "SceneSection", lower: np.ndarray, upper: np.ndarray) -> list[float]:
+def _expected(scene: "SceneSection", low: Value, high: Value) -> list[float]:
     """Return the collisions per grain that are expected in the box's corners, and in its centre."""
-    places = [NAMES.index(name) for name in DECISIVE]
-    searched = [i for i in places if lower[i] < upper[i]]
+    searched = [name for name in DECISIVE if low[name] < high[name]]
     counts = []
     for shares in [*product((0.0, 1.0), repeat=len(searched)), (0.5,) * len(searched)]:
-        string = lower.copy()
-        for i, share in zip(searched, shares, strict=True):
-            string[i] = (1.0 - share) * lower[i] + share * upper[i]
+        value = dict(low)
+        for name, share in zip(searched, shares, strict=True):
+            value[name] = (1.0 - share) * low[name] + share * high[name]
         try:
-            counts.append(scales.expected_collisions(scene, values_by_name(string)))
+            counts.append(scales.expected_collisions(scene, value))
         except (ValueError, ArithmeticError):  # such scales are refused where they are used
             return []
     return counts

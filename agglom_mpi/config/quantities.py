@@ -4,7 +4,7 @@ Expressions may name them, and `agglom check` prints them.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT
-from agglom_mpi.variables import NAMES, VARIABLES, values_by_name, volume_fraction
+from agglom_mpi.variables import TEN, VariableTable, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.scene import SceneSection
+    from agglom_mpi.config.string_scenes import StringScene, StringScenes
 
 Floats = NDArray[np.float64]
 Value = Mapping[str, float]
-"""The ten variables of one string, in SI units, by name."""
+"""The variables of one string, in SI units, by name."""
 
 CONSTANTS: Final = {"pi": ("1", math.pi), "gas_constant": ("J/mol/K", GAS_CONSTANT)}
 """Constants that expressions may name: unit and value."""
@@ -74,32 +75,34 @@ QUANTITIES: Final = (
 BY_NAME: Final = {quantity.name: quantity for quantity in QUANTITIES}
 
 
-def units_of(used: Iterable[str]) -> dict[str, str]:
+def units_of(used: Iterable[str], table: VariableTable = TEN) -> dict[str, str]:
     """Return the SI units of all that expressions may name, by name.
 
     Parameters
     ----------
     used
         Names of the variables that the scene depends on.
+    table
+        The variables of the campaign.
     """
-    units = {variable.name: variable.unit for variable in VARIABLES if variable.name in set(used)}
-    units |= {quantity.name: quantity.unit for quantity in QUANTITIES}
+    units = {quantity.name: quantity.unit for quantity in QUANTITIES}
+    units = {name: table[name].unit for name in table.names if name in set(used)} | units
     return units | {name: unit for name, (unit, _) in CONSTANTS.items()}
 
 
 def quantity_values(
-    scene: "SceneSection", names: Iterable[str], parameters: Mapping[str, Floats]
+    scenes: "StringScenes", names: Iterable[str], parameters: Mapping[str, Floats]
 ) -> dict[str, Any]:
     """Return the values of constants, and of quantities of n strings, in SI units, by name.
 
     Parameters
     ----------
-    scene
-        Section of the campaign.
+    scenes
+        Of the campaign.
     names
         What to return; other names than these are left out.
     parameters
-        The ten variables in SI units, each (n,).
+        The variables in SI units, each (n,).
 
     Returns
     -------
@@ -111,26 +114,32 @@ def quantity_values(
     chosen = [quantity for quantity in QUANTITIES if quantity.name in wanted]
     if not chosen:
         return values
-    shape = np.shape(parameters[NAMES[0]])
+    alike = {
+        quantity.name for quantity in chosen if quantity.elementwise and not scenes.lengths_differ
+    }
+    rows = scenes.rows(parameters) if len(alike) < len(chosen) else []
+    shape = np.shape(next(iter(parameters.values())))
     for quantity in chosen:
-        if quantity.elementwise:
-            values[quantity.name] = np.broadcast_to(quantity.compute(scene, parameters), shape)
+        if quantity.name in alike:
+            found = quantity.compute(scenes.section, parameters)
+            values[quantity.name] = np.broadcast_to(found, shape)
         else:
-            values[quantity.name] = one_by_one(scene, quantity, parameters)
+            values[quantity.name] = one_by_one(rows, quantity)
     return values
 
 
-def one_by_one(
-    scene: "SceneSection", quantity: Quantity, parameters: Mapping[str, Floats]
-) -> Floats:
-    """Return a quantity of n strings, each by itself, (n,); arguments as for `quantity_values`."""
-    strings = np.column_stack([np.asarray(parameters[name], np.float64) for name in NAMES])
-    values = [_value(quantity, scene, values_by_name(string)) for string in strings]
-    return np.array(values, np.float64)
+def one_by_one(rows: "Sequence[StringScene | None]", quantity: Quantity) -> Floats:
+    """Return a quantity of the scenes of n strings, each by itself, (n,).
+
+    It is nan for a string that cannot be simulated; None stands for one without a scene.
+    """
+    return np.array([_value(quantity, row) for row in rows], np.float64)
 
 
-def _value(quantity: Quantity, scene: "SceneSection", row: Value) -> float:
+def _value(quantity: Quantity, row: "StringScene | None") -> float:
+    if row is None:
+        return math.nan
     try:
-        return float(quantity.compute(scene, row))
+        return float(quantity.compute(row.section, row.values))
     except (ArithmeticError, ValueError):
         return math.nan

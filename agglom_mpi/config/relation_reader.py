@@ -1,7 +1,7 @@
 """Reader of the sections `derived` and `constraints`, with all that is wrong with them."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, Final
 
 from agglom_mpi.config.dimensions import PURE, Dimension, dimension_of, unit_of
@@ -18,9 +18,10 @@ from agglom_mpi.config.expressions import (
 from agglom_mpi.config.quantities import BY_NAME, CONSTANTS, QUANTITIES, units_of
 from agglom_mpi.config.relations import CircularError, Derived, in_order
 from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.outcome import OUTCOME
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN, VariableTable
 
 MAX_ENTRIES: Final = 30
 """Largest numbers of derived quantities and of constraints."""
@@ -43,7 +44,7 @@ Problems = list[tuple[FieldPath, str]]
 
 
 def read_derived(
-    value: Any, used: Sequence[str], recorded: bool = False
+    value: Any, used: Sequence[str], reading: Reading = PLAIN
 ) -> tuple[tuple[Derived, ...], Problems]:
     """Return the quantities of the section `derived`, and what is wrong with it.
 
@@ -53,8 +54,8 @@ def read_derived(
         The section as it is in the file.
     used
         Names of the variables that the scene depends on.
-    recorded
-        As for `read_expression`.
+    reading
+        The variables of the campaign, and whether a run has recorded the text.
     """
     if not isinstance(value, dict):
         message = f"is {quoted(value)}; must be a mapping like {{pressure: density * speed^2}}"
@@ -62,21 +63,24 @@ def read_derived(
     if len(value) > MAX_ENTRIES:
         return (), [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
     problems: Problems = [((name,), message) for name in value if (message := _name_problem(name))]
-    known = units_of(used)
-    names = {*NAMES, *known, *value}
+    known = units_of(used, reading.variables)
+    names = {*reading.variables.names, *known, *value}
     trees: dict[str, Node] = {}
     for name, entry in value.items():
         try:
-            trees[name] = read_expression(_text(entry), names, recorded)
+            trees[name] = read_expression(_text(entry), names, reading.recorded)
         except ValueError as error:
             problems.append(((name,), str(error)))
     if problems:  # an unknown name may be one of these
         return (), problems
-    return _checked(value, trees, known)
+    return _checked(value, trees, known, reading.variables)
 
 
 def _checked(
-    value: Mapping[str, Any], trees: Mapping[str, Node], known: Mapping[str, str]
+    value: Mapping[str, Any],
+    trees: Mapping[str, Node],
+    known: Mapping[str, str],
+    table: VariableTable,
 ) -> tuple[tuple[Derived, ...], Problems]:
     """Return the quantities of trees whose dimensions and sizes are right, and other problems."""
     try:
@@ -91,7 +95,7 @@ def _checked(
         try:
             if sizes[name] > MAX_SIZE:
                 raise ValueError(f"is too long; at most {MAX_SIZE} terms with all written out")
-            check_names(trees[name], dimensions, trees)
+            check_names(trees[name], {*dimensions, *trees}, table)
             found = dimension(trees[name], dimensions)
         except ValueError as error:
             problems.append(((name,), str(error)))
@@ -104,7 +108,7 @@ def _checked(
 def _name_problem(name: str) -> str:
     if not _NAME.fullmatch(name):
         return f"is no name for a quantity; {NAME_RULE}"
-    if name in NAMES or name == "volume_fraction":
+    if name in TEN or name == "volume_fraction":
         return "is the name of a variable; choose another"
     if name in CONSTANTS or name in {quantity.name for quantity in QUANTITIES}:
         return "is the name of a quantity that every scene has; choose another"
@@ -122,15 +126,15 @@ def _text(entry: Any) -> str:
     return entry
 
 
-def check_names(node: Node, known: Mapping[str, Any], others: Mapping[str, Any]) -> None:
+def check_names(node: Node, known: Container[str], table: VariableTable) -> None:
     """Raise a ValueError if a tree names a variable on which the scene does not depend."""
     for name in names_in(node):
-        if name in NAMES and name not in known and name not in others:
+        if name in table and name not in known:
             raise ValueError(f"names '{name}', on which this scene does not depend")
 
 
 def read_constraints(
-    value: Any, used: Sequence[str], derived: Sequence[Derived], recorded: bool = False
+    value: Any, used: Sequence[str], derived: Sequence[Derived], reading: Reading = PLAIN
 ) -> tuple[tuple[Comparison, ...], Problems]:
     """Return the comparisons of the section `constraints`, and what is wrong with it.
 
@@ -142,32 +146,32 @@ def read_constraints(
         Names of the variables that the scene depends on.
     derived
         Quantities that they may name, too.
-    recorded
-        As for `read_expression`.
+    reading
+        As for `read_derived`.
     """
     if not isinstance(value, list) or not value:
         message = "must be a list of texts like ['pressure < 0.1 * hardness']"
         return (), [((), f"is {quoted(value)}; {message}")]
     if len(value) > MAX_ENTRIES:
         return (), [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
-    units = units_of(used) | {each.name: each.unit for each in derived}
+    units = units_of(used, reading.variables) | {each.name: each.unit for each in derived}
     dimensions: dict[str, Dimension] = {name: dimension_of(unit) for name, unit in units.items()}
     problems: Problems = []
     found = []
     for i, entry in enumerate(value):
         try:
-            found.append(_constraint(entry, dimensions, recorded))
+            found.append(_constraint(entry, dimensions, reading))
         except ValueError as error:
             problems.append(((i,), str(error)))
     return tuple(found), problems
 
 
-def _constraint(entry: Any, dimensions: Mapping[str, Dimension], recorded: bool) -> Comparison:
+def _constraint(entry: Any, dimensions: Mapping[str, Dimension], reading: Reading) -> Comparison:
     if not isinstance(entry, str):
         raise ValueError(f"is {quoted(entry)}; must be a text like 'pressure < 0.1 * hardness'")
-    comparison = read_comparison(entry, {*NAMES, *dimensions}, recorded)
+    comparison = read_comparison(entry, {*reading.variables.names, *dimensions}, reading.recorded)
     for node in comparison.operands:
-        check_names(node, dimensions, {})
+        check_names(node, dimensions, reading.variables)
     common_dimension(comparison.operands, dimensions, "in a comparison")
     if not any(name not in CONSTANTS for node in comparison.operands for name in names_in(node)):
         raise ValueError(f"is {quoted(entry)}, which depends on nothing")

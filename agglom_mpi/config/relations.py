@@ -16,10 +16,9 @@ from agglom_mpi.config.expressions import (
     text_of,
 )
 from agglom_mpi.config.quantities import quantity_values
-from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.scene import SceneSection
+    from agglom_mpi.config.string_scenes import StringScenes
 
 Parameters = Mapping[str, NDArray[np.float64]]
 
@@ -48,31 +47,31 @@ class Relations:
     derived: tuple[Derived, ...] = ()
     constraints: tuple[Comparison, ...] = ()
 
-    def values(self, scene: "SceneSection", parameters: Parameters) -> dict[str, Any]:
+    def values(self, scenes: "StringScenes", parameters: Parameters) -> dict[str, Any]:
         """Return the derived quantities of n strings in SI units, each (n,), by name.
 
         Parameters
         ----------
-        scene
-            Section of the campaign, whose quantities they may name.
+        scenes
+            Of the campaign, whose quantities they may name.
         parameters
-            The ten variables in SI units, each (n,).
+            The variables in SI units, each (n,).
         """
         names = [each.name for each in self.derived]
-        values = self._evaluated(scene, names, parameters)
-        shape = np.shape(parameters[NAMES[0]])
+        values = self._evaluated(scenes, names, parameters)
+        shape = np.shape(next(iter(parameters.values())))
         return {name: np.broadcast_to(values[name], shape) for name in names}
 
-    def allowed(self, scene: "SceneSection", parameters: Parameters) -> NDArray[np.bool_]:
+    def allowed(self, scenes: "StringScenes", parameters: Parameters) -> NDArray[np.bool_]:
         """Return which of n strings satisfy all constraints, (n,); arguments as for `values`."""
-        allowed = np.ones(np.shape(parameters[NAMES[0]]), np.bool_)
-        for _, holds in self._tested(scene, parameters):
+        allowed = np.ones(np.shape(next(iter(parameters.values()))), np.bool_)
+        for _, holds in self._tested(scenes, parameters):
             allowed &= holds
         return allowed
 
-    def broken(self, scene: "SceneSection", parameters: Parameters) -> list[str]:
+    def broken(self, scenes: "StringScenes", parameters: Parameters) -> list[str]:
         """Return the texts of the constraints that some of the strings do not satisfy."""
-        return [text for text, holds in self._tested(scene, parameters) if not np.all(holds)]
+        return [text for text, holds in self._tested(scenes, parameters) if not np.all(holds)]
 
     def canonical(self) -> list[str]:
         """Return the constraints in SI units, with derived quantities written out.
@@ -89,15 +88,15 @@ class Relations:
         return {each.name: each.tree for each in self.derived}
 
     def _tested(
-        self, scene: "SceneSection", parameters: Parameters
+        self, scenes: "StringScenes", parameters: Parameters
     ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         names = [n for each in self.constraints for node in each.operands for n in names_in(node)]
-        values = self._evaluated(scene, names, parameters)
+        values = self._evaluated(scenes, names, parameters)
         for constraint in self.constraints:
             yield constraint.text, satisfied(constraint, values)
 
     def _evaluated(
-        self, scene: "SceneSection", names: Sequence[str], parameters: Parameters
+        self, scenes: "StringScenes", names: Sequence[str], parameters: Parameters
     ) -> dict[str, Any]:
         """Return the values of all that these names need, derived quantities after their own."""
         trees = self._trees
@@ -107,7 +106,8 @@ class Relations:
             if name not in needed:
                 needed.add(name)
                 wanted += names_in(trees[name]) if name in trees else ()
-        values = dict(parameters) | quantity_values(scene, needed, parameters)
+        needed -= parameters.keys()  # a variable may have the name of a quantity, as grain_diameter
+        values = dict(parameters) | quantity_values(scenes, needed, parameters)
         for name in in_order({name: tree for name, tree in trees.items() if name in needed}):
             values[name] = evaluate(trees[name], values)
         return values

@@ -1,17 +1,17 @@
 """The `scene` section: box, grains, laws and engine."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
 from agglom_mpi.declaration.components import (
     Choice,
+    In,
     UnknownComponentError,
     class_named,
     names_of,
@@ -19,7 +19,7 @@ from agglom_mpi.declaration.components import (
 from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import WholeNumber
 from agglom_mpi.declaration.laws import Law, Values
-from agglom_mpi.declaration.reading import reading_of
+from agglom_mpi.declaration.reading import Reading, reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
@@ -36,7 +36,7 @@ from agglom_mpi.physics.sizes import Sizes, are_lengths
 from agglom_mpi.physics.velocities import Velocities
 from agglom_mpi.simulation.boundary import Boundary, Periodic
 from agglom_mpi.simulation.engines import Engine, EventDriven
-from agglom_mpi.variables import values_by_name
+from agglom_mpi.variables import TEN
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.scene import Scene
@@ -116,6 +116,12 @@ class SceneSection(Section):
     None: all grains are equal.
     """
 
+    NUMBERS: ClassVar[Mapping[str, In]] = {
+        **{key: In("m", above=0) for key in SIZES},
+        "end_time": In("s", above=0),
+    }
+    """Its own fields that are real numbers; those of its laws are declared by these."""
+
     particles: Annotated[
         WholeNumber,
         Field(ge=2, le=10**7, description="the number of grains"),
@@ -183,8 +189,10 @@ class SceneSection(Section):
                 entries["grain_diameter"] = self.diameter
         return entries
 
-    def build(self, parameters: ArrayLike, engine: Engine | None = None) -> "Scene":
+    def build(self, parameters: Values | ArrayLike, engine: Engine | None = None) -> "Scene":
         """Return the scene of one parameter string as kernels see it.
+
+        Its numbers are those of the section: `CampaignSections.at` returns the section of a string.
 
         The event engine has no time steps and cools exactly, whatever `integration` is; the
         steppers integrate as it says.
@@ -192,7 +200,7 @@ class SceneSection(Section):
         Parameters
         ----------
         parameters
-            The ten variables in SI units, shape (10,), in the order of `agglom_mpi.variables`.
+            The ten variables of the papers in SI units, by name, or in their order, shape (10,).
         engine
             Engine to use instead of the scene's.
 
@@ -204,7 +212,7 @@ class SceneSection(Section):
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.scene import Scene
 
-        value = values_by_name(np.asarray(parameters, dtype=float))
+        value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
         engine = engine or self.engine
         unused = self.heating.is_absent and math.isnan(value["temperature"])
         return Scene(
@@ -258,15 +266,18 @@ class SceneSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _default_hardness(cls, data: Any, info: ValidationInfo) -> Any:
+        return cls.with_default_hardness(data, reading_of(info))
+
+    @classmethod
+    def with_default_hardness(cls, data: Any, reading: Reading) -> Any:
+        """Return a scene as it is in a file, with the law of hardness that it leaves to others."""
         if not isinstance(data, dict) or "hardness" in data:
             return data
         given = data.get("restitution")
         name = given.get("law") if isinstance(given, dict) else given
         needed = not isinstance(name, str) and PressureRestitution.needs_contact_pressure
         with suppress(UnknownComponentError):  # its own field says so
-            needed = (
-                needed or class_named(Restitution, name, reading_of(info)).needs_contact_pressure
-            )
+            needed = needed or class_named(Restitution, name, reading).needs_contact_pressure
         (name,) = names_of(ArrheniusHardness if needed else ConstantHardness)
         return {**data, "hardness": name}
 

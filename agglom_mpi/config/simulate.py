@@ -38,7 +38,7 @@ def simulate(
     campaign
         The campaign.
     parameters
-        The ten variables in SI units, shape (10,).
+        The variables in SI units, shape (k,).
     sample
         Sample number from 0.
     engine
@@ -52,7 +52,7 @@ def simulate(
         If the sample fails, with the reason.
     """
     vector = np.asarray(parameters, dtype=np.float64)
-    scene = campaign.scene.build(vector, engine)
+    scene = campaign.at(vector).build(engine)
     frames = None if times is None else new_frames(times, scene.particles)
     random = random_numbers(campaign, vector, sample)
     ensure_compiled(scene, frames is not None)
@@ -103,7 +103,7 @@ def changes_until(
     Arguments as for `simulate`. A sample that finds no place for its grains has none.
     """
     vector = np.asarray(parameters, dtype=np.float64)
-    scene = campaign.scene.build(vector, engine)
+    scene = campaign.at(vector).build(engine)
     random = random_numbers(campaign, vector, sample)
     ensure_compiled(scene)
     return count_changes(scene, random, share * scene.end_time)
@@ -112,8 +112,9 @@ def changes_until(
 def random_numbers(
     campaign: "CampaignSections", parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
-    """Return the random numbers of a sample of a string, (10,), from their beginning."""
-    return sample_stream(campaign.seed, parameters, sample, campaign.common_configurations)
+    """Return the random numbers of a sample of a string, (k,), from their beginning."""
+    key = campaign.variables.stream_key(parameters)
+    return sample_stream(campaign.seed, key, sample, campaign.common_configurations)
 
 
 def _objective_value(
@@ -128,5 +129,7 @@ def _objective_value(
     if campaign.objective.code is not None:
         if function is None or function.source is None:
             return math.nan
-        return evaluate(function, finished_sample(scene, parameters, record, final))
-    return float(campaign.objective.of_samples(np.array([record], result.OUTCOME))[0])
+        values = campaign.used_values(parameters)
+        return evaluate(function, finished_sample(scene, values, record, final))
+    objective = campaign.objective_at(parameters)
+    return float(objective.of_samples(np.array([record], result.OUTCOME))[0])

@@ -11,9 +11,9 @@ from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.physics.size_distributions import Floats, SizeDistribution, draw_radii
 from agglom_mpi.random_streams import PLACEMENT_FORECAST, search_stream
+from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
     from agglom_mpi.config.scene import SceneSection
 
 Finding = tuple[FieldPath, str]
@@ -37,17 +37,17 @@ MAX_SCATTER: Final = 0.2
 """Relative standard deviation of the volume fractions of samples above which there is a warning."""
 
 
-def unlikely_draws(campaign: "CampaignSections", size_ratio: float) -> Iterator[Finding]:
+def unlikely_draws(scene: "SceneSection", seed: int, size_ratio: float) -> Iterator[Finding]:
     """Yield the law of sizes if samples that draw from it differ from what is asked.
 
     `size_ratio` is the largest of the campaign.
     """
-    scene, wanted = campaign.scene, campaign.fraction(size_ratio)
+    wanted = volume_fraction(size_ratio, scene.third_moment)
     if scene.size_law is None:
         return
     samples = min(MAX_DRAWN_SAMPLES, MAX_DRAWN_GRAINS // scene.particles)
     enough = samples >= MIN_DRAWN_SAMPLES
-    fractions, fits = _drawn_fractions(campaign, wanted, samples if enough else 0)
+    fractions, fits = _drawn_fractions(scene, seed, wanted, samples if enough else 0)
     yield from _scatter(scene, scene.size_law, fractions / wanted)
     if enough:
         yield from _placement(scene, wanted, fractions, fits)
@@ -99,10 +99,10 @@ def _placement(
 
 
 def _drawn_fractions(
-    campaign: "CampaignSections", wanted: float, samples: int
+    scene: "SceneSection", seed: int, wanted: float, samples: int
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return the volume fractions of drawn samples, (n,), and which of them find a place, (n,)."""
-    scene, random = campaign.scene, search_stream(campaign.seed, PLACEMENT_FORECAST)
+    random = search_stream(seed, PLACEMENT_FORECAST)
     fractions, fits = np.empty(samples), np.empty(samples, np.bool_)
     unit = wanted / scene.third_moment  # volume fraction of grains of the mean radius
     for k in range(samples):

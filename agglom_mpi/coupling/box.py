@@ -42,11 +42,11 @@ import numpy.typing as npt
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.public_face import PublicFace
-from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
 from agglom_mpi.simulation.scene import new_engine_state
 from agglom_mpi.simulation.stepwise import (
@@ -148,8 +148,8 @@ class Box(metaclass=PublicFace, constructor=True):
         except ValueError as error:
             raise ArgumentError.of(campaign.name, "sample", error) from None
         campaign.check_scales(string)
-        scene = campaign.scene.build(string, campaign.engine(engine))
-        self._random = sample_stream(campaign.seed, string, sample, campaign.common_configurations)
+        scene = campaign.at(string).build(campaign.engine(engine))
+        self._random = random_numbers(campaign, string, sample)
         self._initial = initial_particles(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains
         )

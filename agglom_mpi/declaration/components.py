@@ -388,6 +388,19 @@ class Choice(NamedTuple):
             path = (self.kind.named_by,) if is_mapping else ()
             raise FieldError((path, str(error))) from error
 
+    def class_of(self, entry: Any, reading: Reading = PLAIN) -> type[Component]:
+        """Return the class that an entry of a file names.
+
+        Raises
+        ------
+        UnknownComponentError, ValueError
+            If it names none that is known.
+        """
+        mapping = self._as_mapping(entry)
+        if isinstance(mapping, Component):
+            return type(mapping)
+        return class_named(self.kind, mapping.get(self.kind.named_by), reading)
+
     def _read(self, entry: Any, validate: Callable[[Any], Any], info: "ValidationInfo") -> Any:
         """Return the component of an entry: of one's own, or one of the package."""
         if isinstance(entry, self.kind):

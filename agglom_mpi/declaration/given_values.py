@@ -7,17 +7,17 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldPath,
     Meaning,
-    Reads,
     raise_field_errors,
 )
 from agglom_mpi.declaration.field_types import NotEmpty
+from agglom_mpi.declaration.reading import Reading, ReadsInContext
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.variables import (
-    NAMES,
-    VARIABLES,
+    TEN,
     VOLUME_FRACTION,
     Variable,
+    VariableTable,
     size_ratio,
     volume_fraction,
 )
@@ -37,6 +37,10 @@ def read_value(variable: Variable, value: Any) -> float:
     """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
     number = to_si(value, variable.unit)
     unit = "" if variable.unit == "1" else f" {variable.unit}"
+    if variable.limits is not None:
+        if limit := variable.limits.broken_by(number):
+            raise ValueError(f"is {quoted(value)}; must be {limit}{unit}")
+        return number
     if variable.name == "temperature" and number <= 0.0:
         raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
     if number < 0.0 and variable.name in ZERO_ALLOWED:
@@ -54,21 +58,47 @@ def read_value(variable: Variable, value: Any) -> float:
     return number
 
 
-def read_variable(name: str, value: Any, third_moment: float = 1.0) -> tuple[str, float]:
-    """Return a variable's name and value in SI units; a volume fraction is read as a size ratio.
+def read_variable(
+    name: str, value: Any, third_moment: float = 1.0, table: VariableTable = TEN
+) -> tuple[str, float]:
+    """Return a variable's name and value in SI units.
 
-    The latter by the `third_moment` of the law of sizes.
+    Parameters
+    ----------
+    name, value
+        As a file gives them.
+    third_moment
+        Of the law of sizes: a volume fraction is read as a size ratio, unless it is a variable.
+    table
+        The variables of the campaign.
 
     Raises
     ------
     ValueError
         If the name is unknown or the value impossible.
     """
-    if name == VOLUME_FRACTION.name:
-        return "size_ratio", size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
-    if name not in NAMES:
-        raise ValueError(f"unknown variable; {suggestion(name, (*NAMES, VOLUME_FRACTION.name))}")
-    return name, read_value(VARIABLES[NAMES.index(name)], value)
+    component = component_of(name, table)
+    if name != component:
+        return component, size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
+    return name, read_value(table[name], value)
+
+
+def component_of(name: str, table: VariableTable) -> str:
+    """Return the variable of strings that a name stands for: the size ratio for a volume fraction.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown.
+    """
+    if name == VOLUME_FRACTION.name and name not in table:
+        return "size_ratio"
+    if name == "size_ratio" and VOLUME_FRACTION.name in table:
+        raise ValueError("follows from the volume fraction, which this campaign gives, and sizes")
+    if name not in table:
+        known = dict.fromkeys([*table.names, VOLUME_FRACTION.name])
+        raise ValueError(f"unknown variable; {suggestion(name, known)}")
+    return name
 
 
 class EarlierCampaign(Declared):
@@ -81,7 +111,7 @@ class EarlierCampaign(Declared):
     strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 1
 
 
-def _read_strings(value: Any) -> Any:
+def _read_strings(value: Any, reading: Reading) -> Any:
     """Return a list of strings, values by name in SI units, or an `EarlierCampaign`."""
     if isinstance(value, dict):
         return EarlierCampaign.checked(value)
@@ -91,21 +121,26 @@ def _read_strings(value: Any) -> Any:
             "{file: EARLIER.h5, strings: 6}"
         )
     problems: list[tuple[FieldPath, str]] = []
-    strings = [dict(_read_string(string, (i,), problems)) for i, string in enumerate(value)]
+    strings = [
+        dict(_read_string(string, (i,), problems, reading.variables))
+        for i, string in enumerate(value)
+    ]
     raise_field_errors(problems)
     return strings
 
 
-def _read_string(string: Any, path: FieldPath, problems: list[tuple[FieldPath, str]]) -> Any:
+def _read_string(
+    string: Any, path: FieldPath, problems: list[tuple[FieldPath, str]], table: VariableTable
+) -> Any:
     if not isinstance(string, dict):
         problems.append((path, f"is {quoted(string)}; must be a mapping like {{density: 6000}}"))
         return
     for name, value in string.items():
         try:
-            yield read_variable(str(name), value)
+            yield read_variable(str(name), value, table=table)
         except ValueError as error:
             problems.append(((*path, str(name)), str(error)))
 
 
-GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, Reads(_read_strings)]
+GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, ReadsInContext(_read_strings)]
 """Strings to start with: values of searched variables, or the best of another campaign."""

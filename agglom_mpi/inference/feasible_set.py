@@ -109,7 +109,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         ----------
         parameters
             Values by name, as for `campaign.simulate`: SI numbers or texts with units, in a mapping
-            or a DataFrame, each (n,) or one for all; or all ten in SI units, (10,) or (n, 10).
+            or a DataFrame, each (n,) or one for all; or all ten in SI units, (k,) or (n, k).
             Variables that the campaign fixed may be left out, those that it searched may not.
 
         Raises

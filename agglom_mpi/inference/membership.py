@@ -34,7 +34,7 @@ class KnownStrings(NamedTuple):
     Attributes
     ----------
     strings
-        Shape (n, 10).
+        Shape (n, k).
     mean, deviation
         Emulated mean and its standard deviation, shape (n,).
     failing
@@ -106,7 +106,7 @@ class EmulatedBox:
     coordinates : Coordinates
         Coordinates of the emulator.
     evaluated : ndarray
-        Parameters of each completed sample, shape (n, 10).
+        Parameters of each completed sample, shape (n, k).
     emulator : JointEmulator
         Emulator of the numbers of the criterion.
     criterion : Criterion
@@ -146,15 +146,15 @@ class EmulatedBox:
         return self.coordinates.spans * [variable.power for variable in self.box.own]
 
     def mean(self, strings: Floats) -> Floats:
-        """Return the expected quantities at strings, (n, 10), shape (n, q)."""
+        """Return the expected quantities at strings, (n, k), shape (n, q)."""
         return self.emulator.mean(self.coordinates.of_strings(strings))
 
     def deviation(self, strings: Floats) -> Floats:
-        """Return the standard deviations of the quantities at strings, (n, 10), shape (n, q)."""
+        """Return the standard deviations of the quantities at strings, (n, k), shape (n, q)."""
         return self.emulator.deviation(self.coordinates.of_strings(strings))
 
     def mean_only(self, strings: Floats) -> Floats:
-        """Return the quantities of the expected numbers at strings, (n, 10), shape (n, q)."""
+        """Return the quantities of the expected numbers at strings, (n, k), shape (n, q)."""
         return self.emulator.mean_only(self.coordinates.of_strings(strings))
 
     def noise(self, strings: Floats) -> Floats:
@@ -162,7 +162,7 @@ class EmulatedBox:
         return self.emulator.noise(self.coordinates.of_strings(strings))
 
     def known(self, strings: Floats) -> KnownStrings:
-        """Return strings, (n, 10), with the one quantity that is compared."""
+        """Return strings, (n, k), with the one quantity that is compared."""
         points = self.coordinates.of_strings(strings)
         mean, deviation = self.emulator.mean(points)[:, 0], self.emulator.deviation(points)[:, 0]
         return KnownStrings(strings, mean, deviation, self.failing.at(points))
@@ -174,7 +174,7 @@ class EmulatedBox:
         return self._known[count]
 
     def probability(self, strings: Floats) -> Floats:
-        """Return the probability that strings, (n, 10), are members, (n,); nan outside the box."""
+        """Return the probability that strings, (n, k), are members, (n,); nan outside the box."""
         found = np.full(len(strings), np.nan)
         inside = self.box.inside(strings)
         found[inside] = self._probability_inside(strings[inside])
@@ -191,7 +191,7 @@ class EmulatedBox:
         return np.asarray(found)
 
     def near_best(self) -> Floats:
-        """Return allowed strings, (n, 10), at which the emulated mean may be nearest to members.
+        """Return allowed strings, (n, k), at which the emulated mean may be nearest to members.
 
         For the criterion of a maximum, these are strings where the mean may be largest.
         """
@@ -218,7 +218,7 @@ class EmulatedBox:
         return found[self.box.allowed(found)]
 
     def _distances(self, strings: Floats) -> Floats:
-        """Return the finite distances of strings, (n, 10), from members, shape (n,)."""
+        """Return the finite distances of strings, (n, k), from members, shape (n,)."""
         found = self.criterion.distance(self.mean_only(strings))
         return np.nan_to_num(found, nan=MAX_DISTANCE, posinf=MAX_DISTANCE)
 

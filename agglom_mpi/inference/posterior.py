@@ -54,7 +54,7 @@ class Posterior(NamedTuple):
     measured, error
         The measured mean and its standard error.
     strings
-        Strings in SI units, shape (n, 10).
+        Strings in SI units, shape (n, k).
     weights
         Their weights, whose sum is 1, shape (n,).
     effective_size

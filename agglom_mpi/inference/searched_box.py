@@ -48,11 +48,11 @@ class SearchedBox:
         self.space: SearchSpace = campaign.variables.space()
 
     def strings(self, parameters: Parameters) -> Floats:
-        """Return strings, (n, 10), given as for `FeasibleSet.probability`."""
+        """Return strings, (n, k), given as for `FeasibleSet.probability`."""
         return read_searched(self.campaign, parameters)
 
     def inside(self, strings: Floats) -> NDArray[np.bool_]:
-        """Return which strings, (n, 10), lie in the box or are outside by rounding alone, (n,)."""
+        """Return which strings, (n, k), lie in the box or are outside by rounding alone, (n,)."""
         box = self.campaign.variables
         some = np.flatnonzero(box.lower < box.upper)
         near = 1e-9 * (box.upper - box.lower)[some]
@@ -61,13 +61,13 @@ class SearchedBox:
         return np.asarray(inside.all(axis=1))
 
     def allowed(self, strings: Floats) -> NDArray[np.bool_]:
-        """Return which strings, (n, 10), the constraints allow, (n,)."""
+        """Return which strings, (n, k), the constraints allow, (n,)."""
         return self.campaign.allowed_strings(strings)
 
     def allowed_even_strings(
         self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
     ) -> Floats:
-        """Return the allowed ones of `count` even points, (n, 10).
+        """Return the allowed ones of `count` even points, (n, k).
 
         The points fill the box, or a part of it in units of the box, (d,).
         """
@@ -93,7 +93,7 @@ class SearchedBox:
         return space.from_unit(space.sample_points(random, min(count, MAX_RANDOM_POINTS)))
 
     def table(self, strings: Floats, **columns: Floats) -> "pd.DataFrame":
-        """Tabulate the searched variables of strings, (n, 10), and more columns, (n,)."""
+        """Tabulate the searched variables of strings, (n, k), and more columns, (n,)."""
         require_library("pandas", "report", "tables")
         import pandas as pd
 

@@ -33,7 +33,7 @@ class SetPoints(NamedTuple):
     Attributes
     ----------
     strings
-        Shape (n, 10).
+        Shape (n, k).
     probability
         Probability of each to be a member, shape (n,).
     weights
@@ -66,7 +66,7 @@ class SetPoints(NamedTuple):
         return float((self.probability >= least) @ self.weights)
 
     def draw(self, emulated: EmulatedBox, count: int, random: np.random.Generator) -> Floats:
-        """Draw strings from the set, (count, 10): each point is kept with its probability.
+        """Draw strings from the set, (count, k): each point is kept with its probability.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class SetPoints(NamedTuple):
         return found[:count]
 
     def even_members(self, count: int) -> Floats:
-        """Return strings of the points, (count, 10), evenly over their mass."""
+        """Return strings of the points, (count, k), evenly over their mass."""
         places = (np.arange(count) + 0.5) / count
         chosen = np.searchsorted(np.cumsum(self.mass) / self.mass.sum(), places)
         return self.strings[np.minimum(chosen, len(self.strings) - 1)]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
-from agglom_mpi.storage.reader import parameters_of
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.schema import parameters_of
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -24,7 +24,7 @@ class StoredSamples(NamedTuple):
     Attributes
     ----------
     strings
-        Parameters of each completed sample of a string that did not fail, shape (n, 10).
+        Parameters of each completed sample of a string that did not fail, shape (n, k).
     rows
         These samples, shape (n,).
     tried

@@ -16,7 +16,7 @@ from agglom_mpi.random_streams import RANDOM_STRING, search_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import RankMessage, merged
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import new_tasks
 
 STRINGS_PER_SAMPLE: Final = 4
 """Ratio of strings to samples per string: times differ more between strings than within one."""
@@ -98,20 +98,19 @@ def pilot_tasks(most_strings: int, most_samples: int) -> Iterator[tuple[int, int
 
 
 def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
-    """Return random string `number` of the search box, shape (10,); the first are generation 0."""
+    """Return random string `number` of the search box, shape (k,); the first are generation 0."""
     generation, slot = divmod(number, campaign.search.population)
     return campaign.space().sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
 
 
 def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) -> np.void:
-    task = np.zeros(1, TASK)
+    task = new_tasks([parameters])
     task["string"], task["first"], task["count"] = string, first, count
-    task["parameters"] = parameters
     return task[0]
 
 
 def _simulate(runner: SampleRunner, record: np.void) -> RankMessage:
-    """Simulate the samples of a `TASK` record, as many as the time allows."""
+    """Simulate the samples of a task, as many as the time allows."""
     task = runner.begin(record)
     while task.simulate_next():
         pass

@@ -127,7 +127,8 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
         If it is not a campaign file, or cannot be read.
     """
     # Imported here because most forecasts need no HDF5.
-    from agglom_mpi.storage.reader import parameters_of, read_inversion
+    from agglom_mpi.storage.reader import read_inversion
+    from agglom_mpi.storage.schema import parameters_of
 
     file = read_inversion(path)
     if (
@@ -148,7 +149,8 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
     if not len(rows):
         raise CampaignError(Problem(path, None, "", "has no samples yet"))
     rows["string"] = np.searchsorted(strings["string"], rows["string"])
-    parameters = parameters_of(strings)
+    table = campaign.variables.table
+    parameters = table.of_other(parameters_of(strings), file.variables)
     return PilotSamples(rows, parameters, tuple(_differences(file.identity, campaign.identity())))
 
 

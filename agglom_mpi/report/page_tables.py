@@ -20,7 +20,6 @@ from agglom_mpi.formatting import format_duration, number_or_none, value_with_er
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.variables import VARIABLES
 
 LAST: Final = 20
 """Maximum number of starts of the program, and of texts of failures, that are listed."""
@@ -58,7 +57,7 @@ def best_strings(data: CampaignData) -> PageTable:
 
 def _variable_rows(data: CampaignData, best: list[dict[str, Any]]) -> Iterator[list[str]]:
     yield ["string", *(str(entry["string"]) for entry in best)]
-    for variable, row in zip(VARIABLES, data.variable_rows(), strict=True):
+    for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True):
         if np.isnan(row["lower"]):  # the campaign does not use it
             continue
         fixed = "" if row["searched"] else ", fixed"

@@ -16,7 +16,6 @@ from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.statistics import PooledMoments
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.variables import values_by_name
 
 Floats = NDArray[np.float64]
 
@@ -169,6 +168,8 @@ def _stored_radii(
 
 def _scene_and_value(data: CampaignData, string: int) -> tuple[Any, dict[str, float]]:
     """Return what `physics.scales` needs for the size of a string's grains and of its box."""
+    if data.variables.further:
+        return recorded_campaign(data).at(data.parameters[string])
     value = {"size_ratio": float(data.values([string], "size_ratio")[0])}
     if "scene.sizes.law" in data.identity:
         return recorded_campaign(data).scene, value
@@ -266,7 +267,7 @@ def frames_of(
 
 def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:
     campaign, parameters = recorded_campaign(data), data.parameters[string]
-    end = end_time(campaign.scene, values_by_name(parameters))
+    end = end_time(*campaign.at(parameters))
     number = campaign.first_sample(string) + sample
     outcome = campaign.simulate(parameters, number, frames=end * np.array(FRAME_TIMES))
     assert outcome.frames is not None

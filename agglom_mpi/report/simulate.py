@@ -27,7 +27,6 @@ from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -82,7 +81,7 @@ class SelectedString(NamedTuple):
     ----------
     campaign
     parameters
-        Shape (10,), SI units.
+        Shape (k,), SI units.
     first_sample
         Number of its first sample in the campaign's random streams.
     recorded
@@ -254,8 +253,7 @@ def _write_frames(
     assert outcome.frames is not None
     string = "" if request.string is None else f"string {request.string}, "
     title = f"{campaign.title}: {string}sample {request.sample}"
-    value = values_by_name(parameters)
-    return write_frames(request.out, outcome.frames, half_width(campaign.scene, value), title)
+    return write_frames(request.out, outcome.frames, half_width(*campaign.at(parameters)), title)
 
 
 def write_frames(directory: Path, frames: Frames, half_width: float, title: str) -> list[str]:

@@ -16,6 +16,7 @@ from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.storage.room import TableSizes, table_sizes
 from agglom_mpi.storage.schema import INVERSION
+from agglom_mpi.variables import VariableTable
 
 
 class SampleSetup(NamedTuple):
@@ -88,6 +89,11 @@ class Experiment(ABC):
     purpose: str
 
     @property
+    def variables(self) -> VariableTable:
+        """Variables of its strings."""
+        return self.campaign.variables.table
+
+    @property
     @abstractmethod
     def table_sizes(self) -> TableSizes:
         """Sizes that the campaign file must have."""
@@ -106,7 +112,7 @@ class Experiment(ABC):
 
     @abstractmethod
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield set-ups and strings, (10,), that together need every kernel of the experiment."""
+        """Yield set-ups and strings, (k,), that together need every kernel of the experiment."""
 
     @abstractmethod
     def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
@@ -150,7 +156,7 @@ class InversionExperiment(Experiment):
     campaign
         The campaign.
     given
-        Strings to begin with, shape (n, 10); by default those that the campaign gives.
+        Strings to begin with, shape (n, k); by default those that the campaign gives.
     """
 
     purpose = INVERSION

@@ -11,7 +11,7 @@ from agglom_mpi.outcome import FailureReason
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
 
-TASKS: Final = 1  # to a worker: tasks to simulate, records of `scheduling.interface.TASK`
+TASKS: Final = 1  # to a worker: tasks to simulate, of `scheduling.interface.task_type`
 RESULTS: Final = 2  # from a worker: results of samples, `RESULT`
 FAILURE: Final = 3  # from a worker: the traceback of a sample, `FAILED_SAMPLE`
 STOP: Final = 4  # to a worker: its exit code, int32; from a worker: `GOODBYE`

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, StageProgress
 from agglom_mpi.scheduling.in_flight import SampleRange
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import new_tasks
 from agglom_mpi.scheduling.sample_set import SampleSet
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.writer import CampaignWriter
@@ -46,7 +46,7 @@ class PostStage(ABC):
 
     @abstractmethod
     def open(self) -> NDArray[np.void]:
-        """Prepare the file; return the tasks, (n,) of `TASK`, for what is missing."""
+        """Prepare the file; return the tasks, (n,) of `task_type`, for what is missing."""
 
     @abstractmethod
     def announcement(self, tasks: NDArray[np.void]) -> str:
@@ -70,7 +70,7 @@ class FrameStage(PostStage):
     writer
         Of the campaign file, which may hold frames of an earlier end of the campaign.
     parameters
-        Returns the parameter string, (10,), of a number.
+        Returns the parameter string, (k,), of a number.
     """
 
     def __init__(
@@ -107,17 +107,17 @@ class FrameStage(PostStage):
         return StageProgress(total - self._left, total, "pictures")
 
     def open(self) -> NDArray[np.void]:
-        """Drop frames of other samples; return the tasks, (n,) of `TASK`, for missing ones."""
+        """Drop frames of other samples; return the tasks, (n,), for missing ones."""
         if not self._same:
             self._writer.frames.forget()
             self._same = True
         count = max(1, self._plan.frames)
         lacking = np.unique(np.flatnonzero(self._missing) // count)
-        tasks = np.zeros(len(lacking), TASK)
-        for task, place in zip(tasks, lacking.tolist(), strict=True):
-            task["string"], task["first"] = self._plan.samples[place]
+        samples = [self._plan.samples[place] for place in lacking.tolist()]
+        tasks = new_tasks([self._parameters(string) for string, _ in samples])
+        for task, pair in zip(tasks, samples, strict=True):
+            task["string"], task["first"] = pair
             task["count"], task["frames"] = 1, count
-            task["parameters"] = self._parameters(int(task["string"]))
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
@@ -164,7 +164,7 @@ class ReestimationStage(PostStage):
     known
         String and number of samples that need no simulation, from an earlier leg, shape (n, 2).
     parameters
-        Returns the parameter string, (10,), of a number.
+        Returns the parameter string, (k,), of a number.
 
     Attributes
     ----------
@@ -204,12 +204,11 @@ class ReestimationStage(PostStage):
         return StageProgress(self._total - len(self._missing), self._total, "fresh samples")
 
     def open(self) -> NDArray[np.void]:
-        """Return the tasks, (n,) of `TASK`, for missing samples, the best string first."""
+        """Return the tasks, (n,) of `task_type`, for missing samples, the best string first."""
         lacking = list(self._missing.runs())
-        tasks = np.zeros(len(lacking), TASK)
+        tasks = new_tasks([self._parameters(part.string) for part in lacking])
         for task, part in zip(tasks, lacking, strict=True):
             task["string"], task["first"], task["count"] = part
-            task["parameters"] = self._parameters(part.string)
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:

@@ -28,7 +28,6 @@ from agglom_mpi.storage.table import (
     used_samples,
 )
 from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
-from agglom_mpi.variables import COUNT
 
 
 class ProgressListener(Protocol):
@@ -74,12 +73,12 @@ class DigestAccumulator:
 
     def __init__(self, samples: NDArray[np.void], version: int = FORMAT_VERSION) -> None:
         self._version = version
-        self._parameters = np.empty((0, COUNT))
+        self._parameters = np.empty((0, 0))
         self._results: dict[int, NDArray[np.void]] = {}
         self._samples = [samples]
 
     def begin(self, parameters: NDArray[np.float64]) -> None:
-        """Begin a generation with its strings, shape (n, 10)."""
+        """Begin a generation with its strings, shape (n, k)."""
         self._parameters = parameters
         self._results.clear()
 

@@ -69,7 +69,7 @@ class SampleRunner:
             compile_kernels(scene, bool(self.experiment.table_sizes.frames), show)
 
     def begin(self, task: np.void) -> "Task":
-        """Return the task of a `TASK` record, with no sample simulated yet."""
+        """Return the task of a record of `task_type`, with no sample simulated yet."""
         return FrameTask(self, task) if task["frames"] else SampleTask(self, task)
 
     def scene_of(self, string: int, setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
@@ -81,8 +81,8 @@ class SampleRunner:
 
 
 def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
-    """Return the scene of one parameter string, shape (10,), in a set-up."""
-    return setup.campaign.scene.build(parameters, setup.engine)
+    """Return the scene of one parameter string, shape (k,), in a set-up."""
+    return setup.campaign.at(parameters).build(setup.engine)
 
 
 class AbortFlag:
@@ -152,7 +152,7 @@ class Task(ABC):
     runner
         Of this rank.
     task
-        A `TASK` record.
+        A record of `scheduling.interface.task_type`.
     """
 
     def __init__(self, runner: SampleRunner, task: np.void) -> None:
@@ -247,7 +247,8 @@ class SampleTask(Task):
         completed = rows["state"] == COMPLETED
         if completed.any():
             campaign = self._runner.experiment.setup(self._string).campaign
-            rows["objective"][completed] = campaign.objective.of_samples(rows)[completed]
+            objective = campaign.objective_at(self._parameters)
+            rows["objective"][completed] = objective.of_samples(rows)[completed]
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None
         return RankMessage(self._runner.rank, rows, final_particles=final)
@@ -264,7 +265,8 @@ class SampleTask(Task):
         if stores:
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            seen = finished_sample(scene, self._parameters, record, final)
+            values = setup.campaign.used_values(self._parameters)
+            seen = finished_sample(scene, values, record, final)
             self._rows["objective"][self._done] = evaluate(code, seen)
 
     def _keep(self, reason: int, spent: TimeSpent) -> None:

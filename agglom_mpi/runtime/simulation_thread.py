@@ -52,7 +52,7 @@ class SimulationThread:
         self._thread.start()
 
     def put(self, tasks: NDArray[np.void]) -> None:
-        """Queue a batch, (n,) of `TASK`."""
+        """Queue a batch, (n,) of `scheduling.interface.task_type`."""
         self._queued += 1
         self._batches.put((self._queued, tasks))
 

@@ -27,7 +27,7 @@ from agglom_mpi.runtime.messages import (
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
-from agglom_mpi.scheduling.interface import MOST_SAMPLES, TASK
+from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
 from agglom_mpi.storage.sample_writer import RankWriter
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class Worker:
         self._backoff = PollBackoff()
         self._heartbeat = heartbeat(self._wakeup.name)
         self._last_sent = time.monotonic()
-        self._tasks = np.zeros(MOST_SAMPLES, TASK)
+        self._tasks = np.zeros(MOST_SAMPLES, task_type(runner.experiment.variables.count))
 
     def serve(self) -> None:
         """Wait a moment, read all messages, and send what has been simulated."""
@@ -126,7 +126,7 @@ class Worker:
     def _read(self, tag: int) -> None:
         if tag == TASKS:
             self._world.Recv([self._tasks, self._byte], source=0, tag=TASKS, status=self._status)
-            count = self._status.Get_count(self._byte) // TASK.itemsize
+            count = self._status.Get_count(self._byte) // self._tasks.itemsize
             self._thread.put(self._tasks[:count].copy())
             return
         if tag == CANCEL:

@@ -72,7 +72,7 @@ class WorkerPool:
         self._record_types = record_types(runner.grains)
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
-        """Send a batch, (n,) of `TASK`, to a rank; never waits."""
+        """Send a batch, (n,) of `scheduling.interface.task_type`, to a rank; never waits."""
         if rank == 0 or self._world is None:
             self._thread.put(tasks)
             return

@@ -1,12 +1,11 @@
 """Interface of the scheduler: the campaign as it sees it, and the tasks that it assigns."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from agglom_mpi.variables import COUNT
 
 
 class StringProgress(Protocol):
@@ -43,24 +42,39 @@ class SampleDemand(Protocol):
         """Return the number of samples that a complete string has used."""
 
     def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a proposed string in SI units, shape (10,)."""
+        """Return a proposed string in SI units, shape (k,)."""
 
 
 ProposeAhead = Callable[[int], Sequence[int]]
 """Proposes strings of one more coming generation that depend on no further result. The argument is
 the maximum number of generations ahead; returns the numbers of the strings, perhaps none."""
 
-TASK: Final = np.dtype(
-    [
-        ("string", "i8"),
-        ("first", "i8"),
-        ("count", "i8"),
-        ("frames", "i8"),
-        ("parameters", "f8", COUNT),
-    ]
-)
-"""Samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not 0, to
-store that many frames of each."""
+
+@cache
+def task_type(variables: int) -> np.dtype:
+    """Return the record type of a task, for strings of k = `variables` numbers.
+
+    A task is samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not
+    0, to store that many frames of each.
+    """
+    return np.dtype(
+        [
+            ("string", "i8"),
+            ("first", "i8"),
+            ("count", "i8"),
+            ("frames", "i8"),
+            ("parameters", "f8", variables),
+        ]
+    )
+
+
+def new_tasks(strings: Sequence[NDArray[np.float64]]) -> NDArray[np.void]:
+    """Return tasks with the parameters of strings, (k,) each, and all else 0, (n,)."""
+    tasks = np.zeros(len(strings), task_type(len(strings[0]) if len(strings) else 0))
+    for task, string in zip(tasks, strings, strict=True):
+        task["parameters"] = string
+    return tasks
+
 
 MOST_SAMPLES: Final = 1024
 """Largest number of samples in one message."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.scheduling.duplicates import DuplicateSamples
 from agglom_mpi.scheduling.estimators import BatchSizer, PriorityQueue, SampleCountModel
 from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
-from agglom_mpi.scheduling.interface import TASK, ProposeAhead, SampleDemand, StringProgress
+from agglom_mpi.scheduling.interface import ProposeAhead, SampleDemand, StringProgress, new_tasks
 
 TAIL_SHARE: Final = 0.01
 """Maximum of one batch of each rank together, as a share of all samples that known strings need."""
@@ -104,7 +104,7 @@ class Scheduler:
         return self._in_flight.next_rank(batches)
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Yield ranks and their new tasks, arrays of `TASK`, at the time `now` in s."""
+        """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         self._follow_generation()
         for batches in range(self.batch_sizer.batches_per_rank(self._batch_size())):
             while (rank := self.next_rank(batches)) is not None:
@@ -316,8 +316,7 @@ class Scheduler:
         return self.batch_sizer.batch_size(TAIL_SHARE * len(self._next) * need / self._ranks)
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
-        tasks = np.zeros(len(batch), TASK)
+        tasks = new_tasks([self._demand.parameters(part.string) for part in batch])
         for task, part in zip(tasks, batch, strict=True):
             task["string"], task["first"], task["count"] = part
-            task["parameters"] = self._demand.parameters(part.string)
         return tasks

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.scheduling.estimators import BatchSizer
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
-from agglom_mpi.scheduling.interface import TASK
 from agglom_mpi.scheduling.sample_set import SampleSet
 
 BATCHES_PER_RANK: Final = 2 * MESSAGES_IN_FLIGHT
@@ -25,7 +24,7 @@ class StaticScheduler:
     Parameters
     ----------
     tasks
-        (n,) of `TASK`; of one string all have the same frames and parameters.
+        (n,) of `task_type`; of one string all have the same frames and parameters.
     ranks
         Number of ranks.
 
@@ -39,6 +38,7 @@ class StaticScheduler:
         self.batch_sizer = BatchSizer()
         self._in_flight = InFlightTable(ranks)
         self._ranks = ranks
+        self._type = tasks.dtype
         self._of_string = {int(task["string"]): task for task in tasks}
         self._waiting = deque(
             SampleRange(*part) for part in tasks[["string", "first", "count"]].tolist()
@@ -52,7 +52,7 @@ class StaticScheduler:
         return self._in_flight.samples
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
-        """Yield ranks and their new tasks, arrays of `TASK`, at the time `now` in s."""
+        """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         share = self._waiting_samples / (BATCHES_PER_RANK * self._ranks)
         size = self.batch_sizer.batch_size(share)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
@@ -80,7 +80,7 @@ class StaticScheduler:
         return batch
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
-        tasks = np.zeros(len(batch), TASK)
+        tasks = np.zeros(len(batch), self._type)
         for i, part in enumerate(batch):
             tasks[i] = self._of_string[part.string]
             tasks[i]["first"], tasks[i]["count"] = part.first, part.size

@@ -38,7 +38,7 @@ class Inversion:
     search
         The method, with nothing told yet.
     make_ensemble
-        Makes an empty ensemble.
+        Makes an empty ensemble for a string, shape (k,).
     ending
         When to stop.
     restore
@@ -65,7 +65,7 @@ class Inversion:
     def __init__(
         self,
         search: RunningSearch,
-        make_ensemble: Callable[[], Ensemble],
+        make_ensemble: Callable[[NDArray[np.float64]], Ensemble],
         ending: EndingCriterion,
         restore: Callable[[Proposals, int], Proposals] | None = None,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
@@ -131,7 +131,7 @@ class Inversion:
         return [ranked.string for ranked in self._search.best(len(self.results))]
 
     def parameters(self, string: int) -> NDArray[np.float64]:
-        """Return a string of this or an earlier generation, or one proposed ahead, shape (10,)."""
+        """Return a string of this or an earlier generation, or one proposed ahead, shape (k,)."""
         if string < len(self._strings):
             return self._strings[string]
         return self._strings_ahead[string]
@@ -169,8 +169,8 @@ class Inversion:
         numbers = np.arange(first, first + len(proposals.parameters))
         self._strings_ahead.update(zip(numbers.tolist(), proposals.parameters, strict=True))
         self._last_ahead = coming
-        for string in numbers.tolist():
-            self._ahead[string] = self._make_ensemble()
+        for string, parameters in zip(numbers.tolist(), proposals.parameters, strict=True):
+            self._ahead[string] = self._make_ensemble(parameters)
             self._add_waiting(string, self._ahead[string])
         return StringsProposed(proposals, numbers, ahead=True)
 
@@ -226,7 +226,7 @@ class Inversion:
         if proposals.origin[place] == AGAIN:
             parent = int(proposals.parents[place, 0])
             return self._ended[parent].resample(self._more_samples)
-        return self._make_ensemble()
+        return self._make_ensemble(proposals.parameters[place])
 
     def _add_waiting(self, string: int, ensemble: Ensemble) -> None:
         """Add the samples that are next in order to an ensemble, up to the next round of a race."""

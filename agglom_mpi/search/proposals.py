@@ -6,8 +6,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.variables import COUNT
-
 RANDOM: Final = 0
 OFFSPRING: Final = 1
 MODEL: Final = 2
@@ -30,7 +28,7 @@ class Proposals(NamedTuple):
     """Numbers of the two parent strings, -1 for none, shape (n, 2); for origin `again` the string
     that gets more samples."""
     parameters: NDArray[np.float64]
-    """The strings in SI units, shape (n, 10)."""
+    """The strings in SI units, shape (n, k)."""
 
 
 class Evaluations(NamedTuple):
@@ -39,7 +37,7 @@ class Evaluations(NamedTuple):
     ids: NDArray[np.int64]
     """Their numbers, in the order of the proposals, shape (n,)."""
     parameters: NDArray[np.float64]
-    """The strings as they were evaluated, shape (n, 10); a resumed campaign reads them from its
+    """The strings as they were evaluated, shape (n, k); a resumed campaign reads them from its
     file."""
     objectives: NDArray[np.float64]
     """Shape (n,); not finite where a string could not be evaluated."""
@@ -61,7 +59,7 @@ class Ranked(NamedTuple):
 def as_proposals(
     generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0
 ) -> Proposals:
-    """Return strings, shape (n, 10), without parents as proposals, in the slots from `slot` on."""
+    """Return strings, shape (n, k), without parents as proposals, in the slots from `slot` on."""
     count = len(strings)
     return Proposals(
         generation,
@@ -75,7 +73,7 @@ def as_proposals(
 def begun_with(
     given: NDArray[np.float64], random: NDArray[np.float64], generation: int = 0
 ) -> Proposals:
-    """Return given strings, shape (n, 10), and random ones in the slots after as proposals."""
+    """Return given strings, shape (n, k), and random ones in the slots after as proposals."""
     return joined_proposals(
         as_proposals(generation, given, GIVEN), as_proposals(generation, random, RANDOM, len(given))
     )
@@ -98,14 +96,14 @@ class EvaluatedStrings:
     Attributes
     ----------
     generation : int, number of generations told
-    parameters : array, shape (n, 10), in the order of their numbers
+    parameters : array, shape (n, k), in the order of their numbers
     objectives, deviations : array, shape (n,), as in `Evaluations`
     samples : array of int64, shape (n,), completed samples of each
     """
 
     def __init__(self, kept: int) -> None:
         self.generation = 0
-        self.parameters = np.empty((0, COUNT))
+        self.parameters = np.empty((0, 0))
         self.objectives = np.empty(0)
         self.deviations = np.empty(0)
         self.samples = np.empty(0, np.int64)
@@ -121,7 +119,8 @@ class EvaluatedStrings:
             raise ValueError("a generation is told whole, and after those before it")
         for name in ("parameters", "objectives", "deviations", "samples"):
             new = getattr(evaluations, name)[order]
-            setattr(self, name, np.concatenate((getattr(self, name), new)))
+            known = getattr(self, name)
+            setattr(self, name, np.concatenate((known, new)) if len(known) else new)
         self.generation += 1
 
     @property

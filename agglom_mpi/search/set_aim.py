@@ -34,7 +34,7 @@ class SetAim(NamedTuple):
     ----------
     tolerance
     coordinates
-        Returns the coordinates in which strings, (n, 10), are emulated, (n, p).
+        Returns the coordinates in which strings, (n, k), are emulated, (n, p).
     groups
         How many of them, the last ones, are groups of variables.
     """
@@ -91,7 +91,7 @@ class SetAim(NamedTuple):
         Parameters
         ----------
         strings
-            Shape (n, 10).
+            Shape (n, k).
         means
             Their signed means, shape (n,); nan where samples failed.
         samples

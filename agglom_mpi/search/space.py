@@ -1,4 +1,4 @@
-"""The search box: bounds of the ten variables, scaling, sampling and clipping of strings."""
+"""The search box: bounds of the variables, scaling, sampling and clipping of strings."""
 
 import copy
 from collections.abc import Callable
@@ -7,10 +7,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglom_mpi.variables import COUNT
-
 Allowed = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
-"""Function of strings, (n, 10), that returns which of them may be proposed, (n,)."""
+"""Function of strings, (n, k), that returns which of them may be proposed, (n,)."""
 
 MOST_DRAWS: Final = 1 << 20
 """Strings drawn at most to find one that may be proposed."""
@@ -30,22 +28,22 @@ class SearchSpace:
     Parameters
     ----------
     lower, upper
-        Bounds in the order and SI units of `agglom_mpi.variables.VARIABLES`, shape (10,). A
-        fixed component has equal bounds, an unused one has nan for both.
+        Bounds in the order and SI units of the campaign's variables, shape (k,). A fixed
+        component has equal bounds, an unused one has nan for both.
     outermost
         The box that no restriction may leave; this box itself by default.
     logarithmic
-        Components searched by their logarithms, shape (10,); none by default. Their bounds are
+        Components searched by their logarithms, shape (k,); none by default. Their bounds are
         positive.
     cubic
-        Components searched by their cubes, shape (10,); none by default.
+        Components searched by their cubes, shape (k,); none by default.
 
     Attributes
     ----------
     allowed
         Which strings of the box may be proposed; None: all. See `within`.
     centre
-        An allowed string of the box that it was restricted around, shape (10,); None if it was not.
+        An allowed string of the box that it was restricted around, shape (k,); None if it was not.
     """
 
     def __init__(
@@ -58,8 +56,8 @@ class SearchSpace:
     ) -> None:
         self.lower = np.array(lower, dtype=np.float64)
         self.upper = np.array(upper, dtype=np.float64)
-        if self.lower.shape != (COUNT,) or self.upper.shape != (COUNT,):
-            raise ValueError(f"a search space has {COUNT} lower and {COUNT} upper bounds")
+        if self.lower.ndim != 1 or self.upper.shape != self.lower.shape:
+            raise ValueError("the bounds of a search space are two vectors of one length")
         unused = np.isnan(self.lower) & np.isnan(self.upper)
         bounded = np.isfinite(self.lower) & np.isfinite(self.upper) & (self.lower <= self.upper)
         if not np.all(unused | bounded):
@@ -67,7 +65,7 @@ class SearchSpace:
         self.lower.setflags(write=False)
         self.upper.setflags(write=False)
         self.logarithmic, self.cubic = (
-            self.searched & np.array(np.zeros(COUNT) if some is None else some, dtype=np.bool_)
+            self.searched & np.array(np.zeros(self.count) if some is None else some, dtype=np.bool_)
             for some in (logarithmic, cubic)
         )
         if np.any(self.lower[self.logarithmic] <= 0.0):
@@ -92,8 +90,18 @@ class SearchSpace:
 
     @property
     def searched(self) -> NDArray[np.bool_]:
-        """Mask of the components that vary, shape (10,)."""
+        """Mask of the components that vary, shape (k,)."""
         return self.lower < self.upper
+
+    @property
+    def count(self) -> int:
+        """Number of components of a string, k."""
+        return len(self.lower)
+
+    @property
+    def no_strings(self) -> NDArray[np.float64]:
+        """An array of no strings, shape (0, k)."""
+        return np.empty((0, self.count))
 
     @property
     def dimensions(self) -> int:
@@ -101,7 +109,7 @@ class SearchSpace:
         return int(self.searched.sum())
 
     def scaled(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (..., 10), in the coordinates in which the box is searched.
+        """Return strings, shape (..., k), in the coordinates in which the box is searched.
 
         These are logarithms of the logarithmic components and cubes of the cubic ones.
         """
@@ -113,7 +121,7 @@ class SearchSpace:
         return scaled
 
     def unscaled(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the strings, shape (..., 10), of scaled ones."""
+        """Return the strings, shape (..., k), of scaled ones."""
         if not (self.logarithmic.any() or self.cubic.any()):
             return scaled
         strings = np.array(scaled)
@@ -122,13 +130,13 @@ class SearchSpace:
         return strings
 
     def to_unit(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings, shape (n, 10), as points of the unit cube, shape (n, d)."""
+        """Return strings, shape (n, k), as points of the unit cube, shape (n, d)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         some = self.searched
         return (self.scaled(strings) - lower)[:, some] / (upper - lower)[some]
 
     def from_unit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the strings, shape (n, 10), of points of the unit cube, shape (n, d)."""
+        """Return the strings, shape (n, k), of points of the unit cube, shape (n, d)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         scaled = np.tile(lower, (len(points), 1))
         some = self.searched
@@ -136,9 +144,9 @@ class SearchSpace:
         return self.clip(self.unscaled(scaled))
 
     def sample(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw one string uniformly from what is allowed of the box, shape (10,).
+        """Draw one string uniformly from what is allowed of the box, shape (k,).
 
-        Ten numbers are drawn whatever is searched, so that fixing one component leaves the
+        k numbers are drawn whatever is searched, so that fixing one component leaves the
         draws of the others as they were; they are drawn again until the string is allowed.
 
         Raises
@@ -147,10 +155,10 @@ class SearchSpace:
             If no string of `MOST_DRAWS` is, and the box has no centre.
         """
         if self.allowed is None:
-            return self._drawn(rng.random(COUNT))
+            return self._drawn(rng.random(self.count))
         count, drawn = 1, 0
         while drawn < MOST_DRAWS:
-            strings = self._drawn(rng.random((count, COUNT)))
+            strings = self._drawn(rng.random((count, self.count)))
             allowed = np.flatnonzero(self.allowed(strings))
             if len(allowed):
                 return np.asarray(strings[allowed[0]])
@@ -162,7 +170,7 @@ class SearchSpace:
         return self.from_unit(points)[0] if self.allows(points)[0] else self.centre
 
     def _drawn(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return strings by their shares of the way from lower to upper ends, shape (..., 10)."""
+        """Return strings by their shares of the way from lower to upper ends, shape (..., k)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         return self.clip(self.unscaled(lower + shares * (upper - lower)))
 
@@ -244,7 +252,7 @@ class SearchSpace:
         return moved
 
     def clip(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the nearest strings in the box, shape (..., 10); unused components become nan."""
+        """Return the nearest strings in the box, shape (..., k); unused components become nan."""
         return np.clip(strings, self.lower, self.upper)
 
     def around(self, centre: NDArray[np.float64], factor: float) -> Self:
@@ -257,7 +265,7 @@ class SearchSpace:
         Parameters
         ----------
         centre
-            The string, shape (10,); only its searched components count.
+            The string, shape (k,); only its searched components count.
         factor
             Ratio of new to old half-width.
         """

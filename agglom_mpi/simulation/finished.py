@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.variables import values_by_name
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.scene import Scene
@@ -51,7 +50,7 @@ class Sample(NamedTuple):
 
 
 def finished_sample(
-    scene: "Scene", parameters: NDArray[np.float64], record: Any, final: FinalParticles
+    scene: "Scene", parameters: Mapping[str, float], record: Any, final: FinalParticles
 ) -> Sample:
     """Return what a user's function receives of a completed sample.
 
@@ -60,16 +59,15 @@ def finished_sample(
     scene
         The scene that was simulated; radii are relative to its grain radius.
     parameters
-        The string, shape (10,), nan where the scene uses no such variable.
+        The variables that the scene uses, by name in SI units.
     record
         Its `OUTCOME`.
     final
         Its particles.
     """
-    values = values_by_name(parameters).items()
     moments = [record["mean_radius_ratio"], *(record[f"radius_moment_{r}"] for r in (2, 3, 4))]
     return Sample(
-        parameters=MappingProxyType({name: v for name, v in values if not np.isnan(v)}),
+        parameters=MappingProxyType(dict(parameters)),
         particles=int(record["particles"]),
         mean_radius_ratio=float(record["mean_radius_ratio"]),
         moments=_read_only(np.array(moments, float)),

@@ -22,8 +22,8 @@ from agglom_mpi.storage.schema import (
     STATUS,
     VARIABLE_TABLE,
     table_schemas,
+    variables_of,
 )
-from agglom_mpi.variables import VARIABLES
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -245,7 +245,8 @@ def _check_tables(file: h5py.File, path: Path) -> None:
     strings, samples = attributes["strings"], attributes["strings"] * attributes["max_samples"]
     capacities = {"strings": strings, "results": strings, "samples": samples}
     capacities |= {"final_particles": samples, "frames": attributes.get("frames", 0)}
-    capacities |= {VARIABLE_TABLE.name: len(VARIABLES), STATUS.name: 1}
+    variables = variables_of(attributes)
+    capacities |= {VARIABLE_TABLE.name: variables.count, STATUS.name: 1}
     for schema in table_schemas(attributes):
         names = (schema.name, schema.done) if schema.final else (schema.name,)
         dtypes = [file[name].dtype for name in names]
@@ -260,7 +261,7 @@ def _check_tables(file: h5py.File, path: Path) -> None:
                 raise ValueError(f"/{name} has the shape {file[name].shape}, not ({capacity},)")
             if file[name].nbytes > _SMALL + _MOST_COMPRESSED * file[name].id.get_storage_size():
                 raise ValueError(f"/{name} has {capacity} rows, more than are in the file")
-    known = [(variable.name.encode(), variable.unit.encode()) for variable in VARIABLES]
+    known = [(variable.name.encode(), variable.unit.encode()) for variable in variables.variables]
     box = file[VARIABLE_TABLE.name][...]
     if box[["name", "unit"]].tolist() != known:
         raise ValueError("/variables has other names or units")

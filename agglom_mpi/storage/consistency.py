@@ -9,8 +9,7 @@ import numpy as np
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS, FailureReason
 from agglom_mpi.search.proposals import ORIGINS
-from agglom_mpi.storage.reader import parameters_of
-from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, STUDY
+from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, STUDY, parameters_of
 from agglom_mpi.storage.table import generation_digest, used_samples
 from agglom_mpi.storage.verify import Key, VerificationReport, row_list
 

@@ -25,9 +25,10 @@ from agglom_mpi.storage.schema import (
     TableSchema,
     fresh_from,
     table_schemas,
+    variable_attributes,
 )
 from agglom_mpi.storage.table import Table
-from agglom_mpi.variables import COUNT, VARIABLES
+from agglom_mpi.variables import VariableTable
 
 _COPY_BYTES: Final = 1 << 25
 """Maximum number of bytes that are copied at once."""
@@ -43,7 +44,7 @@ class CampaignRecord(NamedTuple):
     identity, sha256
         Identity of the campaign, stored as JSON, and its digest.
     lower, upper
-        Search box in SI units, (10,); equal where a variable is fixed, nan where it is unused.
+        Search box in SI units, (k,); equal where a variable is fixed, nan where it is unused.
     code_version, sources_sha256
         Version of this package, and digest of the sources that decide results.
     purpose
@@ -107,10 +108,11 @@ def create_campaign_file(
         "grains": sizes.grains,
         "final_particles": int(sizes.final_particles),
         "frames": sizes.frames,
+        **variable_attributes(sizes.variables),
     }
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, sizes.generations)
-        box = _variable_rows(campaign.lower, campaign.upper)
+        box = _variable_rows(sizes.variables, campaign.lower, campaign.upper)
         Rows(file[VARIABLE_TABLE.name], path).write(0, box)
         status = np.zeros(1, STATUS.dtype)
         status["state"], status["reason"] = b"stopped", b"not started yet"
@@ -187,10 +189,10 @@ def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py
     return h5py.Dataset(h5d.create(file.id, name.encode(), stored, space, creation))
 
 
-def _variable_rows(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    rows = np.zeros(COUNT, VARIABLE_TABLE.dtype)
-    rows["name"] = [variable.name.encode() for variable in VARIABLES]
-    rows["unit"] = [variable.unit.encode() for variable in VARIABLES]
+def _variable_rows(variables: VariableTable, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    rows = np.zeros(variables.count, VARIABLE_TABLE.at(FORMAT_VERSION).dtype)
+    rows["name"] = [variable.name.encode() for variable in variables.variables]
+    rows["unit"] = [variable.unit.encode() for variable in variables.variables]
     rows["lower"], rows["upper"] = lower, upper
     rows["searched"] = rows["lower"] < rows["upper"]
     return rows

@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.formatting import printable
-from agglom_mpi.storage.schema import fresh_from
+from agglom_mpi.storage.schema import fresh_from, variables_of
+from agglom_mpi.variables import VariableTable
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -37,6 +38,7 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
             raise ValueError(f"attribute {name} is no whole number of at least {least}")
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
+    variables_of(attributes)
     _entries(attributes)
 
 
@@ -114,6 +116,11 @@ class CampaignHeader:
     def format_version(self) -> int:
         """Format version of the file."""
         return int(self.attributes["format_version"])
+
+    @cached_property
+    def variables(self) -> VariableTable:
+        """The variables of its strings."""
+        return variables_of(self.attributes)
 
     @property
     def seed(self) -> int:

@@ -13,10 +13,9 @@ from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import StoredParticles
-from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG
+from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of
 from agglom_mpi.storage.snapshot import TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
-from agglom_mpi.variables import NAMES
 
 __all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
 
@@ -107,13 +106,13 @@ class CampaignData(CampaignHeader):
         return status_of(self.rows("status"))
 
     def variable_rows(self) -> np.ndarray:
-        """Return the ten search variables and their box, (10,); nan bounds where one is unused."""
+        """Return the variables and their box, (k,); nan bounds where one is unused."""
         return self.rows("variables")
 
     @property
     def has_temperature(self) -> bool:
         """Whether grains have a temperature; where no law needs one, rows hold 0 K."""
-        return not np.isnan(self.variable_rows()["lower"][NAMES.index("temperature")])
+        return not np.isnan(self.variable_rows()["lower"][self.variables.index("temperature")])
 
     def string_rows(self) -> np.ndarray:
         """Return the strings stored so far, by number."""
@@ -164,12 +163,12 @@ class CampaignData(CampaignHeader):
 
     @property
     def parameters(self) -> dict[int, np.ndarray]:
-        """Parameter strings by number, each of shape (10,), in SI units."""
+        """Parameter strings by number, each of shape (k,), in SI units."""
         return self.derived(_parameters_by_string)
 
     def values(self, strings: Sequence[int] | np.ndarray, variable: str) -> np.ndarray:
         """Return a variable of strings, (n,), in SI units; nan where a string's row is damaged."""
-        column, known = NAMES.index(variable), self.parameters
+        column, known = self.variables.index(variable), self.parameters
         return np.array([known[int(i)][column] if int(i) in known else np.nan for i in strings])
 
     def restore(self, batch: Proposals, first: int) -> Proposals:
@@ -261,11 +260,6 @@ def status_of(rows: np.ndarray) -> Status:
 def given_strings(strings: np.ndarray) -> np.ndarray:
     """Return those rows of `/strings` that a search was given to begin with."""
     return strings[strings["origin"] == ORIGINS.index("given")]
-
-
-def parameters_of(strings: np.ndarray) -> np.ndarray:
-    """Return the parameters in rows of `/strings`, shape (n, 10), in SI units."""
-    return np.column_stack([strings[name] for name in NAMES])
 
 
 def _parameters_by_string(data: CampaignData) -> dict[int, np.ndarray]:

@@ -13,8 +13,10 @@ from agglom_mpi.storage.schema import (
     LEG_CAPACITY,
     TableSchema,
     table_schemas,
+    variable_attributes,
+    variables_of,
 )
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -38,6 +40,8 @@ class TableSizes(NamedTuple):
     final_particles: bool = False
     frames: int = 0
     """Frames of all samples together."""
+    variables: VariableTable = TEN
+    """Variables of the strings."""
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -53,6 +57,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         campaign.scene.particles if output.final_particles or frames else 0,
         output.final_particles,
         strings * samples * frames.count if frames else 0,
+        campaign.variables.table,
     )
 
 
@@ -61,7 +66,7 @@ def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int
     strings = int(attributes["strings"])
     samples = strings * int(attributes["max_samples"])
     return {
-        "variables": COUNT,
+        "variables": variables_of(attributes).count,
         "status": 1,
         "legs": LEG_CAPACITY,
         "failures": FAILURE_CAPACITY,
@@ -77,6 +82,7 @@ def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int
 def table_bytes(sizes: TableSizes) -> dict[str, int]:
     """Return the size of each table of a file, done bytes included, by name."""
     attributes = sizes._asdict() | {"max_samples": sizes.max_samples + sizes.fresh}
+    attributes |= variable_attributes(sizes.variables)
     rows = capacities(attributes, sizes.generations)
     return {table.name: rows[table.name] * _row_bytes(table) for table in table_schemas(attributes)}
 

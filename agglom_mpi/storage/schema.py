@@ -3,13 +3,16 @@
 Columns of a sample's outcome are declared in `outcome`, those of the variables in `variables`.
 """
 
+import json
+import re
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.variables import VARIABLES
+from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, Variable, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"
 FORMAT_VERSION: Final = 4
@@ -35,7 +38,7 @@ LEG_CAPACITY: Final = 1000
 
 
 class Column(NamedTuple):
-    """One column of a table: type, unit, meaning, shape of an element, and since which version."""
+    """One column of a table: type, unit, meaning, shape of an element, first and last version."""
 
     name: str
     dtype: str
@@ -43,6 +46,7 @@ class Column(NamedTuple):
     meaning: str
     shape: tuple[int, ...] = ()
     since: int = 1
+    until: int = FORMAT_VERSION
 
 
 class TableSchema(NamedTuple):
@@ -60,7 +64,7 @@ class TableSchema(NamedTuple):
 
     def at(self, version: int) -> "TableSchema":
         """Return the schema of a format version."""
-        fields = tuple(field for field in self.fields if field.since <= version)
+        fields = tuple(field for field in self.fields if field.since <= version <= field.until)
         return self._replace(fields=fields)
 
     @property
@@ -90,7 +94,8 @@ VARIABLE_TABLE: Final = TableSchema(
     "the search variables and their box",
     "row = position in a parameter string",
     (
-        Column("name", "S32", "", "name of the variable"),
+        Column("name", "S32", "", "name of the variable", until=3),
+        Column("name", "S64", "", "name of the variable", since=4),
         Column("unit", "S16", "", "its SI unit"),
         Column("lower", "f8", "the variable's", "lower bound; nan if the campaign does not use it"),
         Column("upper", "f8", "the variable's", "upper bound; equal to lower if it is fixed"),
@@ -98,25 +103,79 @@ VARIABLE_TABLE: Final = TableSchema(
     ),
 )
 
-STRINGS: Final = TableSchema(
-    "strings",
-    "the parameter strings, stored before their samples are simulated",
-    "row = string",
-    (
-        Column("string", "i8", "", "number of the string, its row"),
-        Column("generation", "i4", "", "generation that it was proposed for, from 0"),
-        Column("slot", "i4", "", "its place among the strings of that generation"),
-        Column(
-            "origin",
-            "u1",
-            "",
-            "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
-        ),
-        Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
-        *(Column(v.name, "f8", v.unit, v.meaning) for v in VARIABLES),
-        CRC,
+STRING_COLUMNS: Final = (
+    Column("string", "i8", "", "number of the string, its row"),
+    Column("generation", "i4", "", "generation that it was proposed for, from 0"),
+    Column("slot", "i4", "", "its place among the strings of that generation"),
+    Column(
+        "origin",
+        "u1",
+        "",
+        "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
     ),
+    Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
 )
+"""Columns of `/strings` before those of the variables."""
+
+
+def strings_schema(variables: VariableTable = TEN) -> TableSchema:
+    """Return the schema of `/strings` for the variables of a campaign."""
+    return TableSchema(
+        "strings",
+        "the parameter strings, stored before their samples are simulated",
+        "row = string",
+        (
+            *STRING_COLUMNS,
+            *(Column(v.name, "f8", v.unit, v.meaning) for v in variables.variables),
+            CRC,
+        ),
+    )
+
+
+def variable_names(dtype: np.dtype) -> tuple[str, ...]:
+    """Return the names of the variables in the type of a row of `/strings`."""
+    return (dtype.names or ())[len(STRING_COLUMNS) : -1]
+
+
+def parameters_of(strings: np.ndarray) -> np.ndarray:
+    """Return the parameters in rows of `/strings`, shape (n, k), in SI units."""
+    return np.column_stack([strings[name] for name in variable_names(strings.dtype)])
+
+
+FURTHER_VARIABLES: Final = "further_variables"
+"""Attribute with name, unit and meaning of the variables beside those of the papers, as JSON.
+
+Files of campaigns without any lack it.
+"""
+
+
+def variable_attributes(variables: VariableTable) -> dict[str, str]:
+    """Return the attributes that say which variables the strings of a file have."""
+    further = [[each.name, each.unit, each.meaning] for each in variables.further]
+    return {FURTHER_VARIABLES: json.dumps(further)} if further else {}
+
+
+def variables_of(attributes: Mapping[str, Any]) -> VariableTable:
+    """Return the variables of the strings of a file with these attributes."""
+    text = attributes.get(FURTHER_VARIABLES)
+    return TEN if text is None else _variables_of(text)
+
+
+@cache
+def _variables_of(text: str) -> VariableTable:
+    """Return the table of an attribute; raises ValueError if it is no such text."""
+    found = json.loads(text)
+    if not isinstance(found, list) or not found:
+        raise ValueError(f"attribute {FURTHER_VARIABLES} is no list")
+    for each in found:
+        if not isinstance(each, list) or [type(part) for part in each] != [str] * 3:
+            raise ValueError(f"attribute {FURTHER_VARIABLES} has an entry without name and unit")
+        if not _PATH.fullmatch(each[0]):
+            raise ValueError(f"attribute {FURTHER_VARIABLES} has a name that no variable has")
+    return VariableTable(Variable(name, unit, name, meaning) for name, unit, meaning in found)
+
+
+_PATH: Final = re.compile(rf"(?=.{{1,{MAX_VARIABLE_NAME}}}$)[A-Za-z]\w*(\.\w+)*", re.ASCII)
 
 RESULTS: Final = TableSchema(
     "results",
@@ -236,7 +295,7 @@ STATUS: Final = TableSchema(
 
 DIGEST_MEANING: Final = (
     "BLAKE2b (digest_size 8, read as little-endian) of what the generation rests on: of strings "
-    "proposed for it, by number, the ten parameters; then of their /results all columns but crc; "
+    "proposed for it, by number, the parameters; then of their /results all columns but crc; "
     "then of their used /samples, by string and sample, all columns but seconds, cpu_seconds, "
     "finished, rank and crc; row after row, the columns in their order here, little-endian and "
     "without padding"
@@ -338,7 +397,7 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         VARIABLE_TABLE,
         STATUS,
         LEGS,
-        STRINGS,
+        strings_schema(variables_of(attributes)),
         RESULTS,
         generations_schema(int(attributes["population"])),
         FAILURES,

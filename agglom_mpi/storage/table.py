@@ -195,7 +195,7 @@ def generation_digest(
 
     Parameters
     ----------
-    parameters : (n, 10) float64
+    parameters : (n, k) float64
         The strings judged in the generation, by number.
     results, samples : structured arrays
         Their rows of `/results` and, by string and sample, those of `/samples` that are used.

@@ -17,9 +17,8 @@ from agglom_mpi.storage.particle_tables import FrameWriter
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.run_log import RunLog
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
-from agglom_mpi.storage.schema import CAMPAIGN_STATES
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, variable_names
 from agglom_mpi.storage.table import Table, make_row
-from agglom_mpi.variables import NAMES
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -143,15 +142,15 @@ class CampaignWriter:
             Place in the generation, and index in `search.proposals.ORIGINS`.
         parents : (n, 2) int
             Numbers of the parents, -1 for none.
-        parameters : (n, 10) float64
-            The strings, SI units, in the order of `variables.VARIABLES`.
+        parameters : (n, k) float64
+            The strings, SI units, in the order of the campaign's variables.
         """
         values = np.asarray(parameters, dtype=float)
         rows = np.zeros(len(values), self._tables["strings"].dtype)
         rows["string"] = first_id + np.arange(len(values))
         rows["generation"], rows["slot"] = generation, slots
         rows["origin"], rows["parents"] = origins, parents
-        for column, name in enumerate(NAMES):
+        for column, name in enumerate(variable_names(rows.dtype)):
             rows[name] = values[:, column]
         with self._writing():
             self._tables["strings"].write(first_id, rows)

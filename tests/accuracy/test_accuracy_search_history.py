@@ -10,7 +10,7 @@ from goals import growth_target
 from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import search_history
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 class History:
@@ -32,7 +32,7 @@ class History:
         return rows
 
     def string_rows(self):
-        rows = np.zeros(10, [("string", "i8"), *((name, "f8") for name in NAMES)])
+        rows = np.zeros(10, [("string", "i8"), *((name, "f8") for name in TEN.names)])
         rows["string"] = np.arange(10)
         rows["size_ratio"] = 0.5 + 0.01 * np.arange(10)
         return rows

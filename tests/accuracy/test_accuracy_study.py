@@ -24,7 +24,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.simulation.engines import FixedSteps
 
 JOB = "jobs/quickstart.yaml"
@@ -121,7 +121,7 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
     engine = FixedSteps(steps=20)
     setups = {"a": Setup(campaign, parameters, 3), "b": Setup(campaign, parameters, 3, engine, 40)}
     simulator = SampleRunner(Study(campaign, setups, 1e9), 0)
-    tasks = np.zeros(2, TASK)
+    tasks = np.zeros(2, task_type(10))
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
     plain, stepped = (done(simulator, task).results for task in tasks)
@@ -168,7 +168,7 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
         text = re.sub(rf"{name}: \[[^]]*\]", f"{name}: {value}", text)
     (tmp_path / "scene.yaml").write_text(text)
     study = make_plan(AccuracyOptions((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
-    task = np.zeros(1, TASK)
+    task = np.zeros(1, task_type(10))
     task["count"], task["parameters"] = 1, study.setups["event"].parameters
     message = done(SampleRunner(study, 0), task[0])
     assert (len(message.failures), message.final_particles, message.frames) == (0, None, ())

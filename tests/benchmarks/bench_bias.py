@@ -15,7 +15,7 @@ import pytest
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -75,7 +75,7 @@ def print_bias(job, samples=None):
     campaign = load_campaign(JOBS / f"{job}.yaml")
     row, usual = ROWS[job]
     samples = samples or usual
-    values = dict(zip(NAMES, row, strict=False))
+    values = dict(zip(TEN.names, row, strict=False))
     end_time = campaign.scene.build(campaign.parameters(values)).end_time
     exact, cost = growth(campaign, values, samples, EventDriven())
     mean, error = mean_and_error(exact)

@@ -16,7 +16,7 @@ import pytest
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 JOBS = Path(__file__).parents[2] / "jobs"
 OPTIMA = {
@@ -30,7 +30,7 @@ DISTANCES = (1e-3, 0.01, 0.1)
 def strings_near(campaign, optimum, distance, count):
     """Strings uniform in the cube around one, shape (count, 10), within the box."""
     space = campaign.variables.space()
-    [centre] = space.to_unit(campaign.parameters(dict(zip(NAMES, optimum, strict=False)))[None])
+    [centre] = space.to_unit(campaign.parameters(dict(zip(TEN.names, optimum, strict=False)))[None])
     rng = np.random.default_rng(7)
     moves = distance * rng.uniform(-1.0, 1.0, (count, space.dimensions))
     return space.from_unit(np.clip(centre + moves, 0.0, 1.0))

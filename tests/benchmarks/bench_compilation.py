@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from bench_event import JOBS, ROWS, print_row
 
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 REPEATS = 3
 SAMPLE = """
@@ -31,7 +31,7 @@ TITLES = ("job", "installation", "cold, s", "again", "then frames", "cold frames
 
 def seconds_of(python, program, folder, job, row):
     """Seconds of a process from its start to its end."""
-    values = dict(zip(NAMES, row, strict=False))
+    values = dict(zip(TEN.names, row, strict=False))
     words = [python, "-c", program, str(JOBS / f"{job}.yaml"), repr(values)]
     begin = time.perf_counter()
     variables = os.environ | {"NUMBA_CACHE_DIR": folder}

@@ -33,7 +33,7 @@ from agglom_mpi.simulation.particles import (
 )
 from agglom_mpi.simulation.sample import place_grains
 from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 ENGINE = EventDriven.Numbers(100_000)
 HALF = 0.01
@@ -337,7 +337,7 @@ def test_print_the_time_of_published_samples():
 
 
 def named(row):
-    return dict(zip(NAMES, row, strict=False))
+    return dict(zip(TEN.names, row, strict=False))
 
 
 def many_samples(campaign, parameters, engine):

@@ -18,7 +18,7 @@ import pytest
 from bench_event import JOBS, ROWS, print_row
 
 from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION
-from agglom_mpi.variables import NAMES, VARIABLES
+from agglom_mpi.variables import PAPER_VARIABLES, TEN
 
 REPEATS = 5
 PROGRAM = """
@@ -107,7 +107,7 @@ def print_ratio(label, values, unit):
 def print_speed(pythons):
     print(f"\nprocessor time, medians of {REPEATS}, installations in turn")
     for job, (row, _) in ROWS.items():
-        values = dict(zip(NAMES, row, strict=False))
+        values = dict(zip(TEN.names, row, strict=False))
 
         def ms(one, place, job=job, values=values):
             count = SAMPLES[job][0]
@@ -146,7 +146,7 @@ def gas(pythons, count, collisions, repeats=REPEATS):
 
 def published(tables, number):
     """The variables of a row of a paper's tables in SI units, by name."""
-    known = {variable.name for variable in VARIABLES}
+    known = {variable.name for variable in PAPER_VARIABLES}
     return {
         column.name: column.unit * value
         for table in tables

@@ -17,7 +17,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def pictured(tmp_path_factory):
 def simulated(string, sample, frames):
     """Return the frames of a sample of the tiny campaign."""
     row = read_campaign("tiny.h5").string_rows()[string]
-    parameters = np.array([row[name] for name in NAMES])
+    parameters = np.array([row[name] for name in TEN.names])
     return load_campaign("tiny.yaml").simulate(parameters, sample, frames=frames).frames
 
 

@@ -14,7 +14,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.report import simulate as module
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 def test_a_string_is_averaged_over_samples(agglom):
@@ -127,7 +127,7 @@ def test_a_recorded_string_is_simulated_as_it_stands(agglom):
     row = read_campaign("tiny.h5").string_rows()[1]
     for name, value in report["parameters"].items():
         assert value == row[name]
-    assert set(report["parameters"]) == set(NAMES) - {"surface_energy"}
+    assert set(report["parameters"]) == set(TEN.names) - {"surface_energy"}
     assert "replay" not in report
 
 

@@ -13,7 +13,7 @@ from vtk_files import assert_shows
 from agglom_mpi import load_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES as VARIABLES
+from agglom_mpi.variables import TEN
 
 NAMES = ["cloud.png", "cloud.svg", "evolution.png", "evolution.svg", "particles.vtkhdf"]
 
@@ -50,7 +50,7 @@ def test_a_recorded_sample_is_shown_and_is_the_one_that_was_recorded(agglom, tmp
     assert report["files"] == [f"{tmp_path}/{name}" for name in NAMES]
     assert_pictures(tmp_path, 9)
     row = read_campaign("tiny.h5").string_rows()[2]
-    parameters = np.array([row[name] for name in VARIABLES])
+    parameters = np.array([row[name] for name in TEN.names])
     frames = load_campaign("tiny.yaml").simulate(parameters, 3, frames=12).frames
     assert_shows(tmp_path / "particles.vtkhdf", frames)
 

@@ -110,7 +110,7 @@ def test_any_text_is_read_or_refused_in_one_line(text):
     ("text", "said"),
     [
         ("max(a, 1)", "which has a call; allowed: + - * / **, brackets, names, and numbers like"),
-        ("a.real", "which has a dot"),
+        ("a.real", "which has the unknown path 'a.real'"),
         ("a % 2", "which has the operator %"),
         ("a // 2", "which has the operator //"),
         ("'a'", "which has a text within"),

@@ -11,8 +11,8 @@ from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES
 from agglom_mpi.config.relation_reader import COLUMNS, MAX_ENTRIES
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales
-from agglom_mpi.storage.schema import RESULTS, SAMPLES, STRINGS, generations_schema
-from agglom_mpi.variables import NAMES, values_by_name
+from agglom_mpi.storage.schema import RESULTS, SAMPLES, generations_schema, strings_schema
+from agglom_mpi.variables import TEN
 
 DERIVED = "derived: {pressure: density * relative_speed^2, power: pressure / end_time}"
 CONSTRAINT = "constraints: [pressure < 0.1 * hardness]"
@@ -32,7 +32,7 @@ def message(*lines, edits=()):
 def test_derived_quantities_are_worth_what_they_say():
     loaded = with_relations(DERIVED)
     string = loaded.parameters({"relative_speed": 7})
-    value = values_by_name(string)
+    value = TEN.values_by_name(string)
     found = loaded.derived_values(string[None])
     assert found["pressure"] == 6000 * 49
     end = scales.end_time(loaded.scene, value)
@@ -45,7 +45,7 @@ def test_every_quantity_of_a_scene_may_be_named():
     entries = ", ".join(f"twice_{name}: 2 * {name}" for name in names)
     loaded = with_relations(f"derived: {{{entries}}}")
     found = loaded.derived_values(np.tile(loaded.parameters(), (3, 1)))
-    value = values_by_name(loaded.parameters())
+    value = TEN.values_by_name(loaded.parameters())
     assert found["twice_grain_diameter"] == pytest.approx(
         4.0 * scales.grain_radius(loaded.scene, value)
     )
@@ -172,9 +172,9 @@ def test_the_share_that_is_said_is_the_share():
 
 
 def test_no_derived_quantity_has_the_name_of_a_column():
-    tables = (STRINGS, RESULTS, SAMPLES, generations_schema(1))
+    tables = (strings_schema(), RESULTS, SAMPLES, generations_schema(1))
     columns = {field.name for table in tables for field in table.fields} | set(Estimate._fields)
-    reserved = COLUMNS | set(NAMES) | {"particles", "end_time"}
+    reserved = COLUMNS | set(TEN.names) | {"particles", "end_time"}
     assert columns - reserved == set()
 
 

@@ -12,7 +12,7 @@ from campaign_text import campaign, constant, edited
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import campaign_of_record, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 JOBS = Path(__file__).parents[2] / "jobs"
 EVENT = {"law": "event", "budget": 20_000}
@@ -97,7 +97,7 @@ def test_a_contact_time_takes_units_and_is_off_by_default() -> None:
 def test_variables_are_arrays_in_the_canonical_order() -> None:
     variables = campaign().variables
     assert variables.searched == ("relative_speed", "size_ratio", "hardness")
-    assert variables.used == NAMES[:-1]
+    assert variables.used == TEN.names[:-1]
     assert variables.lower[:4].tolist() == [0.1, 0.4, 6000.0, 1e7]
     assert variables.upper[:4].tolist() == [30.0, 0.8, 6000.0, 2e8]
     assert np.isnan(variables.lower[9])
@@ -270,7 +270,7 @@ def test_a_unit_on_one_end_of_a_range_is_refused(begin: str, text: str, both: st
 def test_a_range_takes_units_on_both_ends_or_where_they_change_nothing(
     begin: str, text: str, ends: tuple[float, float]
 ) -> None:
-    box, i = campaign((begin, f"{begin}: {text}")).variables, NAMES.index(begin.strip())
+    box, i = campaign((begin, f"{begin}: {text}")).variables, TEN.names.index(begin.strip())
     assert (box.lower[i], box.upper[i]) == ends
 
 

@@ -4,7 +4,7 @@ import pytest
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.config.groups import groups_of
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def strings(campaign, count=50):
 
 
 def test_laws_name_the_groups_of_the_paper(whole):
-    found = {group.symbol: group.powers for group in groups_of(whole.scene, NAMES)}
+    found = {group.symbol: group.powers for group in groups_of(whole.scene, TEN.names)}
     assert set(found) == {"ρv²/H", "U/(Rθ)", "v²/(Cθ)", "κ/(ρbCθ)"}
     assert found["ρv²/H"] == {"density": 1, "relative_speed": 2, "hardness": -1}
     # The half-width is given, so the radius of a grain follows from the size ratio.
@@ -72,7 +72,7 @@ def test_a_group_moves_along_its_variables_as_its_logarithm_does(three):
 def test_a_variable_from_0_is_a_coordinate_by_itself(whole):
     coordinates = coordinates_of(whole)
     some = np.tile(whole.parameters(), (3, 1))
-    some[:, NAMES.index("reaction_heat")] = 0.0, 5e6, 1e7
+    some[:, TEN.names.index("reaction_heat")] = 0.0, 5e6, 1e7
     place = coordinates.names.index("reaction_heat")
     assert coordinates.of_strings(some)[:, place] == pytest.approx([0.0, 0.5, 1.0])
     assert np.isfinite(coordinates.of_strings(some)).all()

@@ -7,7 +7,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_variables import own_variables, read_searched, read_strings
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.variables import values_by_name
+from agglom_mpi.variables import TEN
 
 TEXT = three_variable_text()
 FILLED = TEXT.replace("size_ratio: 0.633", "volume_fraction: [0.1, 0.3]")
@@ -134,7 +134,7 @@ def test_what_is_fixed_may_be_given_but_not_changed():
 
 def row(campaign, **columns):
     """Return a row of a table of strings as a mapping."""
-    values = values_by_name(campaign.parameters())
+    values = TEN.values_by_name(campaign.parameters())
     results = {"string": 3, "origin": "random", "objective": 0.5, "estimate": np.nan}
     used = {name: values[name] for name in campaign.variables.used}
     return results | used | {"volume_fraction": 0.2, "samples_used": 7} | columns

@@ -7,7 +7,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 COUNT, STRINGS, SAMPLES = 5, 3, 2
 FRAMES = f"frames: {{count: {COUNT}, strings: {STRINGS}, samples: {SAMPLES}}}"
@@ -35,7 +35,9 @@ def assert_particles_are_those_of_the_samples(path, campaign_path):
     """
     file, campaign = read_campaign(path), load_campaign(str(campaign_path))
     strings = file.string_rows()
-    parameters = {int(row["string"]): np.array([row[name] for name in NAMES]) for row in strings}
+    parameters = {
+        int(row["string"]): np.array([row[name] for name in TEN.names]) for row in strings
+    }
     kept = []
     for row in file.all_sample_rows():
         pair = int(row["string"]), int(row["sample"])

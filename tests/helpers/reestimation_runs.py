@@ -5,7 +5,7 @@ import numpy as np
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 FREE = {"seconds", "cpu_seconds", "finished", "rank", "crc"}
 
@@ -40,7 +40,7 @@ def assert_fresh_are_those_of_the_best(path, campaign_path, strings, samples):
     assert rows[["string", "sample"]].tolist() == wanted
     known = {int(row["string"]): row for row in file.string_rows()}
     for row in rows:
-        parameters = np.array([known[int(row["string"])][name] for name in NAMES])
+        parameters = np.array([known[int(row["string"])][name] for name in TEN.names])
         record = campaign.simulate(parameters, int(row["sample"])).record
         for column in COLUMNS:
             assert row[column.name].tobytes() == record[column.name].tobytes()

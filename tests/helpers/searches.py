@@ -3,8 +3,13 @@
 from agglom_mpi.search.methods.baselines import RandomPoints, SobolPoints
 from agglom_mpi.search.methods.cmaes_search import Cmaes
 from agglom_mpi.search.methods.genetic import Genetic
-from agglom_mpi.search.methods.method import NO_STRINGS, SearchInputs
+from agglom_mpi.search.methods.method import SearchInputs
 from agglom_mpi.search.methods.surrogate import Surrogate
+
+
+def given_or_none(space, given):
+    """Return given strings, or an array of none."""
+    return space.no_strings if given is None else given
 
 
 def genetic_search(
@@ -14,7 +19,7 @@ def genetic_search(
     parents=6,
     blend=(0.0, 1.0),
     rescale=None,
-    given=NO_STRINGS,
+    given=None,
     again=False,
 ):
     """Return a genetic search; `rescale` is (every, factor), `again` samples its parents again."""
@@ -26,25 +31,31 @@ def genetic_search(
         rescale=shrinks,
         more_samples=1 if again else None,
     )
-    return method.build(SearchInputs(space, seed, given))
+    return method.build(SearchInputs(space, seed, given_or_none(space, given)))
 
 
-def surrogate_search(space, seed, initial, batch, given=NO_STRINGS, **inputs):
+def surrogate_search(space, seed, initial, batch, given=None, **inputs):
     """Return a search by a Gaussian process, built from further `SearchInputs`."""
     method = Surrogate(initial=initial, batch=batch)
-    return method.build(SearchInputs(space, seed, given, **inputs))
+    return method.build(SearchInputs(space, seed, given_or_none(space, given), **inputs))
 
 
-def cmaes_search(space, seed, population, sigma, given=NO_STRINGS):
+def cmaes_search(space, seed, population, sigma, given=None):
     """Return a search by CMA-ES."""
-    return Cmaes(population=population, sigma=sigma).build(SearchInputs(space, seed, given))
+    return Cmaes(population=population, sigma=sigma).build(
+        SearchInputs(space, seed, given_or_none(space, given))
+    )
 
 
-def random_search(space, seed, population, given=NO_STRINGS):
+def random_search(space, seed, population, given=None):
     """Return a search of random points."""
-    return RandomPoints(population=population).build(SearchInputs(space, seed, given))
+    return RandomPoints(population=population).build(
+        SearchInputs(space, seed, given_or_none(space, given))
+    )
 
 
-def sobol_search(space, seed, population, given=NO_STRINGS):
+def sobol_search(space, seed, population, given=None):
     """Return a search of Sobol points."""
-    return SobolPoints(population=population).build(SearchInputs(space, seed, given))
+    return SobolPoints(population=population).build(
+        SearchInputs(space, seed, given_or_none(space, given))
+    )

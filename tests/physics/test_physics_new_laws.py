@@ -13,7 +13,7 @@ from agglom_mpi.physics.contact import CompressionRecoveryDuration, Duration
 from agglom_mpi.physics.cooling import Cooling, EulerCooling, ExactCooling
 from agglom_mpi.physics.hardness import ConstantHardness, Hardness
 from agglom_mpi.physics.velocities import Velocities
-from agglom_mpi.variables import values_by_name
+from agglom_mpi.variables import TEN
 
 FACTOR = 9.0
 JOB = "jobs/accretion_2003.yaml"
@@ -70,7 +70,7 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def value(campaign):
-    return values_by_name(campaign.parameters())
+    return TEN.values_by_name(campaign.parameters())
 
 
 def with_law(campaign, **laws):

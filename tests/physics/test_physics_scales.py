@@ -9,7 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.kinetic_theory import contact_value
 from agglom_mpi.physics.velocities import draw_velocities
-from agglom_mpi.variables import values_by_name
+from agglom_mpi.variables import TEN
 
 SPREAD = "{law: spread, mean: [10, 0, 3], transverse: 0.4}"
 
@@ -29,7 +29,7 @@ variables: {{relative_speed: 5, size_ratio: 0.6, density: 2500}}
 
 
 def at(campaign, **values):
-    return values_by_name(campaign.parameters(values))
+    return TEN.values_by_name(campaign.parameters(values))
 
 
 @pytest.mark.parametrize("law", ["uniform_x", SPREAD])

@@ -21,7 +21,7 @@ from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 ROUNDING = 1e-9
 """Times are sums of at most some thousand numbers of one sign."""
@@ -46,14 +46,14 @@ class Drawn:
 
 def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
     search = genetic_search(
-        SearchSpace(np.zeros(COUNT), np.ones(COUNT)),
+        SearchSpace(np.zeros(TEN.count), np.ones(TEN.count)),
         seed=5,
         population=population,
         parents=population // 4 * 2,
     )
     inversion = Inversion(
         search,
-        lambda: ensemble_of(difference(0.003), growth_target(), 100, 2, most),
+        lambda string: ensemble_of(difference(0.003), growth_target(), 100, 2, most),
         Generations(generations=generations),
     )
 
@@ -188,10 +188,10 @@ def test_a_chain_leads_from_generations_to_those_that_learn_from_them(lag, longe
 
 @pytest.mark.parametrize("ranks", [1, 30])
 def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generation(ranks):
-    search = surrogate_search(SearchSpace(np.zeros(COUNT), np.ones(COUNT)), 5, 8, 6)
+    search = surrogate_search(SearchSpace(np.zeros(TEN.count), np.ones(TEN.count)), 5, 8, 6)
     inversion = Inversion(
         search,
-        lambda: ensemble_of(fixed(1), growth_target(), 100, 1, 1),
+        lambda string: ensemble_of(fixed(1), growth_target(), 100, 1, 1),
         Generations(generations=6),
     )
     same = Drawn()  # all samples take 0.01 s

@@ -14,7 +14,7 @@ from agglom_mpi.runtime.messages import NOT_NEEDED, storable
 from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.storage.schema import TOOK_TOO_LONG
 
 LONG = 50.0
@@ -73,7 +73,7 @@ class Scenes:
 
 
 def task(campaign, count, frames=0):
-    batch = np.zeros(1, TASK)
+    batch = np.zeros(1, task_type(10))
     batch["string"], batch["first"], batch["count"] = 3, 5, count
     batch["frames"], batch["parameters"] = frames, campaign.parameters()
     return batch

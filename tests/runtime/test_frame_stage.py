@@ -7,7 +7,7 @@ from agglom_mpi.runtime.experiment import FramePlan
 from agglom_mpi.runtime.post_stages import FrameStage
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.storage.particle_tables import frame_rows
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 FRAMES = 3
 WANTED = FramePlan(((7, 0), (7, 1), (2, 0)), FRAMES)
@@ -39,7 +39,7 @@ class FramesInMemory:
 
 
 def parameters(string):
-    return np.full(COUNT, float(string))
+    return np.full(TEN.count, float(string))
 
 
 def rows(string, sample):

@@ -9,14 +9,14 @@ from agglom_mpi.runtime.experiment import ReestimationPlan
 from agglom_mpi.runtime.post_stages import ReestimationStage
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.schema import sample_dtype
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 WANTED = ReestimationPlan((7, 2), 3)
 ALL = [(7, 20), (7, 21), (7, 22), (2, 20), (2, 21), (2, 22)]
 
 
 def parameters(string):
-    return np.full(COUNT, float(string))
+    return np.full(TEN.count, float(string))
 
 
 def reestimation(known=(), wanted=WANTED, room=30):

@@ -19,7 +19,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 NUMBERS = {"generations": 4, "max_samples": 12, "population": 8, "parents": 4}
 
@@ -45,7 +45,7 @@ def test_a_parent_has_its_own_samples_and_is_worth_all_of_them(undisturbed):
     again = strings[strings["origin"] == ORIGINS.index("again")]
     assert len(again) == 3 * 4
     row = again[-1]
-    parameters = np.array([row[name] for name in NAMES])
+    parameters = np.array([row[name] for name in TEN.names])
     own = samples[samples["string"] == row["string"]]
     assert len(own) == 5
     first = campaign.first_sample(int(row["string"]))

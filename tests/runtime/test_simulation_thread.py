@@ -28,7 +28,7 @@ from agglom_mpi.runtime.messages import (
 from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
 from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def campaign(tmp_path_factory):
 
 def tasks(campaign, count=1, string=3):
     """Return one task of so many samples, in a batch of its own."""
-    batch = np.zeros(1, TASK)
+    batch = np.zeros(1, task_type(10))
     batch["string"], batch["count"] = string, count
     batch["parameters"] = campaign.parameters()
     return batch
@@ -95,7 +95,7 @@ class FakeJob:
 
 def some(count, first=0, string=0):
     """Return a batch of one task for a fake."""
-    batch = np.zeros(1, TASK)
+    batch = np.zeros(1, task_type(10))
     batch["string"], batch["first"], batch["count"] = string, first, count
     return batch
 

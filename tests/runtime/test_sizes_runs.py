@@ -18,7 +18,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
     assert drawn.completed.samples == len(rows)
     best = collect_summary(file).best[0]
     assert best["drawn_volume_fraction"] == drawn.as_dict()
-    size_ratio = file.parameters[string][NAMES.index("size_ratio")]
+    size_ratio = file.parameters[string][TEN.names.index("size_ratio")]
     assert drawn.wanted == pytest.approx(campaign.fraction(size_ratio), rel=1e-12)
     estimate = campaign.estimate(parameters, 3)
     assert estimate.volume_fraction.value == pytest.approx(np.mean(filled[:3]), rel=1e-12)

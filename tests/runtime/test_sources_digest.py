@@ -14,7 +14,7 @@ from agglom_mpi.declaration.components import Component
 from agglom_mpi.runtime import experiment as experiment_module
 from agglom_mpi.runtime.provenance import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 
 SAME = [
     ("search/ensemble.py", "its samples in order", "all samples in order"),
@@ -143,7 +143,7 @@ def test_a_run_calls_nothing_that_is_not_counted(tmp_path, monkeypatch):
     runner = SampleRunner(work, 0)
     work.identity()
     work.inversion(restore=None)
-    batch = np.zeros(1, TASK)
+    batch = np.zeros(1, task_type(10))
     batch["count"], batch["parameters"] = 2, campaign.parameters()
     task = runner.begin(batch[0])
     while task.simulate_next():

@@ -18,9 +18,9 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def simulated(campaign, samples=3, cut_short=False):
 
     The first of them may be cut short, by a check that was meant for the sample before.
     """
-    task = np.zeros(1, TASK)
+    task = np.zeros(1, task_type(10))
     task["count"], task["parameters"] = samples, campaign.parameters()
     simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.abort_flag.abort[0] = cut_short
@@ -71,7 +71,7 @@ def test_decisions_are_made_of_what_the_function_returned(own):
         assert result["objective"] == pytest.approx(np.mean(rows["objective"]), rel=1e-12)
         error = np.std(rows["objective"], ddof=1) / np.sqrt(len(rows))
         assert result["standard_error"] == pytest.approx(error, rel=1e-9)
-        outcome = campaign.simulate(np.array([string[name] for name in NAMES]), 0)
+        outcome = campaign.simulate(np.array([string[name] for name in TEN.names]), 0)
         largest, size = outcome.radii.max(), string["size_ratio"]
         assert rows["objective"][0] == outcome.objective
         assert outcome.objective == largest / outcome.mean_radius_ratio - size
@@ -404,7 +404,7 @@ def test_particles_are_stored_as_they_were_beside_a_function(tmp_path):
     assert batch.results["objective"].tobytes() == plain["objective"].tobytes()
     for row, worth in zip(batch.final_particles, plain["objective"], strict=True):
         radii = row["radius"][: int(row["particles"])]
-        size = load_campaign(path, allow_code=True).parameters()[NAMES.index("size_ratio")]
+        size = load_campaign(path, allow_code=True).parameters()[TEN.names.index("size_ratio")]
         # The function divides b/b0, the file holds b: each rounds once.
         assert worth == pytest.approx(radii.max() / radii.mean() - size, rel=1e-13)
 
@@ -418,7 +418,7 @@ def test_moments_are_searched_and_checked_like_any_objective(tmp_path):
     assert done.exit_code == 0, done.output
     file = read_campaign(tmp_path / "own.h5")
     outcome = load_campaign(path).simulate(
-        np.array([file.string_rows()[0][name] for name in NAMES]), 0
+        np.array([file.string_rows()[0][name] for name in TEN.names]), 0
     )
     mean, second, third, _ = outcome.moments
     skewness = third / second**1.5

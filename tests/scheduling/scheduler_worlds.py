@@ -20,7 +20,7 @@ from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.table import runs_of
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 MAX_SAMPLES = 9
 GENERATIONS = 6
@@ -67,10 +67,10 @@ class Decisions(DecisionLog):
 
 
 def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
-    space = SearchSpace(np.zeros(COUNT), np.ones(COUNT))
+    space = SearchSpace(np.zeros(TEN.count), np.ones(TEN.count))
     search = genetic_search(space, seed=5, population=population, parents=2, rescale=rescale)
     return Inversion(
-        search, lambda: Judge(max_samples), Generations(generations=generations)
+        search, lambda string: Judge(max_samples), Generations(generations=generations)
     ), Decisions()
 
 

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
-from agglom_mpi.scheduling.interface import TASK
+from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 
 PATIENCE = 30.0
 
 
 def tasks(count):
-    batch = np.zeros(count, TASK)
+    batch = np.zeros(count, task_type(10))
     batch["string"], batch["first"] = np.divmod(np.arange(count), 3)
     batch["count"], batch["frames"] = 1, 5
     batch["parameters"] = batch["string"][:, np.newaxis]
@@ -55,7 +55,7 @@ def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
 
 
 def many(strings, samples):
-    batch = np.zeros(strings, TASK)
+    batch = np.zeros(strings, task_type(10))
     batch["string"], batch["first"], batch["count"] = np.arange(strings), 30, samples
     return batch
 

@@ -7,7 +7,7 @@ from summary_rows import rows_of
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.search.proposals import Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 PARTICLES = 100
 
@@ -67,7 +67,7 @@ def papers_box():
 
 
 def unit_box():
-    return SearchSpace(np.zeros(COUNT), np.ones(COUNT))
+    return SearchSpace(np.zeros(TEN.count), np.ones(TEN.count))
 
 
 def judged(ids, parameters, objectives, samples=1):

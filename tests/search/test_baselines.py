@@ -8,7 +8,7 @@ from agglom_mpi.random_streams import SOBOL_SCRAMBLE, search_stream
 from agglom_mpi.search.methods.baselines import SOBOL_BITS, sobol_strings
 from agglom_mpi.search.proposals import GIVEN, NO_PARENT, RANDOM
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 METHODS = pytest.mark.parametrize("method", [random_search, sobol_search])
 
@@ -30,7 +30,7 @@ def strings_of(found):
 def test_sobol_points_of_all_generations_are_one_scrambled_sequence():
     strings = strings_of(batches(sobol_search(unit_box(), 5, 7), 9))
     scramble = search_stream(5, SOBOL_SCRAMBLE)
-    wanted = qmc.Sobol(COUNT, bits=SOBOL_BITS, rng=scramble).random(64)
+    wanted = qmc.Sobol(TEN.count, bits=SOBOL_BITS, rng=scramble).random(64)
     assert np.array_equal(strings[:63], wanted[:63])
 
 
@@ -59,7 +59,7 @@ def test_random_strings_are_those_of_the_genetic_search_in_the_same_slots():
 @METHODS
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_given_strings_come_first_and_the_rest_is_as_it_was(method, count):
-    strings = np.random.default_rng(0).random((count, COUNT))
+    strings = np.random.default_rng(0).random((count, TEN.count))
     found = batches(method(unit_box(), 5, 6, strings), 2)
     plain = batches(method(unit_box(), 5, 6), 2)
     assert np.array_equal(found[0].parameters[:count], strings)
@@ -95,8 +95,8 @@ def test_the_best_of_all_strings_are_the_population(method):
 
 
 def test_points_are_spread_evenly_over_logarithms():
-    lower, upper = np.full(COUNT, 1e-3), np.full(COUNT, 1e3)
-    space = SearchSpace(lower, upper, logarithmic=np.arange(COUNT) < 5)
+    lower, upper = np.full(TEN.count, 1e-3), np.full(TEN.count, 1e3)
+    space = SearchSpace(lower, upper, logarithmic=np.arange(TEN.count) < 5)
     strings = sobol_strings(space, 1, 0, 64)
     assert np.all((strings >= lower) & (strings <= upper))
     # 64 points of a net have one in each 64th of every axis.

@@ -5,13 +5,13 @@ from searches import cmaes_search
 
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 
 def box(dimensions):
-    lower, upper = np.ones(COUNT), np.ones(COUNT)
+    lower, upper = np.ones(TEN.count), np.ones(TEN.count)
     upper[:dimensions] = 100.0
-    return SearchSpace(lower, upper, logarithmic=np.arange(COUNT) < 2)
+    return SearchSpace(lower, upper, logarithmic=np.arange(TEN.count) < 2)
 
 
 def sphere(points):
@@ -62,7 +62,7 @@ def test_the_same_tells_lead_to_the_same_strings_in_any_order():
 
 
 def test_given_strings_come_first_and_it_begins_about_the_first_of_them():
-    strings = unit_box().from_unit(np.full((2, COUNT), 0.25))
+    strings = unit_box().from_unit(np.full((2, TEN.count), 0.25))
     strings[1] = 0.75
     search = cmaes_search(unit_box(), 1, 200, 0.02, strings)
     first, second = run(search, 2, lambda points: np.zeros(len(points)))

@@ -11,15 +11,17 @@ from searches import cmaes_search, genetic_search, random_search, sobol_search, 
 from agglom_mpi.search.methods.baselines import SobolStrings, sobol_strings
 from agglom_mpi.search.proposals import GIVEN
 from agglom_mpi.search.space import BLOCK, SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 CENTRE = 20.0
 
 
 def free_box():
-    lower, upper = np.ones(COUNT), np.ones(COUNT)
+    lower, upper = np.ones(TEN.count), np.ones(TEN.count)
     upper[:3] = 100.0
-    return SearchSpace(lower, upper, logarithmic=np.arange(COUNT) < 1, cubic=np.arange(COUNT) == 1)
+    return SearchSpace(
+        lower, upper, logarithmic=np.arange(TEN.count) < 1, cubic=np.arange(TEN.count) == 1
+    )
 
 
 def shell(strings):

@@ -7,7 +7,7 @@ from searches import genetic_search
 
 from agglom_mpi.search.proposals import NO_PARENT, OFFSPRING, RANDOM
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 
 def bowl(strings):
@@ -110,7 +110,7 @@ def test_a_blend_beyond_one_mutates_out_of_the_hull_but_never_out_of_the_box():
 
 
 def test_fixed_components_stay_exact_through_blending():
-    lower, upper = np.zeros(COUNT), np.ones(COUNT)
+    lower, upper = np.zeros(TEN.count), np.ones(TEN.count)
     lower[4] = upper[4] = 0.1
     search = genetic_search(SearchSpace(lower, upper), seed=1, blend=(-0.5, 1.5))
     for batch, _ in run(search, 5):
@@ -195,14 +195,14 @@ def test_strings_of_different_slots_and_generations_differ():
 
 def test_a_search_uses_the_parameters_it_is_told_not_those_it_proposed():
     search = genetic_search(unit_box(), seed=1)
-    search.tell(judged(np.arange(20), np.full((20, COUNT), 0.25), np.arange(20.0)))
+    search.tell(judged(np.arange(20), np.full((20, TEN.count), 0.25), np.arange(20.0)))
     assert np.all(search.ask().parameters[:6] == 0.25)
 
 
 def test_a_tell_of_another_size_is_refused():
     search = genetic_search(unit_box(), seed=1)
     with pytest.raises(ValueError, match="20 new strings"):
-        search.tell(judged(np.arange(19), np.zeros((19, COUNT)), np.zeros(19)))
+        search.tell(judged(np.arange(19), np.zeros((19, TEN.count)), np.zeros(19)))
 
 
 @pytest.mark.parametrize(

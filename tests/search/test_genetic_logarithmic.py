@@ -12,14 +12,14 @@ from searches import genetic_search
 
 from agglom_mpi.search.proposals import GIVEN, RANDOM
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
-LOGARITHMIC = np.arange(COUNT) % 2 == 0
+LOGARITHMIC = np.arange(TEN.count) % 2 == 0
 
 
 def space():
     """Return a box of four decades; every other variable is searched by its logarithm."""
-    return SearchSpace(np.full(COUNT, 1e-2), np.full(COUNT, 1e2), logarithmic=LOGARITHMIC)
+    return SearchSpace(np.full(TEN.count, 1e-2), np.full(TEN.count, 1e2), logarithmic=LOGARITHMIC)
 
 
 def told(search, objectives=None, seed=0):
@@ -66,13 +66,13 @@ def test_blends_are_uniform_in_the_logarithm():
 
 def test_equal_parents_have_equal_children_to_rounding():
     search = genetic_search(space(), 1)
-    search.tell(judged(np.arange(20), np.full((20, COUNT), 0.37), np.arange(20.0)))
+    search.tell(judged(np.arange(20), np.full((20, TEN.count), 0.37), np.arange(20.0)))
     assert np.allclose(search.ask().parameters[:6], 0.37, rtol=4 * np.finfo(float).eps, atol=0.0)
 
 
 def test_the_box_shrinks_around_the_best_in_the_logarithm():
     search = genetic_search(space(), 1, rescale=(1, 0.5))
-    best = np.ones(COUNT)
+    best = np.ones(TEN.count)
     search.tell(judged(np.arange(20), np.tile(best, (20, 1)), np.arange(20.0)))
     # Four decades halved are two; the others are cut off at the lower end.
     assert np.allclose(search.box.lower[LOGARITHMIC], 0.1, rtol=1e-14)
@@ -84,7 +84,7 @@ def test_the_box_shrinks_around_the_best_in_the_logarithm():
 
 
 def test_given_strings_come_first_and_the_rest_is_as_it_was():
-    strings = np.random.default_rng(0).uniform(1.0, 2.0, (3, COUNT))
+    strings = np.random.default_rng(0).uniform(1.0, 2.0, (3, TEN.count))
     batch, plain = genetic_search(space(), 1, given=strings).ask(), genetic_search(space(), 1).ask()
     assert np.array_equal(batch.parameters[:3], strings)
     assert np.array_equal(batch.parameters[3:], plain.parameters[3:])

@@ -45,7 +45,7 @@ def inversion(generations=4, target=None, restore=None, rule=None):
     search = genetic_search(unit_box(), SEED, population=8, parents=2, rescale=(2, 0.5))
     rule = rule or difference(0.02)
 
-    def ensemble():
+    def ensemble(string):
         return ensemble_of(rule, growth_target(), PARTICLES, 2, 12)
 
     last = Generations(generations=generations)

@@ -50,7 +50,7 @@ class History(Decisions):
 def inversion(rescale=None, restore=None, generations=GENERATIONS):
     search = genetic_search(unit_box(), 11, population=POPULATION, parents=PARENTS, rescale=rescale)
 
-    def ensemble():
+    def ensemble(string):
         return ensemble_of(difference(0.02), growth_target(), PARTICLES, 2, 12)
 
     return Inversion(

@@ -37,7 +37,7 @@ def inversion(racing, generations=GENERATIONS):
     rule, objective = half_width(0.005), maximum_growth(PARTICLES)
     return Inversion(
         genetic_search(unit_box(), 3, population=12, parents=4),
-        lambda: ensemble_of(rule, objective, PARTICLES, 5, MOST),
+        lambda string: ensemble_of(rule, objective, PARTICLES, 5, MOST),
         Generations(generations=generations),
         racing=racing,
     )

@@ -113,7 +113,7 @@ def inverted(noise, seed=1, more=None, shuffle=None, generations=12):
     history = History()
     inversion = Inversion(
         genetic_search(unit_box(), seed, population=10, parents=4, again=more is not None),
-        lambda: ensemble(4),
+        lambda string: ensemble(4),
         Generations(generations=generations),
         more_samples=more or 1,
     )

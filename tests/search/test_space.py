@@ -6,11 +6,11 @@ from search_fakes import papers_box, unit_box
 
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 
 def mixed_box():
-    lower, upper = np.zeros(COUNT), np.ones(COUNT)
+    lower, upper = np.zeros(TEN.count), np.ones(TEN.count)
     lower[3] = upper[3] = 0.7
     lower[9] = upper[9] = np.nan
     return SearchSpace(lower, upper)
@@ -24,7 +24,7 @@ def test_a_sample_lies_in_the_box_with_fixed_components_exact_and_unused_nan():
     space = mixed_box()
     for number in range(100):
         string = space.sample(search_stream(1, number))
-        assert string.shape == (COUNT,)
+        assert string.shape == (TEN.count,)
         assert string[3] == 0.7
         assert np.isnan(string[9])
         rest = string[space.searched]
@@ -38,7 +38,7 @@ def test_fixing_one_component_leaves_the_draws_of_the_others():
 
 
 def test_clip_moves_to_the_nearest_point_and_keeps_unused_nan():
-    strings = np.array([np.full(COUNT, -1.0), np.full(COUNT, 0.5), np.full(COUNT, 3.0)])
+    strings = np.array([np.full(TEN.count, -1.0), np.full(TEN.count, 0.5), np.full(TEN.count, 3.0)])
     clipped = mixed_box().clip(strings)
     assert clipped[:, 0].tolist() == [0.0, 0.5, 1.0]
     assert clipped[:, 3].tolist() == [0.7, 0.7, 0.7]
@@ -48,10 +48,10 @@ def test_clip_moves_to_the_nearest_point_and_keeps_unused_nan():
 @pytest.mark.parametrize(
     ("lower", "upper"),
     [
-        (np.zeros(9), np.ones(9)),
-        (np.ones(COUNT), np.zeros(COUNT)),
-        (np.zeros(COUNT), np.full(COUNT, np.nan)),
-        (np.zeros(COUNT), np.full(COUNT, np.inf)),
+        (np.zeros(9), np.ones(10)),
+        (np.ones(TEN.count), np.zeros(TEN.count)),
+        (np.zeros(TEN.count), np.full(TEN.count, np.nan)),
+        (np.zeros(TEN.count), np.full(TEN.count, np.inf)),
     ],
 )
 def test_bounds_that_are_no_box_are_refused(lower, upper):
@@ -65,28 +65,28 @@ def test_bounds_cannot_be_changed_afterwards():
 
 
 def test_a_box_restricted_in_the_middle_is_centred_with_scaled_widths():
-    box = unit_box().around(np.full(COUNT, 0.5), 0.25)
-    assert np.array_equal(box.lower, np.full(COUNT, 0.375))
-    assert np.array_equal(box.upper, np.full(COUNT, 0.625))
+    box = unit_box().around(np.full(TEN.count, 0.5), 0.25)
+    assert np.array_equal(box.lower, np.full(TEN.count, 0.375))
+    assert np.array_equal(box.upper, np.full(TEN.count, 0.625))
 
 
 def test_restrictions_accumulate():
-    centre = np.full(COUNT, 0.5)
+    centre = np.full(TEN.count, 0.5)
     twice = unit_box().around(centre, 0.5).around(centre, 0.5)
-    assert np.array_equal(twice.upper - twice.lower, np.full(COUNT, 0.25))
+    assert np.array_equal(twice.upper - twice.lower, np.full(TEN.count, 0.25))
 
 
 def test_a_restricted_box_may_move_but_never_leaves_the_outermost_one():
-    first = unit_box().around(np.full(COUNT, 0.25), 0.5)
-    second = first.around(np.full(COUNT, 0.5), 0.5)
-    assert np.array_equal(second.upper, np.full(COUNT, 0.625))
-    third = first.around(np.full(COUNT, 0.125), 1.0)
-    assert np.array_equal(third.lower, np.zeros(COUNT))
-    assert np.array_equal(third.upper, np.full(COUNT, 0.375))
+    first = unit_box().around(np.full(TEN.count, 0.25), 0.5)
+    second = first.around(np.full(TEN.count, 0.5), 0.5)
+    assert np.array_equal(second.upper, np.full(TEN.count, 0.625))
+    third = first.around(np.full(TEN.count, 0.125), 1.0)
+    assert np.array_equal(third.lower, np.zeros(TEN.count))
+    assert np.array_equal(third.upper, np.full(TEN.count, 0.375))
 
 
 def test_restricting_keeps_fixed_and_unused_components():
-    box = mixed_box().around(np.full(COUNT, 0.2), 0.5)
+    box = mixed_box().around(np.full(TEN.count, 0.2), 0.5)
     assert box.lower[3] == box.upper[3] == 0.7
     assert np.isnan(box.lower[9])
     assert np.isnan(box.upper[9])

@@ -24,7 +24,7 @@ from agglom_mpi.search.methods.baselines import sobol_strings
 from agglom_mpi.search.methods.surrogate import best_and_spread, milestone
 from agglom_mpi.search.proposals import GIVEN, MODEL, RANDOM, Evaluations
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture
@@ -35,9 +35,9 @@ def few_candidates(monkeypatch):
 
 def box(dimensions, logarithmic=0):
     """Return a box of so many variables, the first of them searched by their logarithms."""
-    lower, upper = np.ones(COUNT), np.ones(COUNT)
+    lower, upper = np.ones(TEN.count), np.ones(TEN.count)
     upper[:dimensions] = 11.0
-    return SearchSpace(lower, upper, logarithmic=np.arange(COUNT) < logarithmic)
+    return SearchSpace(lower, upper, logarithmic=np.arange(TEN.count) < logarithmic)
 
 
 def bowl(points):
@@ -107,7 +107,7 @@ def test_a_point_that_was_moved_may_be_moved_again_and_meets_no_other():
 
 
 def test_a_given_middle_of_a_flat_box_is_not_proposed_twice(few_candidates):
-    middle = np.full((1, COUNT), 6.0)
+    middle = np.full((1, TEN.count), 6.0)
     middle[:, 2:] = 1.0
     search = surrogate_search(box(2), 1, 8, 4, middle)
     strings = strings_of(run(search, 6, lambda points: np.ones(len(points))))

@@ -16,7 +16,7 @@ from processes import output_of, program
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.simulation.engines import AdaptiveSteps
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
 JOB_2004 = JOB.with_name("agglomeration_2004.yaml")
@@ -50,7 +50,7 @@ EVENTS_2004 = 2.51
 
 
 def named(row):
-    return dict(zip(NAMES, row, strict=False))
+    return dict(zip(TEN.names, row, strict=False))
 
 
 @functools.cache

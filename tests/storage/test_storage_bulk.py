@@ -25,7 +25,7 @@ from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.table import Table
 from agglom_mpi.storage.verify import verify_rows
 from agglom_mpi.storage.writer import CampaignWriter
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 GRAINS, COUNT = 20, 4
 WIDE = {"grains": GRAINS, "final_particles": True, "frames": 3 * COUNT}
@@ -115,7 +115,7 @@ def test_what_is_written_is_read_back_bit_for_bit(filled):
 @pytest.fixture
 def cold(tmp_path):
     """Return a file of a scene without temperature, whose kernels keep 0 K."""
-    lower = np.where(np.array(NAMES) == "temperature", np.nan, LOWER)
+    lower = np.where(np.array(TEN.names) == "temperature", np.nan, LOWER)
     path = make(tmp_path / "cold.h5", lower=lower, **WIDE)
     kept, shown = final(0, 0), pictures(0, 0)
     rows = sample_rows(0, 0, 1)

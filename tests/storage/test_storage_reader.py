@@ -12,7 +12,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import NotACampaign, read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.storage.writer import CampaignWriter
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_strings_table(campaign):
         "origin",
         "parent_1",
         "parent_2",
-        *NAMES[:-1],
+        *TEN.names[:-1],
         "objective",
         "standard_error",
         "mean_radius_ratio",
@@ -90,7 +90,7 @@ def test_generations_and_variables_tables(campaign):
     assert generations["population"][0].tolist() == [5, 4, 3, 2, 1, 0]
     assert generations.attrs["units"]["seconds"] == "s"
     variables = campaign.variables
-    assert variables["name"].tolist() == list(NAMES[:-1])
+    assert variables["name"].tolist() == list(TEN.names[:-1])
     assert variables["searched"].tolist() == [True] * 8 + [False]
 
 

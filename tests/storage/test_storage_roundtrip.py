@@ -27,7 +27,7 @@ from agglom_mpi.storage.schema import (
     sample_dtype,
 )
 from agglom_mpi.storage.writer import CampaignWriter
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 PLAIN = [name for name in sample_dtype.names if name != "crc"]
 
@@ -45,7 +45,7 @@ def test_strings(path, writer):
     assert rows["slot"].tolist() == [0, 1, 2, 0, 1]
     assert set(rows["generation"]) == {2}
     assert rows["parents"].tolist() == [[-1, 3]] * 5
-    stored = np.column_stack([rows[name] for name in NAMES])
+    stored = np.column_stack([rows[name] for name in TEN.names])
     assert np.array_equal(stored, np.vstack([first, second]))
 
 

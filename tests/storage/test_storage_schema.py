@@ -20,7 +20,7 @@ from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.schema import sample_dtype, table_schemas
 from agglom_mpi.storage.writer import CampaignWriter
-from agglom_mpi.variables import NAMES
+from agglom_mpi.variables import TEN
 
 
 def test_every_dataset_and_field_is_explained(path):
@@ -72,7 +72,7 @@ def test_sample_rows_hold_every_column_of_an_outcome():
 def test_variables_say_what_is_searched(path):
     with h5py.File(path, "r") as file:
         rows = file["variables"][:]
-    assert [name.decode() for name in rows["name"]] == list(NAMES)
+    assert [name.decode() for name in rows["name"]] == list(TEN.names)
     assert np.array_equal(rows["lower"], LOWER, equal_nan=True)
     assert np.array_equal(rows["upper"], UPPER, equal_nan=True)
     assert rows["searched"].tolist() == [1] * 8 + [0, 0]

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
+from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
@@ -81,7 +81,7 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
     rows = data.sample_rows(string)
     used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == COMPLETED]
-    accumulator, values, errors = objective_of(data).accumulator(), [], []
+    accumulator, values, errors = objective_at(data, string).accumulator(), [], []
     for summary in summaries(completed):
         accumulator.add(summary)
         values.append(accumulator.value)
@@ -102,7 +102,7 @@ def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     if own.is_adaptive:
         compared.insert(0, (f"this campaign's: {own.label}", own))
     return [
-        StoppingPoint(name, samples_until(samples, rule, objective_of(data), particles))
+        StoppingPoint(name, samples_until(samples, rule, objective_at(data, string), particles))
         for name, rule in compared
     ]
 

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
-from agglom_mpi.search.methods.method import NO_STRINGS, PopulationMethod, SearchInputs
+from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with
 from agglom_mpi.search.space import BLOCK, SearchSpace
-from agglom_mpi.variables import COUNT
 
 if TYPE_CHECKING:
     from scipy.stats import qmc
@@ -103,7 +102,7 @@ class BaselineSearch(EvaluatedStrings):
         return begun_with(self.given[:first], self._strings(generation, first), generation)
 
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
-        """Return the strings of a generation in the slots from `first` on, shape (n, 10)."""
+        """Return the strings of a generation in the slots from `first` on, shape (n, k)."""
         raise NotImplementedError
 
 
@@ -113,7 +112,7 @@ class RandomSearch(BaselineSearch):
     def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
         slots = range(first, self.population)
         draws = [search_stream(self.seed, RANDOM_STRING, generation, slot) for slot in slots]
-        return np.array([self.space.sample(rng) for rng in draws]).reshape(-1, COUNT)
+        return np.array([self.space.sample(rng) for rng in draws]).reshape(-1, self.space.count)
 
 
 class SobolSearch(BaselineSearch):
@@ -147,10 +146,10 @@ class SobolStrings:
         self._seed = seed
         self._whole: qmc.Sobol | None = None  # the sequence, beyond what is searched
         self._sequences = 0
-        self._allowed = NO_STRINGS
+        self._allowed = space.no_strings
 
     def strings(self, first: int, count: int) -> NDArray[np.float64]:
-        """Return strings `first` to `first + count - 1`, shape (count, 10)."""
+        """Return strings `first` to `first + count - 1`, shape (count, k)."""
         if self._space.allowed is None:
             return sobol_strings(self._space, self._seed, first, count)
         while len(self._allowed) < first + count:
@@ -163,7 +162,7 @@ class SobolStrings:
 
 
 def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, 10).
+    """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, k).
 
     Whether they are allowed does not matter.
     """

@@ -24,7 +24,6 @@ from agglom_mpi.search.proposals import (
     joined_proposals,
 )
 from agglom_mpi.search.space import HALVINGS
-from agglom_mpi.variables import COUNT
 
 MAX_BLENDS: Final = 100
 """Maximum number of blends of two parents that are drawn until a child is allowed."""
@@ -172,7 +171,7 @@ class GeneticSearch:
         self.given = inputs.given
         self.generation = 0
         self.population_ids = np.empty(0, np.int64)
-        self._parameters = np.empty((0, COUNT))
+        self._parameters = np.empty((0, inputs.space.count))
         self._objectives = np.empty(0)
         self._ranked = np.empty(0, np.int64)
 
@@ -250,7 +249,7 @@ class GeneticSearch:
 
     def _random_strings(self, generation: int) -> Proposals:
         first = 2 * self.parents if generation else len(self.given)
-        parameters = np.empty((self.method.population - first, COUNT))
+        parameters = np.empty((self.method.population - first, self.space.count))
         for row, slot in enumerate(range(first, self.method.population)):
             parameters[row] = self.box.sample(
                 search_stream(self.seed, RANDOM_STRING, generation, slot)
@@ -263,7 +262,9 @@ class GeneticSearch:
         streams = [
             search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)) for slot in slots
         ]
-        blend = np.array([random.uniform(*self.method.blend, COUNT) for random in streams])
+        blend = np.array(
+            [random.uniform(*self.method.blend, self.space.count) for random in streams]
+        )
         better, worse = (self.space.scaled(self._parameters[some]) for some in mates.T)
         children = self._children(better, worse, blend)
         if self.space.allowed is not None:
@@ -280,7 +281,7 @@ class GeneticSearch:
         worse: NDArray[np.float64],
         blend: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return blends of scaled parents in the box, shape (..., 10)."""
+        """Return blends of scaled parents in the box, shape (..., k)."""
         # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
         return self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
 
@@ -297,7 +298,7 @@ class GeneticSearch:
         parent are tried.
         """
         assert self.space.allowed is not None
-        drawn = random.uniform(*self.method.blend, (MAX_BLENDS, COUNT))
+        drawn = random.uniform(*self.method.blend, (MAX_BLENDS, self.space.count))
         nearer = 1.0 + (blend - 1.0) * 0.5 ** np.arange(1.0, HALVINGS)[:, None]
         children = self._children(better, worse, np.vstack((drawn, nearer)))
         allowed = np.flatnonzero(self.space.allowed(children))

@@ -17,9 +17,6 @@ from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import COUNT
-
-NO_STRINGS: Final = np.empty((0, COUNT))
 
 DEFAULT_METHOD: Final = "genetic"
 """Method of a section `search` without the key `method`."""
@@ -72,20 +69,20 @@ class SearchInputs(NamedTuple):
     seed
         Seed of the campaign.
     given
-        Strings to start with, in SI units, shape (n, 10), n at most the first generation.
+        Strings to start with, in SI units, shape (n, k), n at most the first generation.
     magnitude
         Whether the objective is the magnitude of a signed mean; a model then fits the signed mean.
     background
         Whether long computations may run in a thread.
     coordinates
-        Returns the coordinates in which strings, (n, 10), are emulated.
+        Returns the coordinates in which strings, (n, k), are emulated.
     groups
         Number of groups of variables among the coordinates, the last ones.
     """
 
     space: SearchSpace
     seed: int
-    given: NDArray[np.float64] = NO_STRINGS
+    given: NDArray[np.float64]
     magnitude: bool = False
     background: bool = False
     coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray

@@ -25,7 +25,7 @@ from agglom_mpi.search.acquisition import (
     perturbed,
 )
 from agglom_mpi.search.methods.baselines import SobolStrings
-from agglom_mpi.search.methods.method import NO_STRINGS, SearchInputs, SearchMethod
+from agglom_mpi.search.methods.method import SearchInputs, SearchMethod
 from agglom_mpi.search.proposals import (
     MODEL,
     RANDOM,
@@ -257,7 +257,7 @@ class SurrogateSearch(EvaluatedStrings):
     def _propose(self, generation: int) -> Proposals:
         first, end = map(self._count_before, (generation, generation + 1))
         if generation < 2:
-            given = self.given[: end - first] if generation == 0 else NO_STRINGS
+            given = self.given[: end - first] if generation == 0 else self.space.no_strings
             first += len(given)
             drawn = self._sobol.strings(first, end - first)
             return begun_with(given, drawn, generation)

@@ -1,0 +1,73 @@
+"""Whether the laws of a scene take together the numbers at the ends of a box."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+from agglom_mpi.declaration.given_values import JAMMING_FRACTION
+from agglom_mpi.variables import volume_fraction
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign_sections import CampaignSections
+
+
+def check_ends(campaign: "CampaignSections") -> None:
+    """Raise a CampaignError if the scene of a string at the ends of the box is refused.
+
+    These are all lower ends, all upper ends, and the ends of one number of the scene with all else
+    in the middle. Strings that break a constraint are left out, as no search proposes them.
+    """
+    if not campaign.variables.paths:
+        return
+    problems: dict[str, str] = {}
+    for name, string in _ends(campaign):
+        allowed = name not in problems and campaign.allowed_strings(string[None])[0]
+        if allowed and (message := _problem(campaign, string)):
+            variable = campaign.variables.table[name]
+            value = string[campaign.variables.table.index(name)]
+            unit = "" if variable.unit == "1" else f" {variable.unit}"
+            problems[name] = f"reaches {value:g}{unit}, where {message}"
+    source = parse(campaign.text, campaign.name)
+    if problems:
+        raise CampaignError(
+            *(
+                Problem(
+                    *(campaign.name, source.line(("variables", name))),
+                    *(f"variables.{name}", message),
+                )
+                for name, message in problems.items()
+            )
+        )
+
+
+def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
+    """Yield strings at ends of the box, (k,), each with the variable that it is reported at."""
+    box = campaign.variables
+    searched = [path.name for path in box.paths if path.name in box.searched]
+    for name in searched:
+        place = box.table.index(name)
+        for end in (box.lower, box.upper):
+            string = box.at(0.5)
+            string[place] = end[place]
+            yield name, string
+    for name in searched[:1]:
+        yield name, box.lower
+        yield name, box.upper
+
+
+def _problem(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
+    """Return why a string, (k,), has no scene; empty if it has one."""
+    try:
+        section, values = campaign.at(string)
+    except ValueError as error:
+        return str(error)
+    fraction = volume_fraction(values["size_ratio"], section.third_moment)
+    if fraction > JAMMING_FRACTION * (1.0 + 1e-9):
+        return (
+            f"the grains fill {fraction:.3g} of the box; random placement jams near "
+            f"{JAMMING_FRACTION}"
+        )
+    return ""

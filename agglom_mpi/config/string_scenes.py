@@ -1,0 +1,122 @@
+"""The scene of a string: the section of the campaign with the string's own numbers in it."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.config.alternatives import SIZES
+from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.scene_paths import ScenePath, with_numbers
+from agglom_mpi.simulation.engines import Engine
+from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
+
+if TYPE_CHECKING:
+    from agglom_mpi.simulation.scene import Scene
+
+
+class StringScene(NamedTuple):
+    """The scene of one string.
+
+    Attributes
+    ----------
+    section
+        Section with the numbers that the string gives.
+    values
+        The variables in SI units, by name, with a size ratio also where the volume fraction is the
+        variable.
+    """
+
+    section: SceneSection
+    values: dict[str, float]
+
+    def build(self, engine: Engine | None = None) -> "Scene":
+        """Return the scene as kernels see it; raises ValueError if it cannot be simulated.
+
+        Parameters
+        ----------
+        engine
+            Engine to use instead of the scene's.
+        """
+        return self.section.build(self.values, engine)
+
+
+class StringScenes:
+    """The scenes of the strings of a campaign; whoever evaluates one for a string asks it here.
+
+    Where the strings have no numbers of the scene, all of them have the campaign's own section.
+
+    Parameters
+    ----------
+    section
+        Section `scene` of the campaign.
+    table
+        Its variables.
+    paths
+        Those of them that are numbers of the scene.
+
+    Attributes
+    ----------
+    section, table, paths
+    """
+
+    def __init__(
+        self, section: SceneSection, table: VariableTable, paths: tuple[ScenePath, ...] = ()
+    ) -> None:
+        self.section = section
+        self.table = table
+        self.paths = paths
+        self._own_fraction = VOLUME_FRACTION.name in table
+        self._last: tuple[bytes, StringScene] | None = None
+
+    @property
+    def lengths_differ(self) -> bool:
+        """Whether lengths of the section, or the law of sizes, depend on the string."""
+        return any(path.section in (*SIZES, "sizes") for path in self.paths)
+
+    @property
+    def sizes_differ(self) -> bool:
+        """Whether the law of sizes depends on the string."""
+        return any(path.section == "sizes" for path in self.paths)
+
+    def at(self, string: npt.ArrayLike) -> StringScene:
+        """Return the scene of a string, shape (k,); that of the last one is kept.
+
+        Raises
+        ------
+        ValueError
+            If a law refuses its numbers together.
+        """
+        if not self.paths:
+            return StringScene(self.section, self.table.values_by_name(string))
+        key, last = np.asarray(string, np.float64).tobytes(), self._last
+        if last is None or last[0] != key:
+            last = key, self.of_values(self.table.values_by_name(string))
+            self._last = last
+        section, values = last[1]
+        return StringScene(section, dict(values))
+
+    def of_values(self, values: Mapping[str, float]) -> StringScene:
+        """Return the scene of a string whose variables are given by name; errors as of `at`."""
+        own = dict(values)
+        if not self.paths:
+            return StringScene(self.section, own)
+        section = with_numbers(self.section, {path: own[path.name] for path in self.paths})
+        if self._own_fraction:
+            own["size_ratio"] = size_ratio(own[VOLUME_FRACTION.name], section.third_moment)
+        return StringScene(section, own)
+
+    def rows(self, columns: Mapping[str, Any]) -> list[StringScene | None]:
+        """Return the scenes of n strings, whose variables are given by name, each (n,).
+
+        None stands for a string that a law refuses.
+        """
+        strings = np.column_stack([np.asarray(columns[name], float) for name in self.table.names])
+        return [self._or_none(string) for string in strings]
+
+    def _or_none(self, string: npt.NDArray[np.float64]) -> StringScene | None:
+        try:
+            return self.of_values(self.table.values_by_name(string))
+        except ValueError:
+            return None
