@@ -37,7 +37,12 @@ def test_a_criterion_is_declared_by_its_class_alone():
         """No better string was found in so many generations."""
 
         key: ClassVar[str] = "stalled"
+        summary: ClassVar[str] = "no better string for so many generations"
+        reached: ClassVar[str] = "no better string was found"
         stalled: Annotated[int, Whole(at_least=1)]
+
+        def holds(self, generations, search):
+            return False
 
     section = with_criteria(Section)
     Stalled.in_files = False  # for other tests
