@@ -158,3 +158,8 @@ def format_digits(value: float, count: int = 2) -> str:
 def format_percent(share: float) -> str:
     """Return a share as a percentage to two digits: `4.8 %`."""
     return f"{format_digits(100.0 * share)} %"
+
+
+def label_of(name: str) -> str:
+    """Return a name as labels show it: `relative speed`; a path such as `sizes.spread` as it is."""
+    return name if "." in name else name.replace("_", " ")

@@ -23,8 +23,8 @@ def groups_of(
     of a variable that gives the grains' size, or the same in all strings.
     """
     found: dict[str, Group] = {}
-    for group in _named(scene):
-        powers = _of_variables(group, scene, table)
+    for key, group in _named(scene):
+        powers = _of_variables(key, group, scene, table)
         if sum(name in searched for name in powers) > 1:
             found[group.symbol] = group._replace(powers=powers)
     return list(found.values())
@@ -32,12 +32,20 @@ def groups_of(
 
 def powers_of(scene: "SceneSection", table: VariableTable = TEN) -> frozenset[str]:
     """Return the variables of which a law of the scene takes a power."""
-    return frozenset(name for group in _named(scene) for name in _of_variables(group, scene, table))
+    return frozenset(
+        name for key, group in _named(scene) for name in _of_variables(key, group, scene, table)
+    )
 
 
-def _of_variables(group: Group, scene: "SceneSection", table: VariableTable) -> dict[str, float]:
-    """Return the powers of the variables in a group, by name."""
-    powers = {name: power for name, power in group.powers.items() if name in table}
+def _of_variables(
+    key: str, group: Group, scene: "SceneSection", table: VariableTable
+) -> dict[str, float]:
+    """Return the powers of the variables in a group of the law in a field of the scene, by name.
+
+    The group may name numbers of its own law.
+    """
+    paths = {name: f"{key}.{name}" if f"{key}.{name}" in table else name for name in group.powers}
+    powers = {paths[name]: p for name, p in group.powers.items() if paths[name] in table}
     if radius := group.powers.get("grain_radius", 0.0):
         for name in _radius_factors(scene, table):
             powers[name] = powers.get(name, 0.0) + radius
@@ -53,7 +61,9 @@ def _radius_factors(scene: "SceneSection", table: VariableTable) -> list[str]:
     return [name for name in ("grain_diameter", "grain_radius", "sizes.median") if name in table]
 
 
-def _named(scene: "SceneSection") -> Iterator[Group]:
+def _named(scene: "SceneSection") -> Iterator[tuple[str, Group]]:
+    """Yield the groups of the laws that a scene uses, each with the field of its law."""
     for each in scene.laws():
         if each.is_used:
-            yield from each.law.groups
+            for group in each.law.groups:
+                yield each.key, group

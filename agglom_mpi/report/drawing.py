@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import ROUNDING
+from agglom_mpi.formatting import ROUNDING, label_of
 from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
@@ -182,4 +182,4 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
 
 def axis_label(name: str, unit: str) -> str:
     """Return the label of an axis: `size ratio (1)`."""
-    return f"{name.replace('_', ' ')} ({unit})"
+    return f"{label_of(name)} ({unit})"

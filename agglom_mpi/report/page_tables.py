@@ -16,7 +16,7 @@ from agglom_mpi.analysis.best_strings import (
 )
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.ranking import listed_strings
-from agglom_mpi.formatting import format_duration, number_or_none, value_with_error
+from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import scaled_unit
 from agglom_mpi.storage.reader import CampaignData
@@ -72,7 +72,7 @@ def _scaled_row(
 ) -> list[str]:
     """Return a row of values in a unit in which the largest of them reads well."""
     factor, scaled = scaled_unit(unit, largest)
-    label = f"{name.replace('_', ' ')} ({scaled}{note})"
+    label = f"{label_of(name)} ({scaled}{note})"
     return [label, *(f"{entry[name] / factor:.5g}" for entry in best)]
 
 

@@ -26,6 +26,7 @@ from agglom_mpi.storage.schema import (
     fresh_from,
     table_schemas,
     variable_attributes,
+    variables_schema,
 )
 from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import VariableTable
@@ -190,7 +191,7 @@ def _dataset(file: h5py.File, name: str, dtype: np.dtype, capacity: int) -> h5py
 
 
 def _variable_rows(variables: VariableTable, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    rows = np.zeros(variables.count, VARIABLE_TABLE.at(FORMAT_VERSION).dtype)
+    rows = np.zeros(variables.count, variables_schema(variables).dtype)
     rows["name"] = [variable.name.encode() for variable in variables.variables]
     rows["unit"] = [variable.unit.encode() for variable in variables.variables]
     rows["lower"], rows["upper"] = lower, upper

@@ -38,7 +38,7 @@ LEG_CAPACITY: Final = 1000
 
 
 class Column(NamedTuple):
-    """One column of a table: type, unit, meaning, shape of an element, first and last version."""
+    """One column of a table: type, unit, meaning, shape of an element, and since which version."""
 
     name: str
     dtype: str
@@ -46,7 +46,6 @@ class Column(NamedTuple):
     meaning: str
     shape: tuple[int, ...] = ()
     since: int = 1
-    until: int = FORMAT_VERSION
 
 
 class TableSchema(NamedTuple):
@@ -64,7 +63,7 @@ class TableSchema(NamedTuple):
 
     def at(self, version: int) -> "TableSchema":
         """Return the schema of a format version."""
-        fields = tuple(field for field in self.fields if field.since <= version <= field.until)
+        fields = tuple(field for field in self.fields if field.since <= version)
         return self._replace(fields=fields)
 
     @property
@@ -94,8 +93,7 @@ VARIABLE_TABLE: Final = TableSchema(
     "the search variables and their box",
     "row = position in a parameter string",
     (
-        Column("name", "S32", "", "name of the variable", until=3),
-        Column("name", "S64", "", "name of the variable", since=4),
+        Column("name", "S32", "", "name of the variable"),
         Column("unit", "S16", "", "its SI unit"),
         Column("lower", "f8", "the variable's", "lower bound; nan if the campaign does not use it"),
         Column("upper", "f8", "the variable's", "upper bound; equal to lower if it is fixed"),
@@ -116,6 +114,15 @@ STRING_COLUMNS: Final = (
     Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
 )
 """Columns of `/strings` before those of the variables."""
+
+
+def variables_schema(variables: VariableTable = TEN) -> TableSchema:
+    """Return the schema of `/variables`, wide enough for the longest name."""
+    name, *others = VARIABLE_TABLE.fields
+    if max(len(each.encode()) for each in variables.names) <= int(name.dtype[1:]):
+        return VARIABLE_TABLE
+    wide = name._replace(dtype=f"S{MAX_VARIABLE_NAME}")
+    return VARIABLE_TABLE._replace(fields=(wide, *others))
 
 
 def strings_schema(variables: VariableTable = TEN) -> TableSchema:
@@ -393,11 +400,12 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         bulk.append(final_particles_schema(grains))
     if attributes.get("frames", 0):
         bulk.append(frames_schema(grains))
+    variables = variables_of(attributes)
     tables = (
-        VARIABLE_TABLE,
+        variables_schema(variables),
         STATUS,
         LEGS,
-        strings_schema(variables_of(attributes)),
+        strings_schema(variables),
         RESULTS,
         generations_schema(int(attributes["population"])),
         FAILURES,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import searched_variables
+from agglom_mpi.formatting import label_of
 from agglom_mpi.report.drawing import (
     COLOURS,
     axis_label,
@@ -249,7 +250,7 @@ def _label_variables(ax: Any, searched: Sequence[SearchedVariable]) -> None:
         ax.text(at, 1.03, f"{upper / factor:.6g}", ha="center", va="bottom", fontsize=8)
         ax.text(at, -0.03, f"{lower / factor:.6g}", ha="center", va="top", fontsize=8)
         scale = ", log" if logarithmic else ""
-        ticks.append(f"{variable.name.replace('_', ' ')}\n({unit}{scale})")
+        ticks.append(f"{label_of(variable.name)}\n({unit}{scale})")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(len(searched)), ticks, **(slant if len(searched) > MAX_HORIZONTAL else {}))
     ax.tick_params(axis="x", length=0, pad=14, labelsize=9)
@@ -277,7 +278,7 @@ def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
         (0.2, indices.total, "with others", COLOURS[4]),
     ):
         ax.barh(place + shift, 100.0 * values[order], 0.38, color=colour, label=name)
-    ax.set_yticks(place, [names[i].replace("_", " ") for i in order])
+    ax.set_yticks(place, [label_of(names[i]) for i in order])
     ax.invert_yaxis()
     ax.set_xlabel("share of the variance of the objective (%)")
     legend_below(ax)

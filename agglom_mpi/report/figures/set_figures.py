@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
@@ -301,7 +302,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         )
         legend_below(ax)
     ax.set_xscale("log")
-    name = f"{row['group']}" if row["group"] else row["product"].replace("_", " ")
+    name = f"{row['group']}" if row["group"] else label_of(row["product"])
     constant = " (without constants)" if row["group"] else " (SI units)"
     ax.set_xlabel(f"{name}{constant}")
     ax.set_ylabel(AXIS_NAMES.get(of.criterion.quantities[0], f"{of.criterion.quantities[0]} (1)"))
