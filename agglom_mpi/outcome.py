@@ -1,7 +1,7 @@
 """The result of one sample: its columns, failure reasons, summary for decisions, particles left."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from itertools import repeat
 from typing import Any, Final, NamedTuple
@@ -133,6 +133,15 @@ def _brief(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+def quantity_columns(name: str) -> tuple[str, str, str, str]:
+    """Return the columns of a quantity in tables of strings.
+
+    Its mean and the standard error of that over the samples used, then over the fresh samples.
+    """
+    error = f"{name}_standard_error"
+    return name, error, f"estimate_{name}", f"estimate_{error}"
+
+
 class SampleSummary(NamedTuple):
     """What decisions are based on: a sample's state, moments of b/b0, effort and objective."""
 
@@ -145,9 +154,11 @@ class SampleSummary(NamedTuple):
     particle_steps: int
     objective: float = math.nan
     """Objective of this sample alone; nan where it was not computed."""
+    quantities: tuple[float, ...] = ()
+    """Quantities that the objective's function returned, in the order of their columns."""
 
 
-def summaries(rows: npt.NDArray[np.void]) -> list[SampleSummary]:
+def summaries(rows: npt.NDArray[np.void], quantities: Sequence[str] = ()) -> list[SampleSummary]:
     """Return the summaries of samples.
 
     Parameters
@@ -155,6 +166,8 @@ def summaries(rows: npt.NDArray[np.void]) -> list[SampleSummary]:
     rows
         Structured array, shape (n,), with the fields of `OUTCOME`; a field `objective` is read if
         it is there.
+    quantities
+        Columns of the quantities that the objective's function returned.
     """
     columns = [rows[name].tolist() for name in ("mean_radius_ratio", "particles")]
     moments = (rows[f"radius_moment_{r}"].tolist() for r in (2, 3, 4))
@@ -162,8 +175,13 @@ def summaries(rows: npt.NDArray[np.void]) -> list[SampleSummary]:
     completed = (rows["state"] == COMPLETED).tolist()
     has_objective = "objective" in (rows.dtype.names or ())
     objectives = rows["objective"].tolist() if has_objective else repeat(math.nan)
+    returned = zip(*(rows[name].tolist() for name in quantities), strict=True)
+    each = returned if quantities else repeat(())
     return list(
-        map(SampleSummary, completed, *columns, zip(*moments, strict=True), *effort, objectives)
+        map(
+            SampleSummary,
+            *(completed, *columns, zip(*moments, strict=True), *effort, objectives, each),
+        )
     )
 
 

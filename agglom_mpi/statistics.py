@@ -8,7 +8,7 @@ these numbers between samples (the delta method), which is updated in constant t
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -181,6 +181,53 @@ class PooledMomentErrors:
                 c,
             ]
         )
+
+
+class RunningMeans:
+    """Means of several numbers of each sample, and the covariance of these, by Welford's sums.
+
+    Parameters
+    ----------
+    numbers
+        Number of numbers, k.
+
+    Attributes
+    ----------
+    count
+        Number of samples so far.
+    means
+        Their means, shape (k,); nan without samples.
+    """
+
+    def __init__(self, numbers: int) -> None:
+        self.count = 0
+        self.means = np.full(numbers, math.nan)
+        self._products = np.zeros((numbers, numbers))
+
+    def add(self, numbers: Sequence[float]) -> None:
+        """Add the numbers of one sample, (k,)."""
+        values = np.array(numbers, np.float64)
+        self.count += 1
+        if self.count == 1:
+            self.means = values
+            return
+        step = values - self.means
+        self.means = self.means + step / self.count
+        self._products += np.outer(step, values - self.means)
+
+    @property
+    def standard_errors(self) -> NDArray[np.float64]:
+        """Standard errors of the means, shape (k,); nan below two samples."""
+        return self._errors_of(np.diag(self._products))
+
+    def standard_error(self, gradient: NDArray[np.float64]) -> float:
+        """Return the standard error of a function of the means by its derivatives, (k,)."""
+        return float(self._errors_of(np.asarray(gradient @ self._products @ gradient)))
+
+    def _errors_of(self, squares: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self.count < 2:
+            return np.full(np.shape(squares), math.nan)
+        return np.sqrt(np.maximum(squares, 0.0) / (self.count - 1) / self.count)
 
 
 class MeanEstimate(NamedTuple):

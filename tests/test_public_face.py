@@ -46,7 +46,7 @@ SET = {*METHODS_OF_SET, "allowed", "calibration", "criterion", "samples", "strin
 OUTCOME = {
     *("mean_radius_ratio", "objective", "particles", "radii", "temperatures", "moments"),
     *("ledger", "collisions", "merges", "breakups", "steps", "seconds", "cpu_seconds", "record"),
-    *("final", "frames"),
+    *("final", "frames", "quantities"),
 }
 FACES = {
     agglom_mpi.Box: BOX,

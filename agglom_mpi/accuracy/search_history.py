@@ -17,7 +17,6 @@ from agglom_mpi.accuracy.document import (
 from agglom_mpi.accuracy.study import Rows, Setup, closed, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits, format_mean
@@ -25,6 +24,7 @@ from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -43,8 +43,8 @@ def best_strings(history: CampaignData) -> list[int]:
 
 
 def campaign_of(history: CampaignData) -> Campaign:
-    """Return the campaign of a file; if its objective is a function, without the code."""
-    return campaign_of_record(history.campaign_text, str(history.path), history.identity)
+    """Return the campaign of a file; if its objective is a function, with the code it may run."""
+    return recorded_campaign(history)
 
 
 def setups(
@@ -59,10 +59,11 @@ def setups(
     """
     campaign = campaign_of(history)
     if campaign.user_function is not None:
-        if allowed is None or allowed.without_source != campaign.user_function:
+        if allowed is None or allowed.without_source != campaign.user_function.without_source:
             message = "is a function that is not run from a file: give its unchanged campaign, too"
             raise CampaignError(Problem(campaign.name, None, "objective.call", message))
         campaign = replace(campaign, user_function=allowed)
+        history.allow(allowed)
     return {
         name_of(string): Setup(
             *closed(campaign, history.parameters[string]),

@@ -26,7 +26,6 @@ from agglom_mpi.accuracy.work_precision import lasting
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.formatting import format_mean
-from agglom_mpi.outcome import summaries
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, EventDriven, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -197,7 +196,7 @@ def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstima
     for rows in (completed(own), completed(reference)):
         deviations = np.zeros(len(rows), [("sample", "i8"), ("state", "u1"), ("value", "f8")])
         deviations["sample"], deviations["state"] = rows["sample"], rows["state"]
-        deviations["value"] = objective.influence_values(summaries(rows))
+        deviations["value"] = objective.influence_values(objective.summaries(rows))
         pair.append(deviations)
     return paired_difference(pair[0], pair[1], "value")
 

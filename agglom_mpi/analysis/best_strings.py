@@ -13,6 +13,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.quantities import as_entries
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.outcome import COMPLETED, summaries
@@ -94,6 +95,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
         _entry(file, rows[string], parameters[string], again.get(string))
         | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
         | _filled(file, string)
+        | _quantities(file, string)
         | {
             column.name: float(values_of(file, [string], column.name)[0])
             for column in derived_columns(file)
@@ -133,6 +135,11 @@ def reached_moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
     if not law.has_moments:
         return {}
     return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
+
+
+def _quantities(file: CampaignData, string: int) -> dict[str, Any]:
+    """Return the means of the `quantities` of a string's samples; empty where there are none."""
+    return {"quantities": as_entries(file, string)} if file.quantities else {}
 
 
 def _filled(file: CampaignData, string: int) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, objective_at
-from agglom_mpi.outcome import COMPLETED, summaries
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, mean_of, t_tails
 from agglom_mpi.storage.reader import CampaignData
@@ -82,7 +82,7 @@ def sample_values(law: Objective, rows: NDArray[np.void]) -> SampleValues:
     An objective that is the magnitude of a mean has the sign of that mean put on the values, so
     that their mean is the objective.
     """
-    values = law.influence_values(list(summaries(rows)))
+    values = law.influence_values(law.summaries(rows))
     return SampleValues(rows["sample"].astype(np.int64), math.copysign(1.0, values.mean()) * values)
 
 

@@ -82,8 +82,11 @@ def half_width(errors: np.ndarray, samples: np.ndarray) -> np.ndarray:
 
 
 def estimates_of(data: "CampaignData") -> list[Estimate]:
-    """Estimate all strings that have fresh samples; in order of the estimated objective."""
-    if data.fresh_from == data.max_samples:
+    """Estimate all strings that have fresh samples; in order of the estimated objective.
+
+    There are none where the objective needs code that is not run.
+    """
+    if data.fresh_from == data.max_samples or objective_of(data).needs_code:
         return []
     rows = data.fresh_samples
     timed_out = [string for string, _ in data.fresh_timed_out]
@@ -178,6 +181,7 @@ def objective_at(data: "CampaignData", string: int) -> "Objective":
 
 
 def _objective(data: "CampaignData") -> "Objective":
+    from agglom_mpi.config.user_function import function_of_means
     from agglom_mpi.search.objectives.objective import Objective
 
     grains: float = int(data.identity["scene.particles"])
@@ -185,4 +189,5 @@ def _objective(data: "CampaignData") -> "Objective":
         from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
         grains = recorded_campaign(data).scene.equivalent_grains
-    return Objective.of_entries(data.section("objective")).of_grains(grains)
+    objective = Objective.of_entries(data.section("objective")).of_grains(grains)
+    return objective.with_code(function_of_means(data.allowed, objective.code_of_means))

@@ -1,12 +1,14 @@
 """Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.completeness import check_finished
+from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
@@ -65,7 +67,7 @@ def replay(report: VerificationReport) -> Replayed:
     """
     try:
         text, identity = str(report.data.attributes["campaign"]), report.data.identity
-        campaign = campaign_of_record(text, str(report.data.path), identity)
+        campaign = campaign_of_record(text, str(report.data.path), identity, report.data.allowed)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         campaign.check_libraries()
@@ -111,6 +113,8 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
         report.data.attributes[n] for n in ("seed", "title")
     ):
         report.faults.append("attributes: another seed or title than in the campaign's text")
+    if report.data.quantities != dict(campaign.objective.quantity_units):
+        report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)
@@ -296,8 +300,8 @@ def check_file(path: str) -> tuple[str, int]:
     check_finished(report, report.counts.get("frames", 0))
     check_counts(report)
     digests = check_digests(report)
-    studied = report.data.attributes.get("purpose") == STUDY
-    replayed = None if studied else replay(report)
+    left_out = _why_not_replayed(report)
+    replayed = left_out or replay(report)
     lines = [*_verified(report, digests, replayed)]
     damage = [*report.losses, *report.faults]
     if damage:
@@ -306,7 +310,20 @@ def check_file(path: str) -> tuple[str, int]:
     return text, FAILURE if damage else FINISHED
 
 
-def _verified(report: VerificationReport, digests: int, replayed: Replayed | None) -> Iterator[str]:
+def _why_not_replayed(report: VerificationReport) -> str:
+    """Return why the decisions of a file are not repeated; empty if they are."""
+    if report.data.attributes.get("purpose") == STUDY:
+        return f"the strings of an {STUDY} are not searched"
+    with suppress(ValueError):  # it cannot be read, which the replay finds
+        objective = objective_of(report.data)
+        if objective.needs_code:
+            return (
+                f"decisions rest on {objective.code_of_means}, which is run with --allow-code only"
+            )
+    return ""
+
+
+def _verified(report: VerificationReport, digests: int, replayed: Replayed | str) -> Iterator[str]:
     names = ("strings", "results", "generations", "samples", "legs", "failures")
     rows = {name: len(report.data.rows(name)) for name in names}
     used = int(report.data.result_rows()["samples_used"].sum())
@@ -324,8 +341,8 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | Non
     if counts:
         yield f"particles: {' and '.join(counts)} are valid"
     yield f"digests: {digests} of {pluralise(rows['generations'], 'generation')} verified"
-    if replayed is None:
-        yield f"replay: left out; the strings of an {STUDY} are not searched"
+    if isinstance(replayed, str):
+        yield f"replay: left out; {replayed}"
     else:
         yield (
             f"replay: the samples lead again to {replayed.strings} of "

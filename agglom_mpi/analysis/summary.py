@@ -20,6 +20,7 @@ from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import no_result, state_lines
+from agglom_mpi.analysis.quantities import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
@@ -137,14 +138,20 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     summary = collect_summary(file, listed_strings(file) if best is None else best)
     note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
     note += moment_notes(file)
-    footer = _footer(summary, state_lines(file), note)
+    footer = _footer(summary, state_lines(file), note, left_out(file))
     if summary.no_result:
         return Group(*filter(None, [summary.title]), *footer)
-    table = FitWidth(lambda count: _table(summary, summary.best[:count]), max(1, len(summary.best)))
+    more = quantity_rows(file, [entry["string"] for entry in summary.best])
+    table = FitWidth(
+        lambda count: _table(summary, summary.best[:count], more), max(1, len(summary.best))
+    )
     return Group(table, *footer)
 
 
-def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
+def _table(
+    summary: Summary, best: list[dict[str, Any]], more: Sequence[list[str]] = ()
+) -> FittedTable:
+    """Return the table of some strings; `more` rows, label and cells, follow their objectives."""
     ranks = (f"#{rank}" for rank in range(1, len(best) + 1))
     table = FittedTable("", *ranks, gap=1, title=summary.title)
     _add_row(table, "string", best, "string", "d")
@@ -162,6 +169,8 @@ def _table(summary: Summary, best: list[dict[str, Any]]) -> FittedTable:
         for row in FRESH_ROWS:
             _add_row(table, row.on_terminal, again, row.key, row.style)
         _add_moments(table, again, "re-estimate")
+    for cells in more:
+        table.add_row(*cells[: 1 + len(best)])
     _add_filled(table, best)
     for row in (*GROWTH_ROWS, time_row(best)):
         _add_row(table, row.on_terminal, best, row.key, row.style)
@@ -203,7 +212,13 @@ SEARCH_ESTIMATES: Final = (
 """Said of a search that ranks strings by more than their own samples."""
 
 
-def _footer(summary: Summary, states: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
+def _footer(
+    summary: Summary,
+    states: Sequence[str],
+    notes: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+) -> list[str]:
+    """Return the lines below the table; where re-estimates are `left_out`, these lines say so."""
     shown = [entry["string"] for entry in summary.best]
     estimated = sum(entry["reestimate"] is not None for entry in summary.best)
     fresh = ""
@@ -215,7 +230,11 @@ def _footer(summary: Summary, states: Sequence[str], notes: Sequence[str] = ()) 
         f"{pluralise(summary.samples_used, 'sample')} used of {summary.samples_simulated} "
         f"simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
-        *(() if summary.no_result else describe_bias(summary.verdict, shown, estimated)),
+        *(
+            ()
+            if summary.no_result
+            else left_out or describe_bias(summary.verdict, shown, estimated)
+        ),
         *notes,
     ]
     if summary.not_converged:

@@ -7,6 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.quantities import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS
@@ -17,6 +18,7 @@ from agglom_mpi.storage.schema import (
     STATES,
     Column,
     generations_schema,
+    samples_schema,
     strings_schema,
 )
 from agglom_mpi.variables import VOLUME_FRACTION, Variable, volume_fraction
@@ -64,9 +66,13 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     room = int(rows["string"].max(initial=-1)) + 1  # a damaged row is absent
     for name in ("seconds", "cpu_seconds"):
         second[name] = time_of_strings(samples, room, name)[rows["string"]]
+    columns = quantity_table(data, rows["string"].tolist(), fresh=False)
+    for name, (values, _) in columns.items():
+        second[name] = values
     fields = strings_schema(data.variables).fields + RESULTS.fields + SAMPLES.fields
     table = _with_units(pandas.concat([first, second], axis=1), fields)
     table.attrs["units"] |= {column.name: column.unit for column in derived}
+    table.attrs["units"] |= {name: unit for name, (_, unit) in columns.items()}
     return table
 
 
@@ -108,7 +114,7 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     frame.insert(5, "fresh", rows["sample"] >= fresh_from)
     if not data.has_temperature:
         frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
-    return _with_units(frame, SAMPLES.fields)
+    return _with_units(frame, samples_schema(data.quantities).fields)
 
 
 def estimates(data: "CampaignData") -> "pd.DataFrame":
@@ -123,6 +129,8 @@ def estimates(data: "CampaignData") -> "pd.DataFrame":
     for place, name in enumerate(_used_names(data.variable_rows()), 1):
         frame.insert(place, name, data.values(strings, name))
         units[name] = data.variables[name].unit
+    for name, (values, unit) in quantity_table(data, strings, fresh=True).items():
+        frame[name], units[name] = values, unit
     frame.attrs["units"] = units
     return frame
 
@@ -146,6 +154,8 @@ def best(data: "CampaignData", count: int) -> "pd.DataFrame":
     for column, name in ESTIMATED.items():
         frame[column] = [np.nan if each is None else getattr(each, name) for each in again]
     frame.attrs["units"] = table.attrs["units"] | dict.fromkeys(ESTIMATED, "1")
+    for name, (values, unit) in quantity_table(data, frame["string"], fresh=True).items():
+        frame[name], frame.attrs["units"][name] = values, unit
     return frame
 
 

@@ -1,6 +1,8 @@
 """`agglom check`: validate a campaign, or verify a campaign file."""
 
 import json
+from collections.abc import Iterator, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from agglom_mpi.file_kinds import is_hdf5
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.yaml_source import Problem
+    from agglom_mpi.simulation.sample import Outcome
 
 
 @click.command(
@@ -54,18 +57,29 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         size = file_bytes(sizes)
     warnings = [*loaded.warnings(), *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
-    value = loaded.try_function() if allow_code else None
+    tried = loaded.try_function() if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}
-        say(json.dumps(found if value is None else found | {"function_value": value}, indent=2))
+        if tried is not None:
+            found |= {"function_value": tried.objective if isfinite(tried.objective) else None}
+            found |= {"function_quantities": tried.quantities} if tried.quantities else {}
+        say(json.dumps(found, indent=2))
         return 0
     say(loaded.describe())
     if size is not None:
         say(f"File\n  size: {size_text(size)} at most; on the disk, as much as has been written")
-    if value is not None:
-        say(f"Function\n  a sample in the middle of the box is worth {value:.6g}")
+    if tried is not None:
+        for line in _function_lines(tried, loaded.objective.quantity_units):
+            say(line)
     return 0
+
+
+def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]:
+    """Yield lines on what the objective's function makes of a sample."""
+    yield f"Function\n  a sample in the middle of the box is worth {tried.objective:.6g}"
+    for name, value in tried.quantities.items():
+        yield f"    {name} {value:.6g}" + ("" if units[name] == "1" else f" {units[name]}")
 
 
 def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:

@@ -384,23 +384,24 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
 
-    def try_function(self) -> float | None:
+    def try_function(self) -> "Outcome | None":
         """Call the objective's function with one sample from the middle of the box.
 
         Returns
         -------
-        float or None
-            What it returns; None if the objective is no function.
+        Outcome or None
+            Of the sample; None if the objective is no function.
 
         Raises
         ------
         CampaignError
-            If it raises, or returns something else than a finite float; or the sample fails.
+            If it raises, or returns something else than a finite float, or the quantities that
+            are named; or the sample fails.
         """
         if self.user_function is None:
             return None
         try:
-            return self.simulate(self.parameters()).objective
+            return self.simulate(self.parameters())
         except RuntimeError as error:
             message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
             raise self.function_error(message) from error

@@ -13,7 +13,7 @@ from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.string_scenes import StringScene, StringScenes
-from agglom_mpi.config.user_function import UserFunction
+from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import (
     CampaignError,
     Problem,
@@ -71,7 +71,8 @@ class CampaignSections:
 
     def __post_init__(self) -> None:
         of_scene = self.objective.of_grains(self.scene.equivalent_grains)
-        object.__setattr__(self, "objective", of_scene)
+        of_means = function_of_means(self.user_function, of_scene.code_of_means)
+        object.__setattr__(self, "objective", of_scene.with_code(of_means))
         scenes = StringScenes(self.scene, self.variables.table, self.variables.paths)
         object.__setattr__(self, "scenes", scenes)
 
@@ -173,10 +174,10 @@ class CampaignSections:
         values = self.variables.table.values_by_name(string)
         return {name: value for name, value in values.items() if not math.isnan(value)}
 
-    def function_error(self, message: str) -> CampaignError:
-        """Return a CampaignError about `objective.call`, with its line."""
-        line = parse(self.text, self.name).line(("objective", "call"))
-        return CampaignError(Problem(self.name, line, "objective.call", message))
+    def function_error(self, message: str, key: str = "call") -> CampaignError:
+        """Return a CampaignError about a function of the objective, with its line."""
+        line = parse(self.text, self.name).line(("objective", key))
+        return CampaignError(Problem(self.name, line, f"objective.{key}", message))
 
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
         """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.

@@ -30,7 +30,7 @@ from agglom_mpi.config.plan import (
     Plan,
     Stopping,
 )
-from agglom_mpi.config.relation_reader import read_constraints, read_derived
+from agglom_mpi.config.relation_reader import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
@@ -117,6 +117,16 @@ class SceneDocument(Section):
             if ratio > largest:
                 message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
                 raise FieldError((field, f"{message}, which is the most"))
+        return objective
+
+    @field_validator("objective")
+    @classmethod
+    def _quantities_have_columns_of_their_own(
+        cls, objective: Objective, info: ValidationInfo
+    ) -> Objective:
+        names = list(objective.quantity_units)
+        problems = quantity_problems(names, info.data.get("derived", ()))
+        raise_field_errors((("quantities", *path), message) for path, message in problems)
         return objective
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -77,6 +77,10 @@ class StringEstimate(metaclass=PublicFace):
         Where the objective has targets for moments: each with what was reached.
     ledger : dict
         Of each column of the ledger the worst sample's.
+    quantities : dict
+        Of each quantity that the objective's function returns its mean, in SI units.
+    quantity_units : dict
+        Their SI units.
     volume_fraction : MeanEstimate or None
         Where grains have different sizes: share of the box that the drawn grains of the completed
         samples fill. It is lower than the volume fraction of `parameters` where samples with large
@@ -104,6 +108,8 @@ class StringEstimate(metaclass=PublicFace):
     ledger: dict[str, float]
     volume_fraction: MeanEstimate | None
     units: dict[str, str]
+    quantities: dict[str, MeanEstimate] = field(default_factory=dict)
+    quantity_units: dict[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate as plain values for JSON; nan and inf become None."""
@@ -122,6 +128,11 @@ class StringEstimate(metaclass=PublicFace):
         }
         if self.volume_fraction is not None:
             found["volume_fraction"] = _plain(self.volume_fraction)
+        if self.quantities:
+            found["quantities"] = {
+                name: _plain(mean) | {"unit": self.quantity_units[name]}
+                for name, mean in self.quantities.items()
+            }
         if self.moments:
             found["moments"] = {m.name: m.as_dict() for m in self.moments}
         return found
@@ -147,6 +158,9 @@ class StringEstimate(metaclass=PublicFace):
             for label, m in means.items()
             if m.samples
         ]
+        for name, mean in self.quantities.items():
+            label = _with_unit(name, self.quantity_units[name])
+            lines.append(f"  {label:<22}{value_with_error(mean.value, mean.error)}")
         if (filled := self.volume_fraction) is not None:
             lines.append(f"  {'volume fraction':<22}{value_with_error(filled.value, filled.error)}")
         if self.moments:
@@ -163,6 +177,10 @@ class StringEstimate(metaclass=PublicFace):
 
 def _line(name: str, value: float, unit: str) -> str:
     return f"  {name:<22}{value:.6g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name}_{unit}"
 
 
 def _finite(value: float) -> float | None:
@@ -193,7 +211,8 @@ def estimate_of(
     """
     objective, table = campaign.objective_at(parameters), campaign.variables.table
     summaries = [outcome.measured for outcome in outcomes]
-    value, error = objective.of_ensemble(summaries)
+    needs_code = objective.needs_code
+    value, error = (math.nan, math.nan) if needs_code else objective.of_ensemble(summaries)
     rounding = objective.rounding(value)
     used = campaign.variables.used
     records = [outcome.record for outcome in outcomes]
@@ -226,6 +245,11 @@ def estimate_of(
         ledger={name: max((o.ledger[name] for o in outcomes), key=abs) for name in LEDGER},
         volume_fraction=_filled(campaign, parameters, outcomes),
         units={variable.name: variable.unit for variable in table.further},
+        quantities={
+            name: mean_of([outcome.quantities[name] for outcome in outcomes])
+            for name in (() if needs_code else objective.quantity_units)
+        },
+        quantity_units=dict(objective.quantity_units),
     )
 
 

@@ -61,4 +61,5 @@ def inversion_of(
         signed=signed,
         racing=ensemble.racing,
         more_samples=campaign.search.added_samples or 1,
+        summarise=objective.summaries,
     )

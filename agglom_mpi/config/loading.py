@@ -72,10 +72,12 @@ def _campaign(name: str, allow_code: bool) -> Campaign:
     return Campaign.from_text(read_text(name), name, None, read_beside(folder), reading)
 
 
-def campaign_of_record(text: str, name: str, identity: Mapping[str, Any]) -> Campaign:
+def campaign_of_record(
+    text: str, name: str, identity: Mapping[str, Any], allowed: UserFunction | None = None
+) -> Campaign:
     """Return a stored campaign; what its text names other files for is in its identity.
 
-    A user's function cannot be called.
+    A user's function can be called only if it is given as `allowed`.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def campaign_of_record(text: str, name: str, identity: Mapping[str, Any]) -> Cam
         If the text is damaged.
     """
     function, sizes = recorded_function(identity), recorded_sizes(identity)
-    return Campaign.from_text(text, name, function, sizes, Reading(recorded=True))
+    return Campaign.from_text(text, name, allowed or function, sizes, Reading(recorded=True))
 
 
 def _with_function(
@@ -98,4 +100,9 @@ def _with_function(
         check(function)
     except ValueError as error:
         raise campaign.function_error(str(error)) from None
+    if of_means := campaign.objective.code_of_means:
+        try:
+            check(function._replace(call=of_means))
+        except ValueError as error:
+            raise campaign.function_error(str(error), "of_means") from None
     return replace(campaign, user_function=function)

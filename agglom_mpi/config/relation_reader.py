@@ -1,6 +1,7 @@
 """Reader of the sections `derived` and `constraints`, with all that is wrong with them."""
 
 import re
+from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ from agglom_mpi.config.relations import CircularError, Derived, in_order
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.units import quoted
-from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.outcome import OUTCOME, quantity_columns
 from agglom_mpi.variables import TEN, VariableTable
 
 MAX_ENTRIES: Final = 30
@@ -115,6 +116,30 @@ def _name_problem(name: str) -> str:
     if name in COLUMNS:
         return "is the name of a column of the tables; choose another"
     return ""
+
+
+def quantity_problems(names: Sequence[str], derived: Sequence[Derived]) -> Problems:
+    """Return problems of quantities of samples whose columns would have the names of others.
+
+    Each has a column of its mean, and of the standard error; so have its estimates.
+
+    Parameters
+    ----------
+    names
+        Names of the quantities.
+    derived
+        Derived quantities, which have columns, too.
+    """
+    taken, problems = Counter(each.name for each in derived), Problems()
+    taken.update(column for name in names for column in quantity_columns(name))
+    for name in names:
+        message = _name_problem(name)
+        twice = [column for column in quantity_columns(name) if taken[column] > 1]
+        if not message and twice:
+            message = f"has a column {twice[0]}, which is another one's, too; choose another"
+        if message:
+            problems.append(((name,), message))
+    return problems
 
 
 def _text(entry: Any) -> str:

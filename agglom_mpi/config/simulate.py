@@ -1,7 +1,7 @@
 """Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,14 +9,19 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
-from agglom_mpi.config.user_function import evaluate
+from agglom_mpi.config.user_function import (
+    evaluate,
+    evaluate_quantities,
+    function_of_means,
+    objective_alone,
+)
 from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames, without_temperatures
-from agglom_mpi.simulation.sample import Outcome, count_changes, simulate_scene
+from agglom_mpi.simulation.sample import Outcome, count_changes, initial_radii, simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
@@ -64,7 +69,7 @@ def simulate(
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
-        objective = _objective_value(campaign, scene, vector, record, final)
+        objective, quantities = _objective_value(campaign, scene, vector, record, final, sample)
     except Exception as error:  # a user's function may raise any
         reason = named_error(error)
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
@@ -74,6 +79,7 @@ def simulate(
     return Outcome(
         mean_radius_ratio=ratio,
         objective=objective,
+        quantities=quantities,
         particles=int(record["particles"]),
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
@@ -117,19 +123,73 @@ def random_numbers(
     return sample_stream(campaign.seed, key, sample, campaign.common_configurations)
 
 
+class FunctionValue(NamedTuple):
+    """What a user's function makes of a sample.
+
+    Attributes
+    ----------
+    objective
+        The objective of the sample alone; nan if that is not defined.
+    quantities
+        What the function returned by name, in SI units; empty if it returned one number.
+    """
+
+    objective: float
+    quantities: dict[str, float]
+
+
+def evaluate_function(
+    campaign: "CampaignSections",
+    parameters: npt.NDArray[np.float64],
+    sample: int,
+    completed: tuple[Scene, Any, FinalParticles],
+) -> FunctionValue:
+    """Call the user's function of a campaign with a completed sample.
+
+    Parameters
+    ----------
+    campaign
+    parameters
+        The string, shape (k,).
+    sample
+        Number of the sample in its random streams.
+    completed
+        Its scene, its `OUTCOME` and its particles.
+
+    Raises
+    ------
+    Exception
+        As from `user_function.evaluate` and `user_function.evaluate_quantities`.
+    """
+    function, objective = campaign.user_function, campaign.objective
+    assert function is not None
+    scene, record, final = completed
+    initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
+    values = campaign.used_values(parameters)
+    seen = finished_sample(scene, values, record, final, initial)
+    of_means = function_of_means(function, objective.code_of_means)
+    if of_means is None:
+        return FunctionValue(evaluate(function, seen), {})
+    quantities = evaluate_quantities(function, seen, objective.quantity_units)
+    return FunctionValue(objective_alone(of_means, quantities), quantities)
+
+
 def _objective_value(
     campaign: "CampaignSections",
     scene: Scene,
     parameters: npt.NDArray[np.float64],
     record: Any,
     final: FinalParticles,
-) -> float:
+    sample: int,
+) -> FunctionValue:
     """Return the objective of one completed sample; nan if its function cannot be called here."""
     function = campaign.user_function
     if campaign.objective.code is not None:
         if function is None or function.source is None:
-            return math.nan
-        values = campaign.used_values(parameters)
-        return evaluate(function, finished_sample(scene, values, record, final))
+            return FunctionValue(
+                math.nan, dict.fromkeys(campaign.objective.quantity_units, math.nan)
+            )
+        return evaluate_function(campaign, parameters, sample, (scene, record, final))
     objective = campaign.objective_at(parameters)
-    return float(objective.of_samples(np.array([record], result.OUTCOME))[0])
+    alone = objective.of_samples(np.array([record], result.OUTCOME))
+    return FunctionValue(float(alone[0]), {})

@@ -10,7 +10,8 @@ import linecache
 import math
 import reprlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -113,7 +114,27 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
     """
     if function.source is None:
         raise ValueError(f"the source of {function.call!r} is not known here")
-    _, _, name = function.call.partition(":")
+    module_name, _, name = function.call.partition(":")
+    try:
+        module = _load_module(function._replace(call=module_name))
+    except ValueError as error:
+        raise ValueError(f"is {function.call!r}, but {error}") from error.__cause__
+    loaded = getattr(module, name, None)
+    if not callable(loaded):
+        raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
+    return loaded
+
+
+@cache
+def _load_module(function: UserFunction) -> ModuleType:
+    """Execute the source of a module, which `call` names, once for all its functions.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be executed.
+    """
+    assert function.source is not None
     module = ModuleType(f"agglom_objective_{function.sha256[:16]}")
     lines = function.source.decode(errors="replace").splitlines(keepends=True)
     # Tracebacks take their lines from here.
@@ -127,11 +148,81 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
     except Exception as error:
         ended = isinstance(error, EndedError)
         reason = str(error) if ended else f"{function.file} raises {named_error(error)}"
-        raise ValueError(f"is {function.call!r}, but {reason}") from error
-    loaded = getattr(module, name, None)
-    if not callable(loaded):
-        raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
-    return loaded
+        raise ValueError(reason) from error
+    return module
+
+
+@dataclass(frozen=True)
+class FunctionOfMeans:
+    """A user's function of the means of quantities, which can be sent to other ranks."""
+
+    function: UserFunction
+
+    def __call__(self, means: Mapping[str, float]) -> float:
+        """Return its value, a finite float; it raises as `evaluate` does."""
+        call = self.function.call
+        with users_code(call):
+            return _as_number(call, load_function(self.function)(dict(means)))
+
+
+def function_of_means(function: UserFunction | None, call: str) -> FunctionOfMeans | None:
+    """Return the function `call` of the module of another function.
+
+    It is None where there is no such function, or its source is not known.
+    """
+    if function is None or function.source is None or not call:
+        return None
+    return FunctionOfMeans(function._replace(call=call))
+
+
+def evaluate_quantities(
+    function: UserFunction, sample: Any, names: Iterable[str]
+) -> dict[str, float]:
+    """Call a user's function with a finished sample; return the quantities that it returns.
+
+    Parameters
+    ----------
+    function
+    sample
+        As for `evaluate`.
+    names
+        Names of the quantities, all of which must be returned and no others.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it does not return a mapping of these names to finite numbers.
+    Exception
+        Whatever the function raises; see `users_code`.
+    """
+    call, wanted = function.call, tuple(names)
+    with users_code(call):
+        value = load_function(function)(sample)
+        if not isinstance(value, Mapping):
+            kind, must = (
+                type(value).__name__,
+                f"must be a mapping of {', '.join(wanted)} to numbers",
+            )
+            raise TypeError(f"{call} returned {reprlib.repr(value)}, of type {kind}; {must}")
+        found = dict(value)
+        must = f"must return {', '.join(wanted)}, as objective.quantities names them"
+        if missing := [name for name in wanted if name not in found]:
+            raise ValueError(f"{call} returned no {', '.join(missing)}; {must}")
+        if extra := [name for name in found if name not in wanted]:
+            raise ValueError(f"{call} returned {', '.join(map(reprlib.repr, extra))}, too; {must}")
+        return {name: _as_number(call, found[name], f" as {name}") for name in wanted}
+
+
+def objective_alone(of_means: Callable[[Mapping[str, float]], float], sample: Any) -> float:
+    """Return the objective of the quantities of one sample; nan where that has none.
+
+    A logarithm or a ratio of means may not exist of a single sample. Other exceptions are faults
+    of the function, and are passed on.
+    """
+    try:
+        return of_means(sample)
+    except (ArithmeticError, ValueError):
+        return math.nan
 
 
 def evaluate(function: UserFunction, sample: Any) -> float:
@@ -148,18 +239,18 @@ def evaluate(function: UserFunction, sample: Any) -> float:
         return _as_number(function.call, load_function(function)(sample))
 
 
-def _as_number(call: str, value: Any) -> float:
+def _as_number(call: str, value: Any, part: str = "") -> float:
     """Return what a function has returned; to look at it may run code of the user's, too."""
     if isinstance(value, bool) or not isinstance(value, NUMBERS):
         kind = type(value).__name__
         raise TypeError(
-            f"{call} returned {reprlib.repr(value)}, of type {kind}; must be a number, "
+            f"{call} returned {reprlib.repr(value)}{part}, of type {kind}; must be a number, "
             "which float(...) makes of what stands for one"
         )
     number = as_float(value)
     if not (math.isfinite(number) and abs(number) <= MAX_MAGNITUDE):
         limit = f"must be finite, and in size at most {MAX_MAGNITUDE:g}"
-        raise ValueError(f"{call} returned {reprlib.repr(value)}; {limit}")
+        raise ValueError(f"{call} returned {reprlib.repr(value)}{part}; {limit}")
     return number
 
 

@@ -12,6 +12,7 @@ from rich.console import Console, RenderableType
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
+from agglom_mpi.analysis.quantities import left_out
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
 from agglom_mpi.analysis.summary import moment_notes
@@ -262,7 +263,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
-    return [*describe_bias(bias, shown, len(estimated)), *moment_notes(data)]
+    lines = left_out(data) or describe_bias(bias, shown, len(estimated))
+    return [*lines, *moment_notes(data)]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:

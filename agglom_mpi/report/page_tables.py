@@ -15,6 +15,7 @@ from agglom_mpi.analysis.best_strings import (
     time_row,
 )
 from agglom_mpi.analysis.derived import derived_columns
+from agglom_mpi.analysis.quantities import quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings
 from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
@@ -51,7 +52,8 @@ class PageTable(NamedTuple):
 def best_strings(data: CampaignData) -> PageTable:
     """Return the best strings, one a column: variables, results and estimates."""
     best = collect_best(data, listed_strings(data))
-    rows = [*_variable_rows(data, best), *_result_rows(best)]
+    quantities = quantity_rows(data, [entry["string"] for entry in best])
+    rows = [*_variable_rows(data, best), *_result_rows(best, quantities)]
     return PageTable(["", *(f"#{place}" for place in range(1, len(best) + 1))], rows)
 
 
@@ -76,11 +78,12 @@ def _scaled_row(
     return [label, *(f"{entry[name] / factor:.5g}" for entry in best)]
 
 
-def _result_rows(best: list[dict[str, Any]]) -> Iterator[list[str]]:
+def _result_rows(best: list[dict[str, Any]], quantities: list[list[str]]) -> Iterator[list[str]]:
     yield from _rows_on_page(OBJECTIVE_ROWS, best)
     again = [entry["reestimate"] for entry in best]
     if any(again):
         yield from _rows_on_page(FRESH_ROWS, again)
+    yield from quantities
     yield from _rows_on_page(GROWTH_ROWS, best)
     time = time_row(best)
     yield [time.on_page, *(format_duration(entry[time.key]) for entry in best)]

@@ -41,7 +41,9 @@ def invert(options: InvertOptions, world: "Intracomm | None") -> int:
     def finish(request: RunRequest) -> None:
         if options.quiet:
             return
-        file, final = read_campaign(request.path), request.experiment.campaign.final
+        campaign = request.experiment.campaign
+        file, final = read_campaign(request.path), campaign.final
+        file.allow(campaign.user_function)
         display.table(summary_table(file, final.strings if final else None))
         for line in run_warnings(file):
             display.message(f"warning: {line}")

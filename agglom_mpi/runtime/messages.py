@@ -12,7 +12,7 @@ from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sam
 from agglom_mpi.storage.table import concatenated
 
 TASKS: Final = 1  # to a worker: tasks to simulate, of `scheduling.interface.task_type`
-RESULTS: Final = 2  # from a worker: results of samples, `RESULT`
+RESULTS: Final = 2  # from a worker: results of samples, rows of `/samples`
 FAILURE: Final = 3  # from a worker: the traceback of a sample, `FAILED_SAMPLE`
 STOP: Final = 4  # to a worker: its exit code, int32; from a worker: `GOODBYE`
 WRITTEN: Final = 5  # from a worker: number of samples that it has written since the last, int64
@@ -26,7 +26,7 @@ PROGRAM: Final = 12  # from a worker, first of all: its program, as in `programs
 """Message tags."""
 
 RESULT: Final = sample_dtype
-"""Record of a simulated sample, a row of `/samples`."""
+"""Record of a simulated sample whose objective has no quantities, a row of `/samples`."""
 
 NOT_NEEDED: Final = 255
 """The `reason` of a sample that was left out, as its string was cancelled."""
@@ -113,19 +113,28 @@ class RankMessage(NamedTuple):
 def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
     """Return one message with the samples of several messages of the same rank, in order."""
     final = [each.final_particles for each in messages if each.final_particles is not None]
+    results = [each.results for each in messages if len(each.results)]
     return RankMessage(
         rank,
-        concatenated([each.results for each in messages if len(each.results)], RESULT),
+        concatenated(results, results[0].dtype if results else RESULT),
         concatenated([each.failures for each in messages if len(each.failures)], FAILED_SAMPLE),
         concatenated(final, final[0].dtype) if final else None,
         tuple(rows for each in messages for rows in each.frames),
     )
 
 
-def record_types(grains: int) -> dict[int, np.dtype]:
-    """Return the types of records that rank 0 receives, by tag, for samples of up to `grains`."""
+def record_types(grains: int, result: np.dtype = RESULT) -> dict[int, np.dtype]:
+    """Return the types of records that rank 0 receives, by tag.
+
+    Parameters
+    ----------
+    grains
+        Largest number of particles of a sample.
+    result
+        Type of a result.
+    """
     return {
-        RESULTS: RESULT,
+        RESULTS: result,
         FAILURE: FAILED_SAMPLE,
         UNWRITTEN: FAILED_SAMPLE,
         WRITTEN: np.dtype(np.int64),

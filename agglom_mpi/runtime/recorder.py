@@ -19,7 +19,7 @@ from agglom_mpi.search.decisions import (
 )
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, sample_dtype
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema, samples_schema
 from agglom_mpi.storage.table import (
     concatenated,
     generation_digest,
@@ -69,10 +69,18 @@ class DigestAccumulator:
         Rows of `/samples` of earlier legs, (n,).
     version
         Format version of the file.
+    schema
+        Columns of its `/samples`.
     """
 
-    def __init__(self, samples: NDArray[np.void], version: int = FORMAT_VERSION) -> None:
+    def __init__(
+        self,
+        samples: NDArray[np.void],
+        version: int = FORMAT_VERSION,
+        schema: TableSchema = SAMPLES,
+    ) -> None:
         self._version = version
+        self._schema = schema
         self._parameters = np.empty((0, 0))
         self._results: dict[int, NDArray[np.void]] = {}
         self._samples = [samples]
@@ -94,11 +102,11 @@ class DigestAccumulator:
         """Return the digest of the generation, and forget its samples and earlier ones."""
         strings = sorted(self._results)
         results = concatenated([self._results[string] for string in strings], RESULTS.dtype)
-        samples = concatenated(self._samples, sample_dtype)
+        samples = concatenated(self._samples, self._schema.dtype)
         self._samples = [samples[samples["string"] > strings[-1]]]
         used = used_samples(samples, results)
         used = used[used["reason"] != FailureReason.TIMED_OUT]  # which have no row in the file
-        return generation_digest(self._parameters, results, used, self._version)
+        return generation_digest(self._parameters, results, used, self._version, self._schema)
 
 
 class RunRecorder:
@@ -143,7 +151,9 @@ class RunRecorder:
         self._stored_generations = set(stored.generation_rows()["generation"].tolist())
         self._listener = listener
         self._top = top
-        self._digest = DigestAccumulator(stored.searched_samples, stored.format_version)
+        self._digest = DigestAccumulator(
+            stored.searched_samples, stored.format_version, samples_schema(stored.quantities)
+        )
         self._barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None

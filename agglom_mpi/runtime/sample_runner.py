@@ -9,25 +9,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.simulate import random_numbers
-from agglom_mpi.config.user_function import evaluate
+from agglom_mpi.config.simulate import evaluate_function, random_numbers
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
     NOT_NEEDED,
-    RESULT,
     RankMessage,
     failed_sample,
 )
 from agglom_mpi.simulation.compilation import compile_kernels
-from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import frame_times, new_frames
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
-from agglom_mpi.storage.schema import TOOK_TOO_LONG
+from agglom_mpi.storage.schema import TOOK_TOO_LONG, quantities_of, samples_schema
 from agglom_mpi.storage.table import concatenated
 
 _NO_TIME: Final = TimeSpent(0.0, 0.0)
@@ -49,6 +46,10 @@ class SampleRunner:
         Ends samples early.
     grains
         Largest number of particles of a sample whose particles are stored.
+    quantities
+        SI units of the quantities that the objective's function returns, by name.
+    result_dtype
+        Type of the results of samples, rows of `/samples`.
     """
 
     def __init__(self, experiment: Experiment, rank: int) -> None:
@@ -57,6 +58,8 @@ class SampleRunner:
         self.rank = rank
         self.stores_particles = experiment.table_sizes.final_particles
         self.grains = experiment.table_sizes.grains
+        self.quantities = quantities_of(experiment.table_sizes._asdict())
+        self.result_dtype = samples_schema(self.quantities).dtype
         self._scene: tuple[tuple[int, bytes], Scene] | None = None
 
     def warm_up(self, show: Callable[[str], None] = lambda line: None) -> None:
@@ -233,7 +236,7 @@ class SampleTask(Task):
     def __init__(self, runner: SampleRunner, task: np.void) -> None:
         super().__init__(runner, task)
         self._collected = 0
-        self._rows = np.zeros(self._count, RESULT)
+        self._rows = np.zeros(self._count, runner.result_dtype)
         self._records = self._rows[list(OUTCOME.names or ())]  # a view
         self._rows["string"], self._rows["rank"] = self._string, runner.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
@@ -265,16 +268,18 @@ class SampleTask(Task):
         if stores:
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            values = setup.campaign.used_values(self._parameters)
-            seen = finished_sample(scene, values, record, final)
-            self._rows["objective"][self._done] = evaluate(code, seen)
+            number, done = setup.first_sample + sample, (scene, record, final)
+            found = evaluate_function(setup.campaign, self._parameters, number, done)
+            for name, value in {"objective": found.objective, **found.quantities}.items():
+                self._rows[name][self._done] = value
 
     def _keep(self, reason: int, spent: TimeSpent) -> None:
         at = self._done
         if reason:
             self._records[at] = np.zeros((), OUTCOME)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
-            self._rows["objective"][at] = 0.0
+            for name in ("objective", *self._runner.quantities):
+                self._rows[name][at] = 0.0
         elif self._final is not None:
             self._finals.append(self._final)
         self._times[at] = *spent, time.time()

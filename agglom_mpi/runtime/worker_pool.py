@@ -69,7 +69,7 @@ class WorkerPool:
             from mpi4py import MPI
 
             self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
-        self._record_types = record_types(runner.grains)
+        self._record_types = record_types(runner.grains, runner.result_dtype)
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
         """Send a batch, (n,) of `scheduling.interface.task_type`, to a rank; never waits."""

@@ -51,6 +51,8 @@ class Inversion:
         When to drop strings that will not be kept; None never does.
     more_samples
         Number of additional samples of a string that is proposed again.
+    summarise
+        Returns the summaries of rows of samples.
 
     Attributes
     ----------
@@ -71,6 +73,7 @@ class Inversion:
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
         racing: Racing | None = None,
         more_samples: int = 1,
+        summarise: Callable[[NDArray[np.void]], list[SampleSummary]] = summaries,
     ) -> None:
         self.generation = 0
         self.results: dict[int, EnsembleResult] = {}
@@ -82,6 +85,7 @@ class Inversion:
         self._signed = signed
         self._racing = racing
         self._more_samples = more_samples
+        self._summarise = summarise
         self._top = ending.best_strings or search.parents
         self._strings: list[NDArray[np.float64]] = []  # of all generations that have begun
         self._strings_ahead: dict[int, NDArray[np.float64]] = {}
@@ -192,7 +196,7 @@ class Inversion:
         if self.finished or (ensemble is None and over):
             return
         waiting = self._waiting.setdefault(string, {})
-        for sample, summary in enumerate(summaries(samples), first):
+        for sample, summary in enumerate(self._summarise(samples), first):
             waiting.setdefault(sample, summary)
         if ensemble is not None:
             yield from self._evaluate(string, ensemble)

@@ -28,6 +28,8 @@ class Sample(NamedTuple):
         Mean and central moments 2, 3, 4 of b/b⁰.
     radii : array, shape (n,)
         Final b/b⁰.
+    initial_radii : array, shape (N,)
+        b/b⁰ of the grains that the sample began with, the largest first; 1 where all are equal.
     temperatures : array, shape (n,), K; 0 where the scene has none
     grains : array of int64, shape (n,)
         Original grains in each particle.
@@ -47,10 +49,15 @@ class Sample(NamedTuple):
     collisions: int
     merges: int
     breakups: int
+    initial_radii: NDArray[np.float64]
 
 
 def finished_sample(
-    scene: "Scene", parameters: Mapping[str, float], record: Any, final: FinalParticles
+    scene: "Scene",
+    parameters: Mapping[str, float],
+    record: Any,
+    final: FinalParticles,
+    initial: NDArray[np.float64],
 ) -> Sample:
     """Return what a user's function receives of a completed sample.
 
@@ -64,6 +71,8 @@ def finished_sample(
         Its `OUTCOME`.
     final
         Its particles.
+    initial
+        Radii of its grains at the start, relative to the grain radius, shape (N,).
     """
     moments = [record["mean_radius_ratio"], *(record[f"radius_moment_{r}"] for r in (2, 3, 4))]
     return Sample(
@@ -78,6 +87,7 @@ def finished_sample(
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),
+        initial_radii=_read_only(initial),
     )
 
 

@@ -5,7 +5,8 @@ of a scene; the engine; what is measured at the end.
 """
 
 import threading
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
@@ -70,6 +71,9 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
         Radii in m, masses, grain counts and temperatures of the particles left.
     frames : Frames or None
         The particles at the times that were asked for.
+    quantities : dict
+        What the objective's function returned by name, in SI units; empty where it returns one
+        number, nan where its code was not allowed.
     """
 
     mean_radius_ratio: float
@@ -88,21 +92,23 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
     record: Any
     final: FinalParticles
     frames: Frames | None
+    quantities: dict[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return the numbers in full and arrays in a few words, without record and particles."""
         brief = [field.name for field in fields(self)[:13]]
         shown = {name: getattr(self, name) for name in brief}
-        frames = {}
+        frames: dict[str, Any] = {"quantities": self.quantities} if self.quantities else {}
         if self.frames is not None:
-            frames = {"frames": f"<{pluralise(len(self.frames.times), 'frame')}>"}
+            frames |= {"frames": f"<{pluralise(len(self.frames.times), 'frame')}>"}
         return result.brief("Outcome", shown | frames)
 
     @property
     def measured(self) -> result.SampleSummary:
         """Summary that decisions are based on."""
         [measured] = result.summaries(np.array([self.record], result.OUTCOME))
-        return measured._replace(objective=self.objective)
+        returned = tuple(value for _, value in sorted(self.quantities.items()))
+        return measured._replace(objective=self.objective, quantities=returned)
 
 
 INITIAL: Final = np.dtype(
@@ -201,6 +207,19 @@ def simulate_scene(
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0], particles
+
+
+def initial_radii(
+    scene: Scene, new_random: Callable[[], np.random.Generator]
+) -> npt.NDArray[np.float64]:
+    """Return b/b⁰ of the grains that a sample begins with, shape (N,), the largest first.
+
+    `new_random` returns the stream of the sample from its beginning; it is called where grains
+    differ in size.
+    """
+    if scene.sizes is None:
+        return np.ones(scene.particles)
+    return draw_radii(scene.sizes, new_random(), scene.particles)
 
 
 def count_changes(scene: Scene, random: np.random.Generator, until: float) -> int:

@@ -9,7 +9,13 @@ import numpy as np
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS, FailureReason
 from agglom_mpi.search.proposals import ORIGINS
-from agglom_mpi.storage.schema import INVERSION, LEG_CAPACITY, STUDY, parameters_of
+from agglom_mpi.storage.schema import (
+    INVERSION,
+    LEG_CAPACITY,
+    STUDY,
+    parameters_of,
+    samples_schema,
+)
 from agglom_mpi.storage.table import generation_digest, used_samples
 from agglom_mpi.storage.verify import Key, VerificationReport, row_list
 
@@ -57,6 +63,7 @@ def check_digests(report: VerificationReport) -> int:
             results[np.isin(results["string"], ids)],
             samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
             report.data.format_version,
+            samples_schema(report.data.quantities),
         )
         if digest == int(row["digest"]):
             right += 1

@@ -111,6 +111,8 @@ def create_campaign_file(
         "frames": sizes.frames,
         **variable_attributes(sizes.variables),
     }
+    if sizes.quantities:
+        attributes["quantities"] = sizes.quantities
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, sizes.generations)
         box = _variable_rows(sizes.variables, campaign.lower, campaign.upper)

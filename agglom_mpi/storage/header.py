@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.formatting import printable
-from agglom_mpi.storage.schema import fresh_from, variables_of
+from agglom_mpi.storage.schema import fresh_from, quantities_of, variables_of
 from agglom_mpi.variables import VariableTable
 
 _TEXTS: Final = (
@@ -19,8 +19,8 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose",)
-"""Texts that older files lack."""
+_TEXTS_OPTIONAL: Final = ("purpose", "quantities")
+"""Texts that some files lack."""
 
 
 def check_attributes(attributes: Mapping[str, Any]) -> None:
@@ -111,6 +111,11 @@ class CampaignHeader:
                     inner = inner.setdefault(key, {})
                 inner[keys[-1]] = value
         return nested
+
+    @property
+    def quantities(self) -> dict[str, str]:
+        """SI units of the quantities of a sample by name, in the order of their columns."""
+        return quantities_of(self.attributes)
 
     @property
     def format_version(self) -> int:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def recorded_campaign(data: "CampaignData") -> Campaign:
-    """Return the campaign of a file; a user's objective function cannot be called.
+    """Return the campaign of a file; a user's function is called only if the file's is `allowed`.
 
     Raises
     ------
@@ -21,4 +21,5 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 
 def _campaign(data: "CampaignData") -> Campaign:
-    return loading.campaign_of_record(data.campaign_text, str(data.path), data.identity)
+    text, name = data.campaign_text, str(data.path)
+    return loading.campaign_of_record(text, name, data.identity, data.allowed)

@@ -12,6 +12,7 @@ from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TableSchema,
+    quantities_text,
     table_schemas,
     variable_attributes,
     variables_of,
@@ -42,6 +43,8 @@ class TableSizes(NamedTuple):
     """Frames of all samples together."""
     variables: VariableTable = TEN
     """Variables of the strings."""
+    quantities: str = ""
+    """Units of the quantities of a sample, as the attribute of a file has them."""
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -58,6 +61,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         output.final_particles,
         strings * samples * frames.count if frames else 0,
         campaign.variables.table,
+        quantities_text(campaign.objective.quantity_units),
     )
 
 

@@ -151,7 +151,7 @@ class SampleWriter:
         self._clock = clock
         room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
         self._table = Table(file, "samples", path)
-        self._buffer = RowBuffer(room)
+        self._buffer = RowBuffer(room, self._table.dtype)
         self._finals: Table | None = None
         if "final_particles" in file:
             self._finals = Table(file, "final_particles", path)
@@ -162,7 +162,7 @@ class SampleWriter:
 
         Parameters
         ----------
-        records : (n,) of `sample_dtype`
+        records : (n,) rows of `/samples`
             Without `crc`. Of several rows of one sample in the buffer, the first is kept.
         finals : structured array, optional
             Their rows of `/final_particles`, if the file has that table.

@@ -226,8 +226,44 @@ SAMPLES: Final = TableSchema(
         CRC,
     ),
 )
+"""Samples of a campaign whose objective has no quantities; see `samples_schema`."""
 sample_dtype: Final = SAMPLES.dtype
 """One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
+
+QUANTITY_MEANING: Final = "quantity of the sample by the objective's function; 0 if it failed"
+"""Meaning of the columns of quantities."""
+
+
+def samples_schema(quantities: Mapping[str, str]) -> TableSchema:
+    """Return the schema of `/samples` with columns of quantities, whose units are given by name."""
+    if not quantities:
+        return SAMPLES
+    columns = [
+        Column(name, "f8", unit, QUANTITY_MEANING, since=4) for name, unit in quantities.items()
+    ]
+    at = [field.name for field in SAMPLES.fields].index("objective") + 1
+    return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
+
+
+def quantities_of(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """Return the SI units of the quantities of a file's samples by name, in order of their columns.
+
+    Raises
+    ------
+    ValueError
+        If the attribute `quantities` is none that a run writes.
+    """
+    text = attributes.get("quantities", "")
+    units = json.loads(text) if text else {}
+    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
+        raise ValueError("attribute quantities is no JSON object of units")
+    return units
+
+
+def quantities_text(quantities: Mapping[str, str]) -> str:
+    """Return the attribute `quantities` of a file; empty where there are none."""
+    return json.dumps(dict(sorted(quantities.items()))) if quantities else ""
+
 
 FAILURES: Final = TableSchema(
     "failures",
@@ -409,7 +445,7 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         RESULTS,
         generations_schema(int(attributes["population"])),
         FAILURES,
-        SAMPLES,
+        samples_schema(quantities_of(attributes)),
         *bulk,
     )
     return tuple(table.at(version) for table in tables)

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, table_schemas
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema, table_schemas
 
 
 class ValidRows(NamedTuple):
@@ -190,6 +190,7 @@ def generation_digest(
     results: np.ndarray,
     samples: np.ndarray,
     version: int = FORMAT_VERSION,
+    sample_schema: TableSchema = SAMPLES,
 ) -> int:
     """Return the 64-bit BLAKE2b digest of what a generation rests on (see `DIGEST_MEANING`).
 
@@ -201,11 +202,13 @@ def generation_digest(
         Their rows of `/results` and, by string and sample, those of `/samples` that are used.
     version : int
         Format version of the file, whose columns count.
+    sample_schema : TableSchema
+        Columns of its `/samples`.
     """
     digest = hashlib.blake2b(digest_size=8)
     digest.update(parameters.astype("<f8").tobytes())
     digest.update(_packed(fitted(results, RESULTS.at(version).dtype)))
-    digest.update(_packed(fitted(samples, SAMPLES.at(version).dtype)))
+    digest.update(_packed(fitted(samples, sample_schema.at(version).dtype)))
     return int.from_bytes(digest.digest(), "little")
 
 

@@ -8,20 +8,23 @@ import pytest
 from campaign_runs import environment, need_mpirun
 from processes import HANG, program
 
+from agglom_mpi.config.loading import load_campaign
+
 QUESTIONS = Path(__file__).parents[2] / "jobs" / "questions"
 
 
-def answered(name, folder, *labels):
+def answered(name, folder, *labels, options=()):
     """Numbers in the rows of the table that a run prints, of each label."""
-    shutil.copy(QUESTIONS / f"{name}.yaml", folder)
-    words = ["mpirun", "-n", "2", "agglom-invert", f"{name}.yaml"]
+    for file in QUESTIONS.glob(f"{name}.[yp]*"):
+        shutil.copy(file, folder)
+    words = ["mpirun", "-n", "2", "agglom-invert", f"{name}.yaml", *options]
     with program(words, cwd=folder, env=environment(COLUMNS="160")) as process:
         printed, errors = process.communicate(timeout=4 * HANG)
     assert process.returncode == 0, errors
     rows = [line for label in labels for line in printed.splitlines() if line.startswith(label)]
     assert len(rows) == len(labels)
     return [
-        [float(number) for number in row.removeprefix(label).split()]
+        [float(number) for number in re.sub("± [0-9.e+-]+", "", row.removeprefix(label)).split()]
         for label, row in zip(labels, rows, strict=True)
     ]
 
@@ -45,10 +48,31 @@ def test_a_process_stays_within_its_power(tmp_path):
     assert means == pytest.approx([2.0] * 4, abs=0.2)
 
 
+@pytest.mark.slow
+def test_a_powder_that_lost_half_of_its_fines_is_a_fifth_coarser_at_any_speed(tmp_path):
+    need_mpirun()
+    labels = ("coarsening, re-estimate ", "fines, re-estimate ", "re-estimate ")
+    found = answered("fines", tmp_path, *labels, options=["--allow-code"])
+    for coarsening, fines, objective in zip(*found, strict=True):
+        assert coarsening == pytest.approx(1.18, abs=0.05)
+        assert fines == pytest.approx(0.48, abs=0.05)
+        wanted = (coarsening / 1.3 - 1.0) ** 2 + (fines / 0.5 - 1.0) ** 2
+        assert objective == pytest.approx(wanted, abs=3e-4)
+
+
+def test_the_readings_of_a_powder_are_what_a_granulometer_measures(tmp_path):
+    campaign = load_campaign(QUESTIONS / "fines.yaml", allow_code=True)
+    outcome = campaign.simulate({}, 0)
+    radii = outcome.radii
+    assert outcome.quantities["rate"] == outcome.collisions / 5e-3
+    assert 1.0 < outcome.quantities["coarsening"] < (radii**4).sum() / (radii**3).sum()
+    assert 0.0 <= outcome.quantities["fines"] < 1.0
+
+
 def test_what_the_text_shows_of_the_files_is_in_them():
     text = (QUESTIONS / "README.md").read_text()
     for name, block in zip(
-        ("powder", "process"), re.findall(r"```yaml\n(.*?)```", text, re.S), strict=True
+        ("powder", "process", "fines"), re.findall(r"```yaml\n(.*?)```", text, re.S), strict=True
     ):
         lines = (QUESTIONS / f"{name}.yaml").read_text().splitlines()
         known = {line.split("   ")[0].rstrip() if "#" in line else line for line in lines}

@@ -24,3 +24,23 @@ def write_own(folder, source=WORTH, name="own", trace=None, **numbers):
         source = f"with open({str(trace)!r}, 'a') as file: file.write('x')\n{source}"
     (folder / "shape.py").write_text(source)
     return path
+
+
+QUANTITIES = """
+def of_sample(sample):
+    return {"largest": float(sample.radii.max()) * 1e-3, "growth": sample.mean_radius_ratio}
+
+def value(means):
+    return (means["growth"] / 3.0 - 1.0) ** 2 + means["largest"]
+"""
+"""Functions of a module that returns named quantities, and of their means."""
+
+
+def write_quantities(folder, source=QUANTITIES, trace=None, **numbers):
+    """Write `own.yaml` whose objective is made of means, and its module, as `write_own` does."""
+    path = write_own(folder, source, trace=trace, **numbers)
+    old, text = "call: 'shape:worth'", path.read_text()
+    assert text.count(old) == 1
+    more = "quantities: {largest: m, growth: 1}, of_means: 'shape:value'"
+    path.write_text(text.replace(old, f"call: 'shape:of_sample', {more}"))
+    return path

@@ -1,8 +1,17 @@
 """A user's own function on several ranks: its text travels, its file need not be there."""
 
-from campaign_runs import assert_same, decisions, finish, inject, need_mpirun
+import pytest
+from campaign_runs import (
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    inject,
+    need_mpirun,
+    need_parallel_hdf5,
+)
 from mpi_injections import RANK
-from user_function_runs import write_own
+from user_function_runs import write_own, write_quantities
 
 OTHER_RANKS_CANNOT_READ = f"""{RANK}
 import pathlib
@@ -26,3 +35,18 @@ def test_ranks_decide_as_one_does_and_read_no_source(tmp_path):
     guard = inject(tmp_path / "guard", OTHER_RANKS_CANNOT_READ)
     finish(tmp_path / "two", "own.yaml", "--allow-code", ranks=2, inject=guard)
     assert_same(tmp_path / "two" / "own.h5", decisions(tmp_path / "one" / "own.h5"))
+
+
+@pytest.mark.parametrize("database", ["gathered", "parallel"])
+def test_ranks_send_and_store_named_quantities(tmp_path, database):
+    need_mpirun()
+    if database == "parallel":
+        need_parallel_hdf5()
+    for name in ("one", "three"):
+        (tmp_path / name).mkdir()
+        write_quantities(tmp_path / name, final="{strings: 2, samples: 4}")
+    finish(tmp_path / "one", "own.yaml", "--allow-code")
+    options = ("--allow-code", "--database", database)
+    finish(tmp_path / "three", "own.yaml", *options, ranks=3)
+    assert_same(tmp_path / "three" / "own.h5", decisions(tmp_path / "one" / "own.h5"))
+    assert_sound(tmp_path / "three" / "own.h5")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.outcome import COMPLETED, SampleSummary, summaries
+from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
@@ -81,8 +81,9 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
     rows = data.sample_rows(string)
     used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == COMPLETED]
-    accumulator, values, errors = objective_at(data, string).accumulator(), [], []
-    for summary in summaries(completed):
+    objective = objective_at(data, string)
+    accumulator, values, errors = objective.accumulator(), [], []
+    for summary in objective.summaries(completed):
         accumulator.add(summary)
         values.append(accumulator.value)
         errors.append(accumulator.standard_error)
@@ -95,7 +96,7 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
-    samples = summaries(data.sample_rows(string))
+    samples = objective_of(data).summaries(data.sample_rows(string))
     own = own_rule(data)
     particles = int(data.identity["scene.particles"])
     compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
@@ -274,6 +275,8 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
 
 
 def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
+    if objective_of(data).needs_code:
+        return None
     completed = [
         i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == COMPLETED).any()
     ]
@@ -315,7 +318,7 @@ ENSEMBLES: Final = Figure(
     "the string was chosen by; right of it the mean goes on over those that ran ahead and fresh "
     "ones. Diamonds: re-estimates by the fresh samples alone.",
     (7.2, 5.4),
-    empty="no string has samples yet",
+    empty="no string has samples yet, or its objective needs code that is not run",
 )
 
 SAMPLES_PER_STRING: Final = Figure(

@@ -6,7 +6,7 @@ file, its accumulator over the samples of a string, and what the rest of the pro
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -112,6 +112,25 @@ class Objective(Component):
         return None
 
     @property
+    def code_of_means(self) -> str:
+        """The user's function that makes the objective of the means of quantities; empty: none."""
+        return ""
+
+    @property
+    def quantity_units(self) -> Mapping[str, str]:
+        """SI units of the quantities that the user's function returns of a sample, by name."""
+        return {}
+
+    def with_code(self, of_means: Callable[[Mapping[str, float]], float] | None) -> Self:
+        """Return the objective with the function `code_of_means`; None: it is not run here."""
+        return self
+
+    @property
+    def needs_code(self) -> bool:
+        """Whether the objective of samples needs a function that is not run here."""
+        return False
+
+    @property
     def by_mean_radius(self) -> "RadiusObjective | None":
         """The objective if it depends on the samples' mean radius ratios alone, else None."""
         return None
@@ -186,6 +205,10 @@ class Objective(Component):
         of the objective, by the delta method: objective plus influence function.
         """
 
+    def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+        """Return what the objective needs of samples with the columns of `OUTCOME`, (n,)."""
+        return summaries(rows)
+
     def of_ensemble(self, outcomes: Iterable[SampleSummary]) -> tuple[float, float]:
         """Return the objective of completed samples and its standard error.
 
@@ -203,7 +226,7 @@ class Objective(Component):
 
     def of_rows(self, rows: NDArray[np.void]) -> tuple[float, float]:
         """Return the same of rows of completed samples, (n,); see `outcome.summaries`."""
-        return self.of_ensemble(summaries(rows))
+        return self.of_ensemble(self.summaries(rows))
 
 
 class MeanAccumulator:

@@ -1,56 +1,181 @@
-"""The objective that a user's Python function evaluates."""
+"""The objective that a user's Python function evaluates, of one number or of named quantities."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from keyword import iskeyword
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.declared import FieldPath, Meaning
-from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.declaration.declared import LATER, FieldError, FieldPath, Meaning, Reads
+from agglom_mpi.declaration.units import KINDS, has_offset, in_base_units, quoted
+from agglom_mpi.errors import UserError
+from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Band, Criterion
+from agglom_mpi.search.objectives.function_of_means import (
+    MeansAccumulator,
+    ObjectiveOfMeans,
+    OfMeans,
+)
 from agglom_mpi.search.objectives.objective import MeanAccumulator, Objective, ObjectiveAccumulator
+
+MAX_QUANTITIES: Final = 30
+"""Maximum number of quantities of a sample."""
+
+
+class FunctionNotAllowedError(UserError, ValueError):
+    """An objective was asked for that a user's function makes, which is not run here."""
 
 
 def _stored_objective(outcome: SampleSummary) -> float:
     return outcome.objective
 
 
-class MeanOfFunction(Objective):
-    """Mean over samples of a user's function, evaluated when each was simulated.
+class Quantities(NamedTuple):
+    """Names of the numbers that a function returns of a sample, with their SI units.
 
-    The values are stored with the samples, so that a replay needs no code of the user's; see
-    `config.user_function`.
+    A file gives a mapping of names to units, or a list of names of pure numbers; the order does not
+    matter.
+
+    Attributes
+    ----------
+    units
+        Name and unit of each, by name.
+    """
+
+    units: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def read(cls, value: Any) -> "Quantities":
+        """Return the quantities of an entry of a file; raise a FieldError if it names none."""
+        if isinstance(value, Quantities):
+            return value
+        if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+            if twice := next((name for name in value if value.count(name) > 1), None):
+                raise FieldError(((), f"names {quoted(twice)} twice"))
+            value = dict.fromkeys(value, "1")
+        if not isinstance(value, dict) or not value:
+            message = "must be a mapping of names to SI units, such as {mass_loss: kg, spread: 1}"
+            raise FieldError(((), f"is {quoted(value)}; {message}, or a list of names"))
+        if len(value) > MAX_QUANTITIES:
+            raise FieldError(((), f"has {len(value)} names; must be at most {MAX_QUANTITIES}"))
+        units = {str(name): str(unit) for name, unit in value.items()}
+        problems = [((name,), message) for name in units if (message := _no_unit(value, name))]
+        if problems:
+            raise FieldError(*problems)
+        return cls.of_entries(units)
+
+    @classmethod
+    def of_entries(cls, entries: Mapping[str, str]) -> "Quantities":
+        """Return quantities by their recorded units."""
+        return cls(tuple(sorted(entries.items())))
+
+    def entries(self) -> dict[str, str]:
+        """Return the units by name."""
+        return dict(self.units)
+
+
+def _no_unit(entries: Mapping[Any, Any], name: str) -> str:
+    """Return what is wrong with the unit of a quantity; empty if it is an SI unit."""
+    unit = entries.get(name)
+    if unit == 1 and not isinstance(unit, bool):  # written without quotes
+        return ""
+    must = "must be an SI unit without a factor, such as kg, m/s or 1"
+    if not isinstance(unit, str):
+        return f"is {quoted(unit)}; {must}"
+    if unit in KINDS:
+        return ""
+    try:
+        is_si = in_base_units("1", unit) == 1.0 and not has_offset(unit)
+    except ValueError as error:
+        return f"is {quoted(unit)}: {error}; {must}"
+    return "" if is_si else f"is {quoted(unit)}; {must}: the function returns numbers in it"
+
+
+class MeanOfFunction(Objective):
+    """Mean over samples of a user's function, or a function of the means of what it returns.
+
+    The values are stored with the samples, so that a replay of a function of one number needs no
+    code of the user's; see `config.user_function`.
 
     Attributes
     ----------
     call
         `module:function`.
+    quantities
+        Names and SI units of the numbers that the function returns as a mapping.
+    of_means
+        `module:function` of the same module, which makes the objective of their means.
     """
 
     least: ClassVar[float] = -math.inf
     law: Literal["function"] = "function"
     call: Annotated[str, Meaning("module:function, of module.py beside the campaign file")]
+    quantities: Annotated[Quantities | None, Reads(Quantities.read), LATER] = None
+    of_means: Annotated[str | None, LATER] = None
+    _function: OfMeans | None = None
+
+    @classmethod
+    def recorded(cls, entries: Mapping[str, Any]) -> Self:
+        """Return the objective of entries that were checked when they were recorded."""
+        if "quantities" in entries:
+            entries = {**entries, "quantities": Quantities.of_entries(entries["quantities"])}
+        return super().recorded(entries)
 
     @property
     def summary(self) -> str:
         """One line on the objective."""
-        return f"mean over samples of {self.call}"
+        if not self.of_means:
+            return f"mean over samples of {self.call}"
+        units = self.quantity_units.items()
+        listed = ", ".join(name if unit == "1" else f"{name} ({unit})" for name, unit in units)
+        return f"{self.of_means} of the means over samples of {listed}, which {self.call} returns"
 
     @property
     def code(self) -> str:
         """The user's function, `module:function`."""
         return self.call
 
+    @property
+    def code_of_means(self) -> str:
+        """The user's function of means, `module:function`; empty where there is none."""
+        return self.of_means or ""
+
+    @property
+    def quantity_units(self) -> dict[str, str]:
+        """SI units of the quantities, by name."""
+        return {} if self.quantities is None else self.quantities.entries()
+
+    def with_code(self, of_means: OfMeans | None) -> Self:
+        """Return the objective with the user's function of means; None: it is not run here."""
+        bound = self.model_copy()
+        bound.__dict__["_function"] = of_means if self.of_means else None
+        return bound
+
+    @property
+    def needs_code(self) -> bool:
+        """Whether the objective of samples needs a function that is not run here."""
+        return bool(self.of_means) and self._function is None
+
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
-        """Yield a call that does not have the form `module:function`."""
-        words = self.call.split(":")
-        named = all(word.isidentifier() and not iskeyword(word) for word in words)
-        if len(words) != 2 or not named:
-            must = "must be module:function, of module.py beside the campaign file"
+        """Yield functions that are not `module:function`, and a key without the other."""
+        must = "must be module:function, of module.py beside the campaign file"
+        if not _is_call(self.call):
             yield ("call",), f"is {self.call!r}; {must}"
+        if self.quantities is not None and self.of_means is None:
+            message = "is missing; must name the function of the means of the quantities"
+            yield ("of_means",), f"{message}, module:function as `call`"
+        if self.of_means is None:
+            return
+        if self.quantities is None:
+            message = "needs `quantities`, the names of what the function of `call` returns"
+            yield ("of_means",), f"is {self.of_means!r}; {message}"
+        elif not _is_call(self.of_means):
+            yield ("of_means",), f"is {self.of_means!r}; {must}"
+        elif self.of_means.partition(":")[0] != self.call.partition(":")[0]:
+            message = f"must be a function of the same module as {self.call!r}"
+            yield ("of_means",), f"is {self.of_means!r}; {message}"
 
     @property
     def tolerance_limits(self) -> tuple[float, float]:
@@ -59,17 +184,30 @@ class MeanOfFunction(Objective):
 
     def criterion(self, tolerance: float) -> Criterion:
         """Return the criterion that the mean value is at most the tolerance."""
+        if self.of_means:
+            return super().criterion(tolerance)
         text = f"mean value of the function at most {tolerance:.4g}"
         return Band("objective", -math.inf, tolerance, text)
+
+    @property
+    def why_infinite(self) -> str:
+        """Reason for an infinite objective of samples that completed."""
+        if not self.of_means:
+            return super().why_infinite
+        return f"{self.of_means} raises, or is not finite, at the means of every string"
 
     @property
     def scale(self) -> float:
         """Unknown: the function may compare anything."""
         return 0.0
 
+    def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+        """Return the summaries of samples with their quantities."""
+        return summaries(rows, tuple(self.quantity_units))
+
     def accumulator(self) -> ObjectiveAccumulator:
         """Return an accumulator without samples."""
-        return MeanAccumulator(_stored_objective)
+        return self._means() if self.of_means else MeanAccumulator(_stored_objective)
 
     def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
         """Return the stored value of each sample."""
@@ -77,5 +215,22 @@ class MeanOfFunction(Objective):
         return stored
 
     def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
-        """Return the stored value of each sample."""
-        return np.array([outcome.objective for outcome in outcomes])
+        """Return the stored values, or the objective plus the influence of each sample."""
+        if not self.of_means:
+            return np.array([outcome.objective for outcome in outcomes])
+        accumulator = self._means()
+        for outcome in outcomes:
+            accumulator.add(outcome)
+        return accumulator.influence_values(outcomes)
+
+    def _means(self) -> MeansAccumulator:
+        if self._function is None:
+            message = f"the objective needs {self.of_means}, Python code that is not run here"
+            raise FunctionNotAllowedError(f"{message}; it runs only with --allow-code")
+        return MeansAccumulator(ObjectiveOfMeans(list(self.quantity_units), self._function))
+
+
+def _is_call(text: str) -> bool:
+    """Return whether a text has the form `module:function`."""
+    words = text.split(":")
+    return len(words) == 2 and all(word.isidentifier() and not iskeyword(word) for word in words)

@@ -1,0 +1,112 @@
+"""Means over samples of the quantities that an objective's function returns, of each string."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.analysis.estimates import objective_of
+from agglom_mpi.formatting import value_with_error
+from agglom_mpi.outcome import COMPLETED, quantity_columns
+from agglom_mpi.search.proposals import AGAIN
+from agglom_mpi.statistics import MeanEstimate, mean_of
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+MEASURED: Final = "as searched", "re-estimate"
+"""What the samples of two means are: those that decisions were made from, and fresh ones."""
+
+
+def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEstimate, ...]]:
+    """Return the mean of each quantity over the samples used of a string, and the fresh ones.
+
+    Failed samples are left out. The dictionary is empty where there are no quantities.
+    """
+    names = list(data.quantities)
+    if not names:
+        return {}
+    rows = data.sample_rows(string)
+    fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
+    used = np.concatenate([*_used_samples(data, string)])
+    return {name: (mean_of(used[name]), mean_of(fresh[name])) for name in names}
+
+
+def _used_samples(data: "CampaignData", string: int) -> Iterator[NDArray[np.void]]:
+    """Yield the completed samples that a result rests on; of a parent again, the earlier ones, too.
+
+    See `search.proposals.AGAIN`.
+    """
+    strings = data.string_rows()
+    while True:
+        rows = data.sample_rows(string)
+        used = rows["sample"] < data.samples_used.get(string, 0)
+        yield rows[used & (rows["state"] == COMPLETED)]
+        [row] = strings[strings["string"] == string]
+        if row["origin"] != AGAIN:
+            return
+        string = int(row["parents"][0])
+
+
+def as_entries(data: "CampaignData", string: int) -> dict[str, Any]:
+    """Return the `quantities` of a string by name, for JSON: means, standard errors and units."""
+    return {
+        name: {
+            "mean": used.value,
+            "standard_error": used.error,
+            "estimate": fresh.value,
+            "estimate_standard_error": fresh.error,
+            "unit": data.quantities[name],
+        }
+        for name, (used, fresh) in quantity_means(data, string).items()
+    }
+
+
+def quantity_table(
+    data: "CampaignData", strings: Iterable[int], fresh: bool
+) -> dict[str, tuple[NDArray[np.float64], str]]:
+    """Return columns of means and standard errors for n strings: values, (n,), and unit, by name.
+
+    Parameters
+    ----------
+    data
+    strings
+    fresh
+        Whether the means are over fresh samples, and not over those that results rest on.
+    """
+    found = [quantity_means(data, string) for string in strings] if data.quantities else []
+    table: dict[str, tuple[NDArray[np.float64], str]] = {}
+    for name, unit in data.quantities.items():
+        means = [each[name][int(fresh)] for each in found]
+        own = quantity_columns(name)[2 * fresh :]
+        table[own[0]] = np.array([mean.value for mean in means], np.float64), unit
+        table[own[1]] = np.array([mean.error for mean in means], np.float64), unit
+    return table
+
+
+def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str]]:
+    """Return rows of texts, a label and a mean ± error for each string, of all quantities.
+
+    Means over fresh samples follow where there are any.
+    """
+    found, rows = [quantity_means(data, string) for string in strings], []
+    for name, unit in data.quantities.items():
+        for i, measured in enumerate(MEASURED):
+            means = [each[name][i] for each in found]
+            if any(mean.samples for mean in means):
+                cells = [value_with_error(m.value, m.error) if m.samples else "" for m in means]
+                label = name if unit == "1" else f"{name} {unit}"
+                rows.append([f"{label}, {measured}", *cells])
+    return rows
+
+
+def left_out(data: "CampaignData") -> list[str]:
+    """Return a line on what a report leaves out because it does not run a user's code."""
+    objective = objective_of(data)
+    if not objective.needs_code:
+        return []
+    return [
+        "objectives are as searched, by the samples that strings were chosen by; what needs "
+        f"{objective.code_of_means} is left out, as re-estimates: it runs with --allow-code only"
+    ]

@@ -1,0 +1,142 @@
+"""The objective as a function of the means of quantities: value, slopes, standard error.
+
+The delta method needs the derivatives of the function at the means. The function is the user's, so
+they are differences over steps that are small beside the standard errors of the means, and beside
+the means. At a kink, as that of |mean - 2|, the derivatives are those beside it, as elsewhere in
+this package: an error of 0 there would end an ensemble by luck.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.statistics import RunningMeans
+
+OfMeans: TypeAlias = Callable[[Mapping[str, float]], float]
+"""Function of the means by name that returns the objective; it may raise any exception."""
+
+Floats: TypeAlias = NDArray[np.float64]
+
+STEP_IN_ERRORS: Final = 1e-4
+"""Step of a difference relative to the standard error of a mean."""
+MIN_RELATIVE_STEP: Final = 1e-6
+"""Minimum step relative to the mean itself: rounding then changes a slope by about 1e-10."""
+KINK_SHARE: Final = 0.75
+"""Of one-sided differences with opposite signs, that over half a step relative to that over the
+step, above which the function has a kink; it is 0.5 where the function is smooth."""
+KINK_STEPS: Final = 4.0
+"""Steps away from a kink at which its slopes are taken."""
+
+
+class ObjectiveOfMeans:
+    """An objective that a function makes of the means of named quantities.
+
+    Parameters
+    ----------
+    names
+        Names of the quantities, in the order of their values.
+    function
+        Returns the objective of the means.
+    """
+
+    def __init__(self, names: Sequence[str], function: OfMeans) -> None:
+        self.names = tuple(names)
+        self._function = function
+
+    def value(self, means: Floats) -> float:
+        """Return the objective of means, (k,); inf where the function raises or is not finite."""
+        try:
+            return self._function(dict(zip(self.names, means.tolist(), strict=True)))
+        except Exception:  # a user's function may raise any
+            return math.inf
+
+    def gradient(self, means: Floats, errors: Floats) -> Floats:
+        """Return the derivatives of the objective by the means, shape (k,).
+
+        Parameters
+        ----------
+        means
+            The means, (k,).
+        errors
+            Their standard errors, (k,). A derivative by a mean without an error is 0: that mean
+            adds nothing to the error of the objective.
+        """
+        steps = np.where(
+            errors > 0.0, np.maximum(STEP_IN_ERRORS * errors, MIN_RELATIVE_STEP * abs(means)), 0.0
+        )
+        sides = self._one_sided(means, steps)
+        if (kinks := self._kinks(means, steps, sides)).any():
+            changes = np.where(kinks, np.nanmax(abs(sides), axis=0), 0.0) * steps
+            away = int(np.argmax(changes))
+            means = means.copy()
+            means[away] += KINK_STEPS * steps[away]
+            sides = self._one_sided(means, steps)
+        upper, lower = sides
+        return np.where(
+            np.isnan(upper), lower, np.where(np.isnan(lower), upper, sides.mean(axis=0))
+        )
+
+    def _one_sided(self, means: Floats, steps: Floats) -> Floats:
+        """Return slopes to above and to below each mean, (2, k); nan where one is not finite."""
+        centre, slopes = self.value(means), np.zeros((2, len(means)))
+        for i in np.flatnonzero(steps).tolist():
+            for side, sign in enumerate((1.0, -1.0)):
+                moved = means.copy()
+                moved[i] += sign * steps[i]
+                change, step = self.value(moved) - centre, moved[i] - means[i]
+                slopes[side, i] = change / step if math.isfinite(change) and step else math.nan
+        return slopes
+
+    def _kinks(self, means: Floats, steps: Floats, sides: Floats) -> NDArray[np.bool_]:
+        """Return by which means the function has a kink, shape (k,)."""
+        turns = sides[0] * sides[1] < 0.0
+        if not turns.any():
+            return turns
+        closer = self._one_sided(means, np.where(turns, 0.5 * steps, 0.0))
+        return turns & (abs(closer) > KINK_SHARE * abs(sides)).all(axis=0)
+
+
+class MeansAccumulator:
+    """Means of the quantities of the samples so far, and the objective that they make.
+
+    Parameters
+    ----------
+    objective
+        Function of the means.
+    """
+
+    def __init__(self, objective: ObjectiveOfMeans) -> None:
+        self._objective = objective
+        self._means = RunningMeans(len(objective.names))
+
+    def add(self, outcome: SampleSummary) -> None:
+        """Take one more completed sample."""
+        self._means.add(outcome.quantities)
+        self.__dict__.pop("value", None)
+
+    @cached_property
+    def value(self) -> float:
+        """The objective of the means; inf where the function raises or is not finite."""
+        return self._objective.value(self._means.means) if self._means.count else math.nan
+
+    @property
+    def standard_error(self) -> float:
+        """By the delta method, from the covariance of the samples; 0 where the objective is inf."""
+        if self._means.count < 2:
+            return math.nan
+        return 0.0 if math.isinf(self.value) else self._means.standard_error(self._slopes())
+
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
+        """Return the objective plus the first-order influence of each sample, (n,)."""
+        if math.isinf(self.value):
+            return np.full(len(outcomes), self.value)
+        away = np.array([outcome.quantities for outcome in outcomes]) - self._means.means
+        return np.asarray(self.value + away @ self._slopes())
+
+    def _slopes(self) -> Floats:
+        return self._objective.gradient(self._means.means, self._means.standard_errors)
