@@ -27,7 +27,7 @@ def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[st
     for key, law, is_used in scene.laws():
         if is_used:
             name = f"{key}: {law.name}" if law.name else key
-            used.append(f"{name:<32}{law.summary}{_settings(key, law, paths)}")
+            used.append(f"{name:<31} {law.summary}{_settings(key, law, paths)}")
         else:
             left_out.append(key)
     return used, left_out

@@ -1,4 +1,4 @@
-"""The page on adding a submodel, followed word for word in a copy of the package."""
+"""The page on adding a law, followed in a copy of the package; beside a campaign: test_own_laws."""
 
 import os
 import re
@@ -41,14 +41,17 @@ print(outcome.collisions, outcome.merges, bool(outcome.record["momentum_error"] 
 
 
 def follow(package):
-    """Add the law of the page to a copy of the package."""
+    """Add the law of the page, with a field for its name, to a copy of the package."""
     text = (package / "physics" / "README.md").read_text()
-    (law,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    (law,) = re.findall(r"```python\n.*?(class .*?)```", text, re.S)
+    [field] = re.findall(r"`(law: Literal.*?)`", text)
+    law, count = re.subn(r"\n    speed: ", f"\n    {field}\n    speed: ", law)
+    assert count == 1
     path = package / "physics" / "restitution.py"
     path.write_text(f"{path.read_text()}\n\n{law}")
 
 
-def test_the_page_on_adding_a_submodel_works_word_for_word(tmp_path):
+def test_the_page_on_adding_a_law_to_the_package_works(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "agglom_mpi", ignore=shutil.ignore_patterns("__pycache__"))
     follow(tmp_path / "agglom_mpi")
     variables = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
