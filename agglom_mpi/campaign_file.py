@@ -53,7 +53,8 @@ class CampaignFile(metaclass=PublicFace):
 
     def _snapshot(self) -> CampaignData:
         """Return the rows as they are now; the file of a running campaign grows on."""
-        return CampaignData(self.path, self._opened.attributes)
+        opened = self._opened
+        return CampaignData(self.path, opened.attributes, allow_code=opened.allow_code)
 
     @property
     def path(self) -> Path:
@@ -444,13 +445,16 @@ class CampaignFile(metaclass=PublicFace):
         return FIGURES[name].plot(self._snapshot(), target, FigureOptions(string))
 
 
-def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
+def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignFile:
     """Open a campaign file for reading, also while a campaign is running.
 
     Parameters
     ----------
     path
         The HDF5 file.
+    allow_code
+        Whether components of one's own, whose code the file has, may be executed. Without them
+        the file has no estimates by an objective of one's own, and simulates nothing by a law.
 
     Returns
     -------
@@ -473,4 +477,4 @@ def open_campaign(path: str | os.PathLike[str]) -> CampaignFile:
     >>> len(file.best(3))
     3
     """
-    return CampaignFile(read_campaign(path))
+    return CampaignFile(read_campaign(path, allow_code))

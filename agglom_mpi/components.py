@@ -62,7 +62,7 @@ _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     ),
     "search.criteria": ("Criterion", "Band", "NearMaximum", "band_text"),
     "search.methods.method": (
-        *("SearchMethod", "PopulationMethod", "RunningSearch", "SearchInputs", "NO_STRINGS"),
+        *("SearchMethod", "PopulationMethod", "RunningSearch", "SearchInputs"),
     ),
     "search.methods.baselines": ("BaselineSearch", "SobolStrings"),
     "search.proposals": (

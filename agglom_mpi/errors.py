@@ -29,6 +29,10 @@ class UserError(Exception):
     exit_code: ClassVar[int] = BAD_INPUT
 
 
+class CodeNotAllowedError(UserError):
+    """Something needs code of the user's, which may not run."""
+
+
 class MissingLibraryError(UserError, ImportError):
     """An optional library is not installed."""
 

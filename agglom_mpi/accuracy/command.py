@@ -151,7 +151,7 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
     if campaign is not None:
         campaign, parameters = closed(campaign, campaign.parameters(options.settings))
     scenes = {name: closed(scene, scene.parameters())[0] for name, scene in scenes.items()}
-    history = read_inversion(options.history) if options.history else None
+    history = read_inversion(options.history, options.allow_code) if options.history else None
     setups: dict[str, Setup] = {}
     if campaign is not None:
         setups |= _scene_setups(campaign, parameters, size, options.quick)

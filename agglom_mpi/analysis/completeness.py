@@ -65,7 +65,7 @@ def _check_fresh_samples(report: VerificationReport, counts: FinishedCounts) -> 
         ends = {string: int(present[string].max()) + 1 for string in wanted}
     else:
         wanted = order[:strings]
-        if ranks_itself(data.identity):  # those that its last population leaves out are not known
+        if ranks_itself(data):  # those that its last population leaves out are not known
             others = [string for string in present if string not in wanted]
             others.sort(key=lambda string: -len(present[string]))
             wanted += others[: strings - len(wanted)]
@@ -121,7 +121,7 @@ def _estimated_first(data: CampaignData) -> list[int]:
     """
     results = _decided(data)
     order = search_order(data, results)
-    if ranks_itself(data.identity):
+    if ranks_itself(data):
         generations = data.generation_rows()
         population = set(generations["population"][-1].tolist()) if len(generations) else set()
         order = [string for string in order if string in population]

@@ -54,7 +54,10 @@ def _columns(data: "CampaignData") -> list[DerivedColumn]:
     if not any(may_have_key(data, key) for key in DERIVING_KEYS):
         return []
     campaign = recorded_inversion(data)
-    return [] if campaign is None else columns_of(campaign, parameters_of(data.string_rows()))
+    if campaign is None:
+        return []
+    strings = parameters_of(data.string_rows())
+    return data.unless_code("derived quantities", lambda: columns_of(campaign, strings), [])
 
 
 def values_of(data: "CampaignData", strings: Sequence[int] | Floats, name: str) -> Floats:

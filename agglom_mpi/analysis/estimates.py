@@ -86,7 +86,7 @@ def estimates_of(data: "CampaignData") -> list[Estimate]:
 
     There are none where the objective needs code that is not run.
     """
-    if data.fresh_from == data.max_samples or objective_of(data).needs_code:
+    if data.fresh_from == data.max_samples:
         return []
     rows = data.fresh_samples
     timed_out = [string for string, _ in data.fresh_timed_out]
@@ -95,16 +95,21 @@ def estimates_of(data: "CampaignData") -> list[Estimate]:
     if not strings:
         return []
     rounding = rounding_of(data)
-    found = [
-        estimate(
-            results[string],
-            rows[rows["string"] == string],
-            timed_out.count(string),
-            objective_at(data, string),
-            rounding,
-        )
-        for string in strings
-    ]
+
+    def estimated() -> list[Estimate]:
+        own = {string: rows[rows["string"] == string] for string in strings}
+        return [
+            estimate(
+                results[string],
+                own[string],
+                timed_out.count(string),
+                objective_at(data, string),
+                rounding,
+            )
+            for string in strings
+        ]
+
+    found: list[Estimate] = data.unless_code("estimates on fresh samples", estimated, [])
     return sorted(found, key=lambda estimate: (estimate.objective, estimate.string))
 
 
@@ -151,7 +156,8 @@ def rounding_of(data: "CampaignData") -> float:
 def _rounding(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
-    return objective_of(data).rounding(data.result_rows()["objective"])
+    values = data.result_rows()["objective"]
+    return data.unless_code("rounding", lambda: objective_of(data).rounding(values), 0.0)
 
 
 def unconverged(data: "CampaignData") -> int:
@@ -189,5 +195,5 @@ def _objective(data: "CampaignData") -> "Objective":
         from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
         grains = recorded_campaign(data).scene.equivalent_grains
-    objective = Objective.of_entries(data.section("objective")).of_grains(grains)
+    objective = Objective.of_entries(data.section("objective"), data.reading).of_grains(grains)
     return objective.with_code(function_of_means(data.allowed, objective.code_of_means))

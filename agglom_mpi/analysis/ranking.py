@@ -1,6 +1,6 @@
 """The order of the best strings of a campaign file."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -68,12 +68,12 @@ def judged_string(data: "CampaignData", string: int | None) -> int | None:
     return string
 
 
-def ranks_itself(identity: Mapping[str, object]) -> bool:
+def ranks_itself(data: "CampaignData") -> bool:
     """Return whether a search ranks strings otherwise than by their own objectives.
 
     It does by a model of all samples, or where parents got more samples under other numbers.
     """
-    search = SearchMethod.recorded_in(identity)
+    search = SearchMethod.recorded_in(data.identity, data.reading)
     return search is not None and search.ranks_itself
 
 
@@ -90,7 +90,7 @@ def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:
         Rows of `/results` of the strings.
     """
     order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
-    if not ranks_itself(data.identity):
+    if not ranks_itself(data):
         return order
     generations, judged = data.generation_rows(), set(order)
     last = generations["population"][-1].tolist() if len(generations) else []

@@ -14,7 +14,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.errors import FAILURE, FINISHED, MissingLibraryError
+from agglom_mpi.errors import FAILURE, FINISHED, CodeNotAllowedError, MissingLibraryError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
@@ -55,8 +55,10 @@ class ReplayLog:
                     self.summaries[decision.generation] = decision
 
 
-def replay(report: VerificationReport) -> Replayed:
+def replay(report: VerificationReport) -> Replayed | None:
     """Repeat all decisions from the stored samples, as a resume does, and compare.
+
+    None if they were made by code of one's own that may not run.
 
     Faults, and absent rows that decisions rest on, are added to the report. Nothing is simulated.
 
@@ -67,13 +69,17 @@ def replay(report: VerificationReport) -> Replayed:
     """
     try:
         text, identity = str(report.data.attributes["campaign"]), report.data.identity
-        campaign = campaign_of_record(text, str(report.data.path), identity, report.data.allowed)
+        data = report.data
+        own, allowed = data.reading.own, data.allowed
+        campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         campaign.check_libraries()
         log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise
+    except CodeNotAllowedError:
+        return None
     except (
         CampaignError,
         ArithmeticError,
@@ -283,8 +289,10 @@ REMEDIES: Final = {
 """What a resume does about lost rows, by table; those of other tables stay lost."""
 
 
-def check_file(path: str) -> tuple[str, int]:
+def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     """Verify a campaign file, without writing to it; return the text to print and the exit code.
+
+    `allow_code` as for `CampaignHeader`.
 
     Raises
     ------
@@ -292,7 +300,7 @@ def check_file(path: str) -> tuple[str, int]:
         If it is none, or cannot be read.
     """
     try:
-        report = verify_rows(path)
+        report = verify_rows(path, allow_code)
     except DamagedCampaign as error:
         said = "no resume can read it: restore a copy, or start afresh with --output"
         return f"{error}\n  {said}", FAILURE
@@ -301,13 +309,17 @@ def check_file(path: str) -> tuple[str, int]:
     check_counts(report)
     digests = check_digests(report)
     left_out = _why_not_replayed(report)
-    replayed = left_out or replay(report)
+    replayed = left_out or replay(report) or OWN_DECISIONS
     lines = [*_verified(report, digests, replayed)]
     damage = [*report.losses, *report.faults]
     if damage:
         lines = [*damage, *_remedies(report), *lines]
     text = "\n  ".join([f"{path}: {'damaged' if damage else 'sound'}", *lines])
     return text, FAILURE if damage else FINISHED
+
+
+OWN_DECISIONS: Final = "decisions are made by code of one's own: --allow-code runs it"
+"""Why a search or a rule of one's own is not replayed."""
 
 
 def _why_not_replayed(report: VerificationReport) -> str:

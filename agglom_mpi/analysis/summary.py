@@ -136,7 +136,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     A narrow terminal shows fewer strings. There are `best` at most, or `listed_strings`.
     """
     summary = collect_summary(file, listed_strings(file) if best is None else best)
-    note = [SEARCH_ESTIMATES] if ranks_itself(file.identity) and summary.best else []
+    note = [SEARCH_ESTIMATES] if ranks_itself(file) and summary.best else []
     note += moment_notes(file)
     footer = _footer(summary, state_lines(file), note, left_out(file))
     if summary.no_result:

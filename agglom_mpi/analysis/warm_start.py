@@ -41,7 +41,9 @@ class WarmStart(NamedTuple):
     warnings: tuple[Problem, ...] = ()
 
 
-def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
+def warm_start(
+    campaign: Campaign, output: Path | None = None, allow_code: bool = False
+) -> WarmStart:
     """Return the strings that a campaign is given to begin with, in its box.
 
     Strings of an earlier campaign that are not in the box, break a constraint or repeat one that
@@ -53,6 +55,8 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
         The campaign. The name of the earlier file is relative to its own file.
     output
         Its own file. If it holds those strings already, the earlier file is not read.
+    allow_code
+        Whether code of one's own that the earlier file has may be executed.
 
     Raises
     ------
@@ -71,7 +75,8 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     line = parse(campaign.text, campaign.name).line(("search", "start"))
     path = Path(campaign.name).parent / earlier.file
     try:
-        strings, left_out = _chosen(campaign, earlier.strings, *_ranked_strings(campaign, path))
+        ranked = _ranked_strings(campaign, path, allow_code)
+        strings, left_out = _chosen(campaign, earlier.strings, *ranked)
         if begun is not None:
             _check_begun(begun, strings)
     except (NotACampaign, OSError, ValueError) as error:
@@ -85,7 +90,9 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     return WarmStart(strings, (warning,) if left_out else ())
 
 
-def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], Floats]:
+def _ranked_strings(
+    campaign: Campaign, path: Path, allow_code: bool
+) -> tuple[NDArray[np.int64], Floats]:
     """Return the judged strings of another campaign, ranked as in a report.
 
     Returns
@@ -94,8 +101,10 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
         Their numbers, shape (n,), and the campaign's variables of them, shape (n, k), nan
         where the other campaign lacks one.
     """
-    data = read_inversion(str(path))
+    data = read_inversion(str(path), allow_code)
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
+    if data.left_out:
+        raise ValueError(f"needs code of one's own for its {data.left_out[0]}: --allow-code")
     parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
     return order, campaign.variables.table.of_other(parameters, data.variables)
 

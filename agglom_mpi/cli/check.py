@@ -38,7 +38,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     if is_hdf5(file):
         from agglom_mpi.analysis.replay import check_file
 
-        text, code = check_file(file)
+        text, code = check_file(file, allow_code)
         sound = {"file": file, "sound": code == 0, "lines": text.splitlines()}
         say(json.dumps(sound, indent=2) if as_json else text)
         return code
@@ -55,7 +55,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
         size = file_bytes(sizes)
-    warnings = [*loaded.warnings(), *_of_start(loaded)]
+    warnings = [*loaded.warnings(), *_of_start(loaded, allow_code)]
     warn(warnings, strict, lambda line: say(line, error=True))
     tried = loaded.try_function() if allow_code else None
     if as_json:
@@ -82,7 +82,7 @@ def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]
         yield f"    {name} {value:.6g}" + ("" if units[name] == "1" else f" {units[name]}")
 
 
-def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
+def _of_start(campaign: "Campaign", allow_code: bool) -> tuple["Problem", ...]:
     """Return warnings about the earlier campaign that a search begins with, as a run reads it.
 
     Raises
@@ -94,4 +94,4 @@ def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
         return ()
     from agglom_mpi.analysis.warm_start import warm_start
 
-    return warm_start(campaign, Path(campaign.file_name)).warnings
+    return warm_start(campaign, Path(campaign.file_name), allow_code).warnings

@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from agglom_mpi.declaration.own_modules import own_error
 from agglom_mpi.display.streams import flush_streams, prepare_streams
 from agglom_mpi.errors import (
     BAD_INPUT,
@@ -27,6 +28,9 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import is_first_rank
 from agglom_mpi.runtime.stop_request import ignore_signals
 
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
 LEAST_ADDRESS_SPACE: Final = 1 << 29
 """Minimum address space of a simulation, bytes: with less, libraries abort or hang."""
 
@@ -34,6 +38,12 @@ LEAST_ADDRESS_SPACE: Final = 1 << 29
 def say(text: str, error: bool = False) -> None:
     """Print a text without control sequences, on standard error if asked for."""
     click.echo(printable(text), err=error)
+
+
+def mention_left_out(file: "CampaignData") -> None:
+    """Print what was left out of a file, as that needs code which may not run."""
+    for line in file.left_out_lines():
+        say(line, error=True)
 
 
 class _SaidOnStandardError(logging.Handler):
@@ -140,7 +150,8 @@ def run_connected(run: Callable[[Any], int]) -> int:
 def exit_with(command: Callable[..., int]) -> Callable[..., None]:
     """Return a function that ends the process with the exit code that `command` returns.
 
-    A UserError or an OSError becomes one message on standard error and its exit code.
+    A UserError or an OSError becomes one message on standard error and its exit code, and so does
+    what code of one's own raises.
     """
 
     @functools.wraps(command)
@@ -150,6 +161,11 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
         except (UserError, OSError) as error:
             say(error_text(error), error=True)
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
+        except Exception as error:
+            if not (text := own_error(error)):
+                raise
+            say(printable(text), error=True)
+            code = FAILURE
         sys.exit(code)
 
     return run
@@ -232,7 +248,7 @@ def read_assignments(
 ALLOW_CODE: Final = click.option(
     "--allow-code",
     is_flag=True,
-    help="Allow the Python function named by the campaign's objective to run.",
+    help="Allow Python code that the campaign names to run: a function, components of one's own.",
 )
 DATABASE: Final = click.option(
     "--database",

@@ -2,13 +2,14 @@
 
 import click
 
-from agglom_mpi.cli.common import examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, say
 
 
 @click.command(epilog=examples("agglom compile jobs/accretion_2003.yaml jobs/quickstart.yaml"))
 @click.argument("campaigns", nargs=-1, required=True, metavar="CAMPAIGN.yaml...")
+@ALLOW_CODE
 @exit_with
-def compile(campaigns: tuple[str, ...]) -> int:
+def compile(campaigns: tuple[str, ...], allow_code: bool) -> int:
     """Compile the kernels that CAMPAIGN.yaml needs, unless they are in the cache.
 
     So that a run or the start of a container does not wait for them. They serve on processors of
@@ -19,7 +20,7 @@ def compile(campaigns: tuple[str, ...]) -> int:
     from agglom_mpi.formatting import format_duration
     from agglom_mpi.simulation.compilation import compile_kernels
 
-    loaded = [check_campaign(path) for path in campaigns]
+    loaded = [check_campaign(path, allow_code) for path in campaigns]
     for path, campaign in zip(campaigns, loaded, strict=True):
         scene = campaign.at(campaign.parameters()).build()
         seconds = compile_kernels(scene, True, lambda line: say(line, error=True))

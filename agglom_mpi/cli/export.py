@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import PATH, examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
 
 
 @click.command(
@@ -42,6 +42,7 @@ from agglom_mpi.cli.common import PATH, examples, exit_with, say
     type=click.IntRange(1, 10**5),
     help="Resimulate the sample with this number of frames.  [default: those stored, or 101]",
 )
+@ALLOW_CODE
 @exit_with
 def export(
     file: str,
@@ -51,6 +52,7 @@ def export(
     string: int | None,
     samples: tuple[int, ...],
     frames: int | None,
+    allow_code: bool,
 ) -> int:
     """Export a campaign FILE.h5: give one or more of --compact, --csv and --paraview.
 
@@ -71,6 +73,6 @@ def export(
 
         selection = FrameSelection(paraview, string, samples, frames)
     with blame_damage(file):
-        for line in export(Path(file), compact, csv, selection):
+        for line in export(Path(file), compact, csv, selection, allow_code):
             say(line)
     return 0

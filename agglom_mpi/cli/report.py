@@ -5,7 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglom_mpi.cli.common import JSON, PATH, checked_by, examples, exit_with, say
+from agglom_mpi.cli.common import (
+    ALLOW_CODE,
+    JSON,
+    PATH,
+    checked_by,
+    examples,
+    exit_with,
+    mention_left_out,
+    say,
+)
 from agglom_mpi.config.arguments import read_amount, read_number
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
@@ -76,6 +85,7 @@ if TYPE_CHECKING:
     metavar="OUT.csv",
     help="With --feasible-set: write the probability of a grid of points.",
 )
+@ALLOW_CODE
 @JSON
 @click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
 @exit_with
@@ -90,6 +100,7 @@ def report(
     error: str | None,
     draws: Path | None,
     grid: Path | None,
+    allow_code: bool,
     as_json: bool,
     follow: bool,
 ) -> int:
@@ -118,10 +129,10 @@ def report(
     _check_names(draws, grid, out)
     from agglom_mpi.storage.reader import read_inversion
 
-    code = _follow(read_inversion(files[0])) if follow else FINISHED
+    code = _follow(read_inversion(files[0], allow_code)) if follow else FINISHED
     if code == INTERRUPTED:
         return code
-    opened = [read_inversion(file) for file in files]
+    opened = [read_inversion(file, allow_code) for file in files]
     for file in opened:
         file.settle()
     from agglom_mpi.analysis.damage import blame_damage
@@ -140,6 +151,8 @@ def report(
             _show(text, as_json)
             if not several:
                 _warn(opened[0])
+    for file in opened:
+        mention_left_out(file)
     return max(code, *map(_mention_damage, opened))
 
 

@@ -1,16 +1,58 @@
 """Building the inversion of a campaign: search method, ensembles and stopping."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.declaration.users_code import users_code
+from agglom_mpi.search.decisions import Decision, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.methods.method import SearchInputs
 from agglom_mpi.search.proposals import Proposals
+
+
+class OwnInversion(Inversion):
+    """An inversion that components of one's own decide in, which let out exceptions alone.
+
+    Parameters
+    ----------
+    names
+        Names of the components.
+    arguments, named
+        As for `Inversion`.
+    """
+
+    def __init__(self, names: Sequence[str], *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._names = ", ".join(names)
+
+    def start(self) -> Iterator[Decision]:
+        """Propose the first generation."""
+        with users_code(self._names):
+            return iter(list(super().start()))
+
+    def propose_ahead(self, generations: int) -> StringsProposed | None:
+        """Propose strings of a coming generation."""
+        with users_code(self._names):
+            return super().propose_ahead(generations)
+
+    def complete(self, string: int, first: int, samples: NDArray[np.void]) -> Iterator[Decision]:
+        """Take consecutive samples of a string."""
+        with users_code(self._names):
+            return iter(list(super().complete(string, first, samples)))
+
+    def ranked(self) -> list[int]:
+        """Return the strings that the search ranks, the best first."""
+        with users_code(self._names):
+            return super().ranked()
+
 
 Restore = Callable[[Proposals, int], Proposals]
 """Function of proposals and the number of their first string that returns stored ones."""
@@ -53,8 +95,13 @@ def inversion_of(
         """Return the signed mean whose magnitude is a string's objective."""
         return objective.signed(result.objective, result.mean_radius_ratio)
 
-    return Inversion(
-        campaign.search.build(inputs),
+    sections = (campaign.search, campaign.objective, ensemble)
+    own = [section.name for section in sections if section.own is not None]
+    kind = partial(OwnInversion, own) if own else Inversion
+    with users_code(campaign.search.name) if own else nullcontext():
+        search = campaign.search.build(inputs)
+    return kind(
+        search,
         lambda string: Ensemble(ensemble, campaign.objective_at(string), particles),
         campaign.stopping.ending,
         restore=restore,

@@ -16,7 +16,7 @@ from agglom_mpi.config.user_function import (
     recorded_function,
 )
 from agglom_mpi.config.yaml_source import read_text
-from agglom_mpi.declaration.reading import Reading
+from agglom_mpi.declaration.reading import NO_OWN, OwnComponents, Reading
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
@@ -73,11 +73,16 @@ def _campaign(name: str, allow_code: bool) -> Campaign:
 
 
 def campaign_of_record(
-    text: str, name: str, identity: Mapping[str, Any], allowed: UserFunction | None = None
+    text: str,
+    name: str,
+    identity: Mapping[str, Any],
+    own: OwnComponents = NO_OWN,
+    allowed: UserFunction | None = None,
 ) -> Campaign:
     """Return a stored campaign; what its text names other files for is in its identity.
 
-    A user's function can be called only if it is given as `allowed`.
+    `own` finds components of one's own. A user's function can be called only if it is given as
+    `allowed`.
 
     Raises
     ------
@@ -85,7 +90,7 @@ def campaign_of_record(
         If the text is damaged.
     """
     function, sizes = recorded_function(identity), recorded_sizes(identity)
-    return Campaign.from_text(text, name, allowed or function, sizes, Reading(recorded=True))
+    return Campaign.from_text(text, name, allowed or function, sizes, Reading(True, own))
 
 
 def _with_function(

@@ -1,13 +1,26 @@
-"""Components of one's own: their modules, read beside the campaign that names them."""
+"""Components of one's own: their modules, read beside the campaign or as its file records them."""
 
+import base64
+import json
+from collections.abc import Iterator, Mapping
 from keyword import iskeyword
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from agglom_mpi.config.user_function import read_source
-from agglom_mpi.declaration.own_modules import OwnModule, class_in
-from agglom_mpi.declaration.reading import OWN_NAME, OwnComponents
+from agglom_mpi.declaration.components import Component
+from agglom_mpi.declaration.own_modules import OwnModule, class_in, executed
+from agglom_mpi.declaration.reading import (
+    OWN_COMPONENTS,
+    OWN_MODULES,
+    OWN_NAME,
+    OwnComponents,
+)
+from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign_sections import CampaignSections
 
 ONLY_ALLOWED: Final = (
     "Python code, which runs only with your permission: --allow-code, or "
@@ -39,15 +52,157 @@ class BesideCampaign(OwnComponents):
         self._folder = folder
         self._allow_code = allow_code
         self._modules: dict[str, OwnModule] = {}
+        self._failed: dict[str, str] = {}  # by file, the name that its error is reported at
 
-    def find(self, name: str) -> type[Any]:
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
         """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
         file, own_class = read_own_name(name)
         if not self._allow_code:
             raise ValueError(f"is {quoted(name)}, {ONLY_ALLOWED}")
-        if file not in self._modules:
-            self._modules[file] = OwnModule.of(file, read_source(self._folder / file, name))
+        if self._failed.get(file, name) != name:
+            raise ValueError(f"is {quoted(name)}; see {self._failed[file]} on {file}")
+        try:
+            if file not in self._modules:
+                self._modules[file] = OwnModule.of(file, read_source(self._folder / file, name))
+            executed(self._modules[file])
+        except ValueError as error:
+            self._failed[file] = name
+            raise ValueError(_but(name, error)) from error.__cause__
         try:
             return class_in(self._modules[file], own_class)
         except ValueError as error:
-            raise ValueError(f"is {quoted(name)}, but {error}") from error.__cause__
+            raise ValueError(_but(name, error)) from error.__cause__
+
+
+def _but(name: str, error: ValueError) -> str:
+    """Return an error about a module as one about the name that a campaign has of it."""
+    start, text = f"is {quoted(name)}", str(error)
+    return text if text.startswith(start) else f"{start}, but {text}"
+
+
+def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
+    """Return what the file of a campaign records of code of one's own; empty without any.
+
+    That is what is known of components, and the modules of these and of a function of means: what
+    rests on that is not stored, as what a function of samples returned is.
+    """
+    found = {component.name: component for component in _own_of(campaign)}
+    modules = {each.own.file: each.own for each in found.values() if each.own is not None}
+    function = campaign.user_function
+    if campaign.objective.code_of_means and function is not None and function.source is not None:
+        modules.setdefault(function.file, OwnModule.of(function.file, function.source))
+    if not modules:
+        return {}
+    sources = [
+        {"file": own.file, "sha256": own.sha256, **_as_text(own.source)} for own in modules.values()
+    ]
+    records = {name: record_of(component) for name, component in found.items()}
+    described = {OWN_COMPONENTS: json.dumps(records)} if records else {}
+    return {OWN_MODULES: json.dumps(sources), **described}
+
+
+def _own_of(campaign: "CampaignSections") -> Iterator[Component]:
+    """Yield the components of one's own that a campaign names."""
+    sections = [campaign.objective, *(campaign.plan or ())]
+    sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
+    for section in sections:
+        if isinstance(section, Component) and section.own is not None:
+            yield section
+
+
+def _as_text(source: bytes) -> dict[str, str]:
+    """Return a source as text, or where it is not in UTF-8 by base64."""
+    try:
+        return {"source": source.decode()}
+    except UnicodeDecodeError:
+        return {"base64": base64.b64encode(source).decode()}
+
+
+def recorded_module(texts: Mapping[str, Any], file: str) -> OwnModule | None:
+    """Return a module that the attributes of a file record, by its file name; None without it."""
+    for each in _parsed(texts.get(OWN_MODULES, "[]")):
+        if each["file"] == file:
+            source = each["source"].encode() if "source" in each else b""
+            return OwnModule.of(file, source or base64.b64decode(each["base64"]))
+    return None
+
+
+def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes | None:
+    """Return the recorded source of a module if it has this digest; otherwise None."""
+    own = recorded_module(texts, file)
+    return own.source if own is not None and own.sha256 == sha256 else None
+
+
+class RecordedModules(OwnComponents):
+    """Classes of the modules that a file records, which may be executed.
+
+    Parameters
+    ----------
+    texts
+        Attributes of the file.
+    identity
+        Identity of its campaign, which has the digests of the modules.
+    """
+
+    def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
+        self._texts = texts
+        self._digests = {v for k, v in identity.items() if k.endswith(".source_sha256")}
+
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
+        """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
+        file, own_class = read_own_name(name)
+        own = recorded_module(self._texts, file)
+        if own is not None and own.sha256 in self._digests:
+            return class_in(own, own_class)
+        raise ValueError(f"is {quoted(name)}, of which the file has no source with the same digest")
+
+
+class RecordedComponents(OwnComponents):
+    """Stand-ins for the components of one's own that a file records; no code is executed.
+
+    Parameters
+    ----------
+    texts
+        Attributes of the file.
+    """
+
+    def __init__(self, texts: Mapping[str, Any]) -> None:
+        self._texts = texts
+        self._made: dict[str, type[Component]] = {}
+
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
+        """Return the stand-in for the class `FILE.py:Class`; see `OwnComponents.find`."""
+        if name not in self._made:
+            records = _parsed(self._texts.get(OWN_COMPONENTS, "{}"))
+            if name not in records:
+                raise ValueError(f"is {quoted(name)}, which the file does not describe")
+            try:
+                self._made[name] = stand_in(kind, name, records[name])
+            except (LookupError, TypeError, AttributeError) as error:
+                message = f"is {quoted(name)}, whose description in the file is damaged"
+                raise ValueError(message) from error
+        return self._made[name]
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (RecursionError, ValueError):
+        raise ValueError("the file's description of own components is damaged") from None
+
+
+def recorded_components(
+    texts: Mapping[str, Any], identity: Mapping[str, Any], allow_code: bool
+) -> OwnComponents:
+    """Return what finds the own components of a recorded campaign.
+
+    Parameters
+    ----------
+    texts
+        Attributes of its file.
+    identity
+        Its identity.
+    allow_code
+        Whether the modules in the file may be executed.
+    """
+    return RecordedModules(texts, identity) if allow_code else RecordedComponents(texts)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from agglom_mpi.declaration.laws import Law, Values
 from agglom_mpi.declaration.reading import Reading, reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
 from agglom_mpi.physics.cooling import Cooling, NoCooling
 from agglom_mpi.physics.fragmentation import Fragmentation, NoFragmentation
@@ -209,11 +210,17 @@ class SceneSection(Section):
         ValueError
             If the scene cannot be simulated, with the reason.
         """
+        value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
+        laws = (getattr(self, key) for key in MAY_BE_OWN)
+        own = [law.name for law in laws if law is not None and law.own is not None]
+        with users_code(", ".join(own)) if own else nullcontext():
+            return self._scene(value, engine or self.engine)
+
+    def _scene(self, value: Values, engine: Engine) -> "Scene":
+        """Return the scene of a string by the values of its variables."""
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.scene import Scene
 
-        value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
-        engine = engine or self.engine
         unused = self.heating.is_absent and math.isnan(value["temperature"])
         return Scene(
             escape=self.escape.build(value),
@@ -312,3 +319,12 @@ class SceneSection(Section):
                     problems.append(((key,), message))
         raise_field_errors(problems)
         return self
+
+
+MAY_BE_OWN: Final = tuple(
+    key
+    for key, field in SceneSection.model_fields.items()
+    for each in field.metadata
+    if isinstance(each, Choice) and each.kind.may_be_own
+)
+"""Fields of the laws that a scene may have from a module of one's own."""

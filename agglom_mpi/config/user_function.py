@@ -158,11 +158,17 @@ class FunctionOfMeans:
 
     function: UserFunction
 
-    def __call__(self, means: Mapping[str, float]) -> float:
-        """Return its value, a finite float; it raises as `evaluate` does."""
+    def __call__(self, means: Mapping[str, Any]) -> Any:
+        """Return its value, a finite float; it raises as `evaluate` does.
+
+        Of arrays it returns what the function does.
+        """
         call = self.function.call
         with users_code(call):
-            return _as_number(call, load_function(self.function)(dict(means)))
+            value = load_function(self.function)(dict(means))
+            if any(isinstance(mean, np.ndarray) for mean in means.values()):
+                return np.asarray(value, np.float64)
+            return _as_number(call, value)
 
 
 def function_of_means(function: UserFunction | None, call: str) -> FunctionOfMeans | None:
@@ -213,14 +219,14 @@ def evaluate_quantities(
         return {name: _as_number(call, found[name], f" as {name}") for name in wanted}
 
 
-def objective_alone(of_means: Callable[[Mapping[str, float]], float], sample: Any) -> float:
+def objective_alone(of_means: FunctionOfMeans, sample: Mapping[str, float]) -> float:
     """Return the objective of the quantities of one sample; nan where that has none.
 
     A logarithm or a ratio of means may not exist of a single sample. Other exceptions are faults
     of the function, and are passed on.
     """
     try:
-        return of_means(sample)
+        return float(of_means(sample))
     except (ArithmeticError, ValueError):
         return math.nan
 

@@ -27,10 +27,11 @@ from typing import (
 from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
-from agglom_mpi.declaration.own_modules import OwnModule, own_module
+from agglom_mpi.declaration.own_modules import OwnModule, own_error, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
 from agglom_mpi.declaration.units import check_si, quoted, to_si
-from agglom_mpi.errors import UserError
+from agglom_mpi.declaration.users_code import users_code
+from agglom_mpi.errors import CodeNotAllowedError, UserError, named_error
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, ValidationInfo
@@ -141,6 +142,8 @@ class Component(Declared):
         Fields that a file does not give: they are read from elsewhere.
     own
         Module of a class of one's own, which is named `FILE.py:Class`; None for the package's.
+    refused_of_stand_ins
+        Methods that need the code of a class of one's own, whatever they are inherited from.
     """
 
     named_by: ClassVar[str] = "law"
@@ -149,6 +152,7 @@ class Component(Declared):
     may_be_own: ClassVar[bool] = True
     not_in_files: ClassVar[tuple[str, ...]] = ()
     own: ClassVar[OwnModule | None] = None
+    refused_of_stand_ins: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Give a class of one's own its name, and refuse one of the package that is not complete.
@@ -225,6 +229,18 @@ class Component(Declared):
         """Return the names by which a file can call this class; none of a base class."""
         return names_of(cls)
 
+    def record(self) -> dict[str, Any]:
+        """Return what a file records of a component of one's own, beside its answers.
+
+        Plain values for JSON, of which `restored` makes attributes again.
+        """
+        return {}
+
+    @classmethod
+    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the attributes of a stand-in for a recorded component of one's own, by name."""
+        return {name: _as_tuples(value) for name, value in record["answers"].items()}
+
     @classmethod
     def as_mapping(cls, entry: Any) -> Any:
         """Return the entry of a file for this kind as a mapping: `foo` is `{law: foo}`.
@@ -265,6 +281,11 @@ class Component(Declared):
                 yield Setting(name, getattr(self, name), unit_of(field), given)
 
 
+def _as_tuples(value: Any) -> Any:
+    """Return a value of JSON with tuples in place of lists."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+
+
 @cache
 def _import_modules(package: str) -> None:
     """Import the modules of a package, so that the components that they declare are known."""
@@ -300,7 +321,7 @@ def class_named(kind: type[C], name: Any, reading: Reading = PLAIN) -> type[C]:
 def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
     """Return a class of one's own, `FILE.py:Class`, of a kind."""
     try:
-        found = reading.own.find(name)
+        found = reading.own.find(name, kind)
     except ValueError as error:
         raise UnknownComponentError(str(error)) from error
     if not issubclass(found, kind):
@@ -312,6 +333,26 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
         except TypeError as error:
             raise UnknownComponentError(f"is {quoted(name)}, but {error}") from None
     return found
+
+
+def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
+    """Return a component of one's own of an entry of a file."""
+    name = next(iter(own.names()), own.__name__)
+    try:
+        with users_code(name):
+            made = own.checked(entry, reading)
+            summary = made.summary
+    except CodeNotAllowedError:  # of a stand-in without a summary
+        return made
+    except Exception as error:
+        if isinstance(error, ValueError) and not own_error(error):
+            raise
+        raise ValueError(
+            f"is {quoted(name)}, but {own_error(error) or named_error(error)}"
+        ) from error
+    if not isinstance(summary, str):
+        raise ValueError(f"is {quoted(name)}, whose summary is {summary!r}; must be a text")
+    return made
 
 
 def names_of(component: type[Declared]) -> tuple[str, ...]:
@@ -409,7 +450,7 @@ class Choice(NamedTuple):
         own = self.own_class(entry, reading)
         if own is None:
             return validate(entry)
-        return own.checked(self._as_mapping(entry), reading)
+        return _made_own(own, self._as_mapping(entry), reading)
 
     def _as_mapping(self, entry: Any) -> Any:
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:

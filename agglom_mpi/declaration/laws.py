@@ -57,6 +57,7 @@ class Law(Component):
     needs: ClassVar[tuple[str, ...]] = ()
     groups: ClassVar[tuple[Group, ...]] = ()
     is_absent: ClassVar[bool] = False
+    refused_of_stand_ins = ("build",)
     Numbers: ClassVar[Any]
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -93,6 +94,14 @@ class Law(Component):
         return self.Numbers(
             *(value[name] if name in self.variables else getattr(self, name) for name in fields)
         )
+
+    @classmethod
+    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the attributes of a stand-in."""
+        found = super().restored(record)
+        if "groups" in found:
+            found["groups"] = tuple(Group(*group) for group in found["groups"])
+        return found
 
     def is_frame_dependent(self) -> bool:
         """Return whether its results depend on the frame of reference.

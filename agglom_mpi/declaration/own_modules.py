@@ -88,6 +88,19 @@ def line_in(file: str, error: BaseException) -> str:
     return f"{file}:{lines[-1]}" if lines else file
 
 
+def own_error(error: BaseException) -> str:
+    """Return an error that code of one's own has raised as one line; empty of all others."""
+    if isinstance(error, EndedError):
+        return str(error)
+    place, traceback = "", error.__traceback__
+    while traceback is not None:
+        frame = traceback.tb_frame
+        if str(frame.f_globals.get("__name__")).startswith(OWN_PREFIX):
+            place = f"{frame.f_code.co_filename}:{traceback.tb_lineno}"
+        traceback = traceback.tb_next
+    return f"{place}: {named_error(error)}" if place else ""
+
+
 def class_in(own: OwnModule, name: str) -> type[Any]:
     """Return a class that a module defines itself.
 

@@ -19,6 +19,11 @@ OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
 
 
+OWN_MODULES: Final = "own_modules"
+OWN_COMPONENTS: Final = "own_components"
+"""Names of the two texts, JSON, that a file records of components of one's own."""
+
+
 def names_own(name: object) -> TypeGuard[str]:
     """Return whether a name is meant for a component of one's own: it holds the end of a file."""
     return isinstance(name, str) and ".py" in name
@@ -27,8 +32,8 @@ def names_own(name: object) -> TypeGuard[str]:
 class OwnComponents:
     """Finds the classes of a campaign's own components; this one finds none."""
 
-    def find(self, name: str) -> type[Any]:
-        """Return the class `FILE.py:Class`.
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
+        """Return the class `FILE.py:Class`, which should be one of a kind.
 
         Raises
         ------
@@ -38,6 +43,10 @@ class OwnComponents:
         raise ValueError(
             f"is {quoted(name)}, which is read beside a campaign file; this text has none"
         )
+
+
+NO_OWN: Final = OwnComponents()
+"""Finds none."""
 
 
 class Reading(NamedTuple):
@@ -55,7 +64,7 @@ class Reading(NamedTuple):
     """
 
     recorded: bool = False
-    own: OwnComponents = OwnComponents()
+    own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
 
 

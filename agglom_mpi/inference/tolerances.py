@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from agglom_mpi.config.arguments import read_amount, read_fraction, shown
+from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.search.objectives.objective import Objective
 
@@ -18,7 +19,8 @@ def recorded_objective(data: "CampaignData") -> Objective:
     UnknownComponentError
         If its name is unknown.
     """
-    return Objective.of_entries(data.section("objective"))
+    objective = Objective.of_entries(data.section("objective"), data.reading)
+    return objective.with_code(function_of_means(data.allowed, objective.code_of_means))
 
 
 def read_tolerance(objective: Objective, tolerance: float | str) -> float:

@@ -30,6 +30,7 @@ def export(
     compact: Path | None,
     directory: Path | None,
     selection: "FrameSelection | None" = None,
+    allow_code: bool = False,
 ) -> Iterator[str]:
     """Write a campaign file in other forms, and yield a line on each file that is written.
 
@@ -43,6 +44,8 @@ def export(
         Directory of the tables, which is made; None: do not write them.
     selection
         Samples to write for ParaView; None: write none.
+    allow_code
+        Whether code of one's own that the file has may be executed.
 
     Raises
     ------
@@ -53,7 +56,8 @@ def export(
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
-    file = read_campaign(source) if selection is None else read_inversion(source)
+    read = read_campaign if selection is None else read_inversion
+    file = read(source, allow_code)
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
@@ -79,6 +83,7 @@ def export(
         yield from write_tables(file, directory)
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
+    yield from file.left_out_lines()
 
 
 def require_directory(path: Path) -> None:

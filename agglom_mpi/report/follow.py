@@ -75,7 +75,7 @@ class FileProgress:
     """
 
     def __init__(self, file: CampaignData) -> None:
-        self.data = CampaignData(file.path, file.attributes, SAMPLE_COLUMNS)
+        self.data = CampaignData(file.path, file.attributes, SAMPLE_COLUMNS, file.allow_code)
         self._campaign = recorded_campaign(file)
         self._shown = max(0, len(self.data.generation_rows()) - 1)
 
@@ -93,7 +93,7 @@ class FileProgress:
                 row["population"],
                 int(row["evaluations"]),
                 int(row["samples_used"]),
-                ranks_itself(self.data.identity),
+                ranks_itself(self.data),
             )
             for row in new
         ]
@@ -136,7 +136,7 @@ class FileProgress:
         row = self.data.generation_rows()[-1]
         names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
         best = Best(*(row[name].item() for name in names))
-        return best._replace(estimated=ranks_itself(self.data.identity))
+        return best._replace(estimated=ranks_itself(self.data))
 
     def _in_phase(self, progress: RunProgress, ours: np.ndarray, elapsed: float) -> RunProgress:
         """Return the progress of the search or, once it is over, of the stage after it."""

@@ -4,6 +4,7 @@ import base64
 import io
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -174,8 +175,9 @@ class PageBuilder:
         for figure in FIGURES.values():
             if figure.section != section or (figure.on_request and not self._sensitivity):
                 continue
+            draw = partial(figure.drawing, self._data, self._options)
             try:
-                drawing = figure.drawing(self._data, self._options)
+                drawing = self._data.unless_code(f"figure {figure.name}", draw, None)
             except FramesUnavailableError as error:
                 self._frames_unavailable = str(error)
                 continue

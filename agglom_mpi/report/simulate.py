@@ -199,7 +199,7 @@ def _recorded_string(request: SimulationRequest) -> SelectedString:
     """Return the recorded string of a campaign file."""
     from agglom_mpi.storage.reader import read_inversion
 
-    file = read_inversion(request.source)
+    file = read_inversion(request.source, request.allow_code)
     campaign = recorded_campaign(file)
     if request.settings:
         message = "is for YAML files; a recorded string is as it is"

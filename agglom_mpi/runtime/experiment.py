@@ -7,7 +7,6 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
@@ -244,7 +243,7 @@ class InversionExperiment(Experiment):
         results = inversion.results.items()
         finite = sorted((r.objective, i) for i, r in results if np.isfinite(r.objective))
         order = [string for _, string in finite]
-        if not ranks_itself(self.campaign.identity()):
+        if not self.campaign.search.ranks_itself:
             return order
         usable = set(order)
         return [string for string in inversion.ranked() if string in usable]

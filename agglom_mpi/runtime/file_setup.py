@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_components import recorded_texts
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
@@ -89,10 +90,11 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             code_version=__version__,
             sources_sha256=sources_digest(),
             purpose=experiment.purpose,
+            own=recorded_texts(campaign),
         )
         create_campaign_file(path, record, sizes)
-        return read_campaign(path)
-    stored = read_campaign(path)
+        return read_campaign(path, allow_code=True)  # the campaign has leave already
+    stored = read_campaign(path, allow_code=True)
     check_same_campaign(path, stored.identity, experiment.identity())
     if stored.fresh_from != sizes.max_samples:  # or decisions would see other samples
         raise DamagedCampaign(f"{path}: a damaged campaign file (attribute fresh_from is altered)")
@@ -103,7 +105,7 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
     check_room(campaign, sizes, path.stat().st_size)
-    return read_campaign(path) if enlarge_campaign_file(path, sizes) else stored
+    return read_campaign(path, True) if enlarge_campaign_file(path, sizes) else stored
 
 
 def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> list[str]:
@@ -147,10 +149,19 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
             f"{path}: belongs to another campaign; --output names another file. Different are:\n"
             + "\n".join(
                 f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
-                f"{_brief(wanted.get(key, 'absent'))} now"
+                f"{_brief(wanted.get(key, 'absent'))} now{_edited(key, wanted)}"
                 for key in different
             )
         )
+
+
+def _edited(key: str, wanted: dict[str, Any]) -> str:
+    """Return a remark on the module of one's own whose digest is different, if it is one."""
+    section, _, name = key.rpartition(".")
+    keys = (f"{section}.{named_by}" for named_by in ("law", "method", "rule", "call"))
+    names = [str(wanted[each]) for each in keys if name == "source_sha256" and each in wanted]
+    file = next((each.partition(":")[0] for each in names if ":" in each), "")
+    return f": {file.removesuffix('.py')}.py was edited" if file else ""
 
 
 def _brief(value: object) -> str:

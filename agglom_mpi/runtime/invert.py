@@ -41,9 +41,8 @@ def invert(options: InvertOptions, world: "Intracomm | None") -> int:
     def finish(request: RunRequest) -> None:
         if options.quiet:
             return
-        campaign = request.experiment.campaign
-        file, final = read_campaign(request.path), campaign.final
-        file.allow(campaign.user_function)
+        final = request.experiment.campaign.final
+        file = read_campaign(request.path, options.allow_code)
         display.table(summary_table(file, final.strings if final else None))
         for line in run_warnings(file):
             display.message(f"warning: {line}")
@@ -70,7 +69,7 @@ def read_request(
     campaign.check_libraries()
     warn(campaign.warnings(), options.strict, show)
     path = output_path(campaign, options.output, options.seed)
-    start = warm_start(campaign, path)
+    start = warm_start(campaign, path, options.allow_code)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)
     return RunRequest(experiment, path, options.accept_code_change, options.database)

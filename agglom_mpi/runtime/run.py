@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agglom_mpi.analysis.damage import blame_damage
+from agglom_mpi.declaration.own_modules import own_error
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import (
     BAD_INPUT,
@@ -185,6 +186,12 @@ def run_rank_zero(
                 end_job(world, code)
             broadcast_start(world, code)
             return code
+        except Exception as error:
+            if not (text := own_error(error)):
+                raise
+            display.error(printable(text))
+            broadcast_start(world, FAILURE)
+            return FAILURE
         try:
             for line in kept_as_it_was(request.path, file, experiment):
                 display.message(line)
@@ -224,7 +231,12 @@ def run_rank_zero(
         except BaseException as error:  # whoever reads the file must not take it for a running one
             with suppress(Exception):
                 writer.set_status(*ended_by(error))
-            raise
+            if not (text := own_error(error)):
+                raise
+            display.error(f"{printable(text)}; everything simulated so far is in {request.path}")
+            if world is not None:
+                end_job(world, FAILURE)
+            return FAILURE
     return conclude(end, request, display, finish)
 
 

@@ -50,6 +50,8 @@ class CampaignRecord(NamedTuple):
         Version of this package, and digest of the sources that decide results.
     purpose
         What the strings are for: `INVERSION` or `STUDY`.
+    own
+        Further attributes, on components of one's own; none without any.
     """
 
     text: str
@@ -62,6 +64,7 @@ class CampaignRecord(NamedTuple):
     code_version: str
     sources_sha256: str
     purpose: str = INVERSION
+    own: Mapping[str, str] = {}
 
 
 def create_campaign_file(
@@ -110,6 +113,7 @@ def create_campaign_file(
         "final_particles": int(sizes.final_particles),
         "frames": sizes.frames,
         **variable_attributes(sizes.variables),
+        **campaign.own,
     }
     if sizes.quantities:
         attributes["quantities"] = sizes.quantities

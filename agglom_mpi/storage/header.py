@@ -1,15 +1,22 @@
 """The attributes of a campaign file, which describe the campaign as a whole."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
+from agglom_mpi.declaration.reading import OWN_COMPONENTS, OWN_MODULES, Reading
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
 from agglom_mpi.storage.schema import fresh_from, quantities_of, variables_of
 from agglom_mpi.variables import VariableTable
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.user_function import UserFunction
+
+T = TypeVar("T")
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -19,8 +26,8 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", "quantities")
-"""Texts that some files lack."""
+_TEXTS_OPTIONAL: Final = ("purpose", "quantities", OWN_MODULES, OWN_COMPONENTS)
+"""Texts that older files lack, and those of campaigns without code of one's own."""
 
 
 def check_attributes(attributes: Mapping[str, Any]) -> None:
@@ -76,11 +83,20 @@ class CampaignHeader:
         The file.
     attributes
         As h5py reads them, numbers as those of Python.
+    allow_code
+        Whether the code of components of one's own, which the file has, may be executed.
+
+    Attributes
+    ----------
+    left_out
+        What was left out, as that needs code which may not be executed.
     """
 
-    def __init__(self, path: Path, attributes: dict[str, Any]) -> None:
+    def __init__(self, path: Path, attributes: dict[str, Any], allow_code: bool = False) -> None:
         self.path = path
         self.attributes = attributes
+        self.allow_code = allow_code
+        self.left_out: list[str] = []
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {str(self.path)!r}: {self.title}>"
@@ -111,6 +127,45 @@ class CampaignHeader:
                     inner = inner.setdefault(key, {})
                 inner[keys[-1]] = value
         return nested
+
+    @cached_property
+    def reading(self) -> Reading:
+        """How the campaign is read: as it was recorded, and with its own components."""
+        if OWN_COMPONENTS not in self.attributes:
+            return Reading(recorded=True)
+        # Imported here: the others are read without what reads modules.
+        from agglom_mpi.config.own_components import recorded_components
+
+        own = recorded_components(self.attributes, self.identity, self.allow_code)
+        return Reading(recorded=True, own=own)
+
+    @cached_property
+    def allowed(self) -> "UserFunction | None":
+        """The user's function of the campaign, where the file has its source and it may run."""
+        if not self.allow_code or OWN_MODULES not in self.attributes:
+            return None
+        from agglom_mpi.config.own_components import recorded_source
+        from agglom_mpi.config.user_function import recorded_function
+
+        function = recorded_function(self.identity)
+        if function is None:
+            return None
+        source = recorded_source(self.attributes, function.file, function.sha256)
+        return None if source is None else function._replace(source=source)
+
+    def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
+        """Return `compute()`; where that needs code that may not run, `what` is left out."""
+        try:
+            return compute()
+        except CodeNotAllowedError:
+            if what not in self.left_out:
+                self.left_out.append(what)
+            return otherwise
+
+    def left_out_lines(self) -> list[str]:
+        """Return a line on what was left out; none where nothing was."""
+        what = ", ".join(self.left_out)
+        return [f"{self.path}: left out without --allow-code: {what}"] if what else []
 
     @property
     def quantities(self) -> dict[str, str]:

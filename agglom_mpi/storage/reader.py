@@ -51,6 +51,8 @@ class CampaignData(CampaignHeader):
     sample_columns
         Columns of `/samples` to keep, in that order; all by default. They need `string` and
         `sample`.
+    allow_code
+        As for `CampaignHeader`.
 
     Attributes
     ----------
@@ -67,18 +69,23 @@ class CampaignData(CampaignHeader):
         path: Path,
         attributes: dict[str, Any],
         sample_columns: Sequence[str] | None = None,
+        allow_code: bool = False,
     ) -> None:
-        super().__init__(path, attributes)
+        super().__init__(path, attributes, allow_code)
         self._snapshot = TableSnapshot(path, sample_columns)
         self._derived: dict[Callable[..., Any], Any] = {}
         self.particles = StoredParticles(path, lambda: self.has_temperature)
 
     @classmethod
     def of_rows(
-        cls, path: Path, attributes: dict[str, Any], tables: Mapping[str, np.ndarray]
+        cls,
+        path: Path,
+        attributes: dict[str, Any],
+        tables: Mapping[str, np.ndarray],
+        allow_code: bool = False,
     ) -> Self:
         """Return data of rows that have been read already, by table."""
-        data = cls(path, attributes)
+        data = cls(path, attributes, allow_code=allow_code)
         data._snapshot.keep(tables)
         return data
 
@@ -229,8 +236,10 @@ class CampaignData(CampaignHeader):
         return self._snapshot.frame_count
 
 
-def read_campaign(path: str | os.PathLike[str]) -> CampaignData:
+def read_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignData:
     """Open a campaign file for reading; no rows are read yet.
+
+    With `allow_code`, the code of components of one's own that the file has may be executed.
 
     Raises
     ------
@@ -241,11 +250,13 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignData:
     """
     path = Path(path)
     with open_file(path) as file:
-        return CampaignData(path, read_attributes(file, path))
+        return CampaignData(path, read_attributes(file, path), allow_code=allow_code)
 
 
-def read_inversion(path: str | os.PathLike[str]) -> CampaignData:
+def read_inversion(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignData:
     """Open the file of a campaign that searched, for what only such a one has.
+
+    `allow_code` as for `read_campaign`.
 
     Raises
     ------
@@ -254,7 +265,7 @@ def read_inversion(path: str | os.PathLike[str]) -> CampaignData:
     OSError
         If it is missing or cannot be read.
     """
-    data = read_campaign(path)
+    data = read_campaign(path, allow_code)
     purpose = data.attributes.get("purpose", INVERSION)
     if purpose != INVERSION:
         raise NotACampaign(f"{path}: holds the samples of an {purpose}, not an inversion's")

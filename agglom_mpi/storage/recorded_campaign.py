@@ -21,5 +21,6 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 
 def _campaign(data: "CampaignData") -> Campaign:
-    text, name = data.campaign_text, str(data.path)
-    return loading.campaign_of_record(text, name, data.identity, data.allowed)
+    return loading.campaign_of_record(
+        data.campaign_text, str(data.path), data.identity, data.reading.own, data.allowed
+    )

@@ -103,7 +103,7 @@ class VerificationReport:
         It need not give the same bits on another machine, so what it gave cannot be compared.
         """
         try:
-            search = SearchMethod.recorded_in(self.data.identity)
+            search = SearchMethod.recorded_in(self.data.identity, self.data.reading)
             return search is not None and search.ranks_by_model
         except ValueError:  # it cannot be read, which others find
             return False
@@ -134,8 +134,10 @@ class VerificationReport:
         return {key[0] if isinstance(key, tuple) else key for key in lost}
 
 
-def verify_rows(path: str | os.PathLike[str]) -> VerificationReport:
+def verify_rows(path: str | os.PathLike[str], allow_code: bool = False) -> VerificationReport:
     """Read everything that is final, and find out which rows are damaged.
+
+    `allow_code` as for `CampaignHeader`.
 
     Raises
     ------
@@ -147,18 +149,18 @@ def verify_rows(path: str | os.PathLike[str]) -> VerificationReport:
     """
     path = Path(path)
     with open_file(path) as file, report_damage(path):
-        return _verify(file, path)
+        return _verify(file, path, allow_code)
 
 
-def _verify(file: h5py.File, path: Path) -> VerificationReport:
+def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport:
     attributes, status = read_attributes(file, path), Rows(file["status"], path).read_all()
     tables: dict[str, np.ndarray] = {"status": status}
-    report = VerificationReport(CampaignData.of_rows(path, attributes, tables))
+    report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
     for name in _READ:
         tables[name] = _valid_rows(file, Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
-    report.data = CampaignData.of_rows(path, attributes, tables)
+    report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
     check_particles(file, report)
     generations = Table(file, "generations", path)
     report.generations = set(generations.done.nonzero().tolist())

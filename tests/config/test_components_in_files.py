@@ -2,6 +2,7 @@
 
 import ast
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated
 
 import pytest
@@ -14,6 +15,7 @@ from agglom_mpi.compilation.kernels import _KERNEL_SOURCES
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.components import Choice, UnknownComponentError
+from agglom_mpi.declaration.reading import PLAIN
 from agglom_mpi.physics.sizes import reads_file
 from agglom_mpi.search.methods.genetic import Genetic
 from agglom_mpi.search.methods.method import SearchMethod
@@ -48,7 +50,8 @@ def test_a_name_that_is_no_text_reads_no_file(name):
 
 
 def test_a_search_of_a_later_version_ranks_by_objectives():
-    assert not ranks_itself({"search.method": "annealing"})
+    data = SimpleNamespace(identity={"search.method": "annealing"}, reading=PLAIN)
+    assert not ranks_itself(data)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import sys
 import pytest
 from own_components import RESTITUTION_LINE, SPEED, write_scene
 
-from agglom_mpi import load_campaign
+from agglom_mpi import components, load_campaign
 from agglom_mpi.config.loading import check_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.own_modules import OwnModule, class_in
@@ -172,6 +172,22 @@ def test_what_is_pickled_carries_the_module(tmp_path):
     assert module == type(law).__module__
     assert int(length) == len(SPEED.encode())
     assert copy.deepcopy(law) == law
+
+
+def test_an_error_of_a_module_is_reported_once(tmp_path):
+    edit = ("  heating: none", '  heating: none\n  friction: "sticking.py:Other"')
+    path = write_scene(tmp_path, f"{SPEED}\n1 / 0\n", edit)
+    with pytest.raises(CampaignError) as caught:
+        load_campaign(path, allow_code=True)
+    first, second = caught.value.problems
+    assert (first.line, second.line) == (RESTITUTION_LINE, RESTITUTION_LINE + 2)
+    assert "ZeroDivisionError" in first.message
+    assert "ZeroDivisionError" not in second.message
+    assert NAME in second.message
+
+
+def test_every_name_of_the_interface_can_be_imported():
+    assert [name for name in components.__all__ if getattr(components, name) is None] == []
 
 
 def test_a_module_is_executed_once_in_a_process(tmp_path):

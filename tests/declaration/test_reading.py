@@ -23,7 +23,7 @@ class Faster(Restitution):
 class Known(OwnComponents):
     """Finds one class."""
 
-    def find(self, name: str) -> type:
+    def find(self, name: str, kind: type) -> type:
         if name != "faster.py:Faster":
             raise ValueError(f"is {name!r}, which is not there")
         return Faster

@@ -2,10 +2,22 @@
 
 import ast
 import inspect
+import re
+from inspect import getmodule
 
 from campaign_runs import write_campaign
 
 from agglom_mpi import components
+from agglom_mpi.physics.contact import LengthDuration, MeanSpeedDuration
+from agglom_mpi.physics.friction import RestitutionScaledFriction
+from agglom_mpi.physics.hardness import ArrheniusHardness
+from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import PressureRestitution
+from agglom_mpi.physics.velocities import UniformX
+from agglom_mpi.search.methods.genetic import Genetic, GeneticSearch, Rescale
+from agglom_mpi.search.objectives.growth import GrowthTarget
+from agglom_mpi.search.stopping import StandardError, _t_95_of
 
 STANDARD = """\
 import math
@@ -79,16 +91,56 @@ def copies(*classes):
     used = {node.id for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Name)}
     names = sorted((used & set(components.__all__)) - {each.__name__ for each in classes})
     imported = f"from agglom_mpi.components import {', '.join(names)}\n" if names else ""
-    return f"{STANDARD}{imported}\n\n{body}"
+    values = {key: value for each in classes for key, value in vars(getmodule(each)).items()}
+    numbers = sorted(
+        name for name in used - set(names) if isinstance(values.get(name), int | float)
+    )
+    constants = "".join(f"{name} = {values[name]!r}\n" for name in numbers)
+    return f"{STANDARD}{imported}{constants}\n\n{body}"
 
 
-def write_copies(folder, name, module, classes, *edits, **numbers):
-    """Write a campaign of the tests of runs with lines replaced, and a module of copies."""
+ALL = {
+    "velocities": UniformX,
+    "duration": MeanSpeedDuration,
+    "hardness": ArrheniusHardness,
+    "friction": RestitutionScaledFriction,
+    "heating": PairSplit,
+    "reaction": ContactAreaReaction,
+    "restitution": PressureRestitution,
+    "objective": GrowthTarget,
+    "search": Genetic,
+    "ensemble": StandardError,
+}
+"""Classes that a campaign has copies of, by key."""
+DECIDING = ("objective", "search", "ensemble")
+"""Those that no kernel is compiled for."""
+NAMES_OF_ALL = tuple(f"mine.py:{each.__name__}" for each in ALL.values())
+GIVEN = (
+    ("velocities: uniform_x", "velocities: {law: uniform_x}"),
+    ("  hardness: arrhenius", "  hardness: {law: arrhenius}"),
+    ("  friction: restitution_scaled", "  friction: {law: restitution_scaled}"),
+    (
+        "  reaction: contact_area",
+        "  reaction: {law: contact_area}\n  heating: {law: pair_split}\n"
+        "  restitution: {law: pressure}",
+    ),
+    ("search: {population", "search: {method: genetic, population"),
+)
+"""Short forms of a campaign, and long ones."""
+
+
+def write_copies(folder, name, copied=tuple(ALL), **numbers):
+    """Write the campaign of the tests of runs, with some of `ALL` copied to `mine.py`."""
     path = write_campaign(folder / f"{name}.yaml", **numbers)
     text = path.read_text()
-    for old, new in edits:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
+    for short, long in GIVEN:
+        assert text.count(short) == 1, short
+        text = text.replace(short, long)
+    for each in map(ALL.get, copied):
+        old = f"{each.named_by}: {each.names()[0]}"
+        assert len(re.findall(rf"{old}\b", text)) == 1, old
+        text = re.sub(rf"{old}\b", f'{each.named_by}: "mine.py:{each.__name__}"', text)
     path.write_text(text)
-    (folder / module).write_text(copies(*classes))
+    text = copies(LengthDuration, Rescale, *ALL.values(), GeneticSearch, _t_95_of)
+    (folder / "mine.py").write_text(text)
     return path

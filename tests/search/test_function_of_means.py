@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from search_fakes import completed
 
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.search.objectives.function_of_means import MeansAccumulator, ObjectiveOfMeans
-from agglom_mpi.search.objectives.own_function import (
-    FunctionNotAllowedError,
-    MeanOfFunction,
-    Quantities,
-)
+from agglom_mpi.search.objectives.own_function import MeanOfFunction, Quantities
 
 NAMES = ("x", "y")
 
@@ -151,8 +148,45 @@ def test_without_its_code_an_objective_of_means_is_refused_in_one_line():
     bare = law(None)
     assert bare.needs_code
     for ask in (bare.accumulator, lambda: bare.influence_values([completed(1.5)])):
-        with pytest.raises(FunctionNotAllowedError) as caught:
+        with pytest.raises(CodeNotAllowedError) as caught:
             ask()
         assert "shape:value" in str(caught.value)
         assert "--allow-code" in str(caught.value)
     assert not MeanOfFunction(call="shape:worth").needs_code
+
+
+def by_cases(means):
+    """A function that takes no arrays."""
+    return math.log(means["x"]) if means["x"] > 1.0 else 1.0 - means["y"]
+
+
+def of_all(means):
+    """A function that takes arrays, and mixes their elements up."""
+    return means["x"] + 0.0 * means["y"] + np.max(means["x"]) - means["x"]
+
+
+@pytest.mark.parametrize(
+    "of_means", [lambda m: (m["x"] / 3.0 - 1.0) ** 2 + m["y"] / m["x"], by_cases, of_all, raising]
+)
+def test_objectives_of_many_means_are_those_of_single_ones(of_means):
+    means = np.random.default_rng(5).normal(1.0, 0.5, (200, 2))
+    means[7] = 0.0, 1.0  # a division by zero, in the first function
+    objective = ObjectiveOfMeans(NAMES, of_means)
+    alone = [objective.value(row) for row in means]
+    assert objective.values(means) == pytest.approx(alone, rel=1e-12)
+    assert objective.values(means[:3]) == pytest.approx(alone[:3], rel=1e-12)
+
+
+def test_members_of_a_feasible_set_have_an_objective_of_at_most_the_tolerance():
+    criterion = law(lambda m: abs(m["x"] - m["y"])).criterion(0.5)
+    rows = np.zeros(3, [("y", "f8"), ("x", "f8")])
+    rows["x"], rows["y"] = [1.0, 2.0, 3.0], [1.5, 2.6, -3.0]
+    numbers = criterion.numbers(rows, 100)
+    assert numbers.tolist() == [[1.0, 1.5], [2.0, 2.6], [3.0, -3.0]]
+    compared = criterion.compared(numbers.reshape(1, 3, 2))
+    assert compared.shape == (1, 3, 1)
+    assert criterion.holds(compared).tolist() == [[True, False, False]]
+    assert criterion.distance(compared)[0] == pytest.approx([0.0, 0.1, 5.5], abs=1e-12)
+    assert criterion.bands() == [(-math.inf, 0.5)]
+    with pytest.raises(CodeNotAllowedError):
+        law(None).criterion(0.5)

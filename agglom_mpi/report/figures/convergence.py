@@ -94,7 +94,7 @@ def convergence_history(data: CampaignData) -> ConvergenceHistory:
         objective_label=objective_label(data),
         fresh=fresh_estimate_of_best(data),
         least=objective_of(data).least,
-        source="as the search estimates" if ranks_itself(data.identity) else "as searched",
+        source="as the search estimates" if ranks_itself(data) else "as searched",
     )
 
 

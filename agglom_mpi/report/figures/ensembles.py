@@ -110,7 +110,7 @@ def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
 
 def own_rule(data: CampaignData) -> StoppingRule:
     """Return the stopping rule of a campaign's ensembles."""
-    return StoppingRule.of_entries(data.section("ensemble"))
+    return StoppingRule.of_entries(data.section("ensemble"), data.reading)
 
 
 def samples_until(

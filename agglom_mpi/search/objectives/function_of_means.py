@@ -9,16 +9,20 @@ this package: an error of 0 there would end an ensemble by luck.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.statistics import RunningMeans
 
-OfMeans: TypeAlias = Callable[[Mapping[str, float]], float]
-"""Function of the means by name that returns the objective; it may raise any exception."""
+OfMeans: TypeAlias = Callable[[Mapping[str, Any]], Any]
+"""Function of the means by name that returns the objective; it may raise any exception.
+
+Of arrays it may return an array.
+"""
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -26,6 +30,8 @@ STEP_IN_ERRORS: Final = 1e-4
 """Step of a difference relative to the standard error of a mean."""
 MIN_RELATIVE_STEP: Final = 1e-6
 """Minimum step relative to the mean itself: rounding then changes a slope by about 1e-10."""
+COMPARED_CALLS: Final = 16
+"""Single calls that what a function returns of arrays is compared with."""
 KINK_SHARE: Final = 0.75
 """Of one-sided differences with opposite signs, that over half a step relative to that over the
 step, above which the function has a kink; it is 0.5 where the function is smooth."""
@@ -51,9 +57,30 @@ class ObjectiveOfMeans:
     def value(self, means: Floats) -> float:
         """Return the objective of means, (k,); inf where the function raises or is not finite."""
         try:
-            return self._function(dict(zip(self.names, means.tolist(), strict=True)))
+            return float(self._function(dict(zip(self.names, means.tolist(), strict=True))))
         except Exception:  # a user's function may raise any
             return math.inf
+
+    def values(self, means: Floats) -> Floats:
+        """Return the objectives of means, (n, k), shape (n,).
+
+        Many functions take arrays as they take numbers, in a hundredth of the time. What one
+        returns of arrays counts only if it agrees with single calls at some of the means.
+        """
+        count = len(means)
+        if count > COMPARED_CALLS:
+            try:
+                with np.errstate(all="ignore"):
+                    columns = dict(zip(self.names, means.T, strict=True))
+                    found = np.asarray(self._function(columns), np.float64)
+            except Exception:  # a user's function may raise any
+                found = np.zeros(())
+            if found.shape == (count,):
+                found = np.where(np.isfinite(found), found, math.inf)
+                some = np.linspace(0, count - 1, COMPARED_CALLS).astype(np.int64)
+                if np.allclose(found[some], [self.value(means[i]) for i in some], rtol=1e-9):
+                    return found
+        return np.array([self.value(row) for row in means], np.float64)
 
     def gradient(self, means: Floats, errors: Floats) -> Floats:
         """Return the derivatives of the objective by the means, shape (k,).
@@ -99,6 +126,45 @@ class ObjectiveOfMeans:
             return turns
         closer = self._one_sided(means, np.where(turns, 0.5 * steps, 0.0))
         return turns & (abs(closer) > KINK_SHARE * abs(sides)).all(axis=0)
+
+
+class MeansBelow(Criterion):
+    """The objective of the means of quantities is at most a tolerance.
+
+    Parameters
+    ----------
+    objective
+        Function of the means.
+    tolerance
+        Largest objective of a member.
+    """
+
+    quantities = ("objective",)
+
+    def __init__(self, objective: ObjectiveOfMeans, tolerance: float) -> None:
+        self._objective, self._tolerance = objective, tolerance
+        self.text = f"objective of the means at most {tolerance:.4g}"
+
+    def bands(self) -> list[tuple[float, float]]:
+        """Return the bounds."""
+        return [(-math.inf, self._tolerance)]
+
+    def distance(self, compared: Floats) -> Floats:
+        """Return how far objectives are above the tolerance."""
+        return np.asarray(compared[..., 0] - self._tolerance)
+
+    def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:
+        """Return the quantities."""
+        return np.column_stack([rows[name] for name in self._objective.names]).astype(np.float64)
+
+    def compared(self, means: Floats) -> Floats:
+        """Return the objectives, (…, 1)."""
+        values = self._objective.values(means.reshape(-1, means.shape[-1]))
+        return values.reshape(*means.shape[:-1], 1)
+
+    def holds(self, compared: Floats) -> NDArray[np.bool_]:
+        """Return which objectives are at most the tolerance."""
+        return np.asarray(compared[..., 0] <= self._tolerance)
 
 
 class MeansAccumulator:

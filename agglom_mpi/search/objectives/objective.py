@@ -7,7 +7,7 @@ file, its accumulator over the samples of a string, and what the rest of the pro
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import ClassVar, NamedTuple, Protocol, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -121,7 +121,7 @@ class Objective(Component):
         """SI units of the quantities that the user's function returns of a sample, by name."""
         return {}
 
-    def with_code(self, of_means: Callable[[Mapping[str, float]], float] | None) -> Self:
+    def with_code(self, of_means: Callable[[Mapping[str, Any]], Any] | None) -> Self:
         """Return the objective with the function `code_of_means`; None: it is not run here."""
         return self
 

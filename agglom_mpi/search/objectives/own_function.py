@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from agglom_mpi.declaration.declared import LATER, FieldError, FieldPath, Meaning, Reads
 from agglom_mpi.declaration.units import KINDS, has_offset, in_base_units, quoted
-from agglom_mpi.errors import UserError
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Band, Criterion
 from agglom_mpi.search.objectives.function_of_means import (
     MeansAccumulator,
+    MeansBelow,
     ObjectiveOfMeans,
     OfMeans,
 )
@@ -22,10 +23,6 @@ from agglom_mpi.search.objectives.objective import MeanAccumulator, Objective, O
 
 MAX_QUANTITIES: Final = 30
 """Maximum number of quantities of a sample."""
-
-
-class FunctionNotAllowedError(UserError, ValueError):
-    """An objective was asked for that a user's function makes, which is not run here."""
 
 
 def _stored_objective(outcome: SampleSummary) -> float:
@@ -183,9 +180,9 @@ class MeanOfFunction(Objective):
         return -math.inf, math.inf
 
     def criterion(self, tolerance: float) -> Criterion:
-        """Return the criterion that the mean value is at most the tolerance."""
+        """Return the criterion that the mean value, or the objective, is at most the tolerance."""
         if self.of_means:
-            return super().criterion(tolerance)
+            return MeansBelow(self._of_means(), tolerance)
         text = f"mean value of the function at most {tolerance:.4g}"
         return Band("objective", -math.inf, tolerance, text)
 
@@ -224,10 +221,13 @@ class MeanOfFunction(Objective):
         return accumulator.influence_values(outcomes)
 
     def _means(self) -> MeansAccumulator:
+        return MeansAccumulator(self._of_means())
+
+    def _of_means(self) -> ObjectiveOfMeans:
         if self._function is None:
             message = f"the objective needs {self.of_means}, Python code that is not run here"
-            raise FunctionNotAllowedError(f"{message}; it runs only with --allow-code")
-        return MeansAccumulator(ObjectiveOfMeans(list(self.quantity_units), self._function))
+            raise CodeNotAllowedError(f"{message}; it runs only with --allow-code")
+        return ObjectiveOfMeans(list(self.quantity_units), self._function)
 
 
 def _is_call(text: str) -> bool:

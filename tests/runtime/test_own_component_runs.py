@@ -1,0 +1,202 @@
+"""Runs with components of one's own: copies of the package's decide as these do, to the bit."""
+
+import json
+
+import numpy as np
+import pytest
+from campaign_runs import (
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    invert,
+    state,
+)
+from click.testing import CliRunner
+from own_components import ALL, DECIDING, NAMES_OF_ALL, write_copies
+
+from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi.cli import main
+from agglom_mpi.storage.reader import read_campaign
+
+NUMBERS = {"generations": 2, "max_samples": 8, "population": 4, "parents": 2}
+FINAL = "{strings: 2, samples: 4}"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """Return a folder with files of a campaign and of its copy with components of its own."""
+    folder = tmp_path_factory.mktemp("own")
+    write_copies(folder, "own", final=FINAL, **NUMBERS)
+    finish(folder, "own.yaml", "--allow-code")
+    return folder
+
+
+@pytest.fixture
+def moved(own, tmp_path, monkeypatch):
+    """Return a folder with the file alone, and a function that runs `agglom` there."""
+    (tmp_path / "own.h5").write_bytes((own / "own.h5").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: CliRunner().invoke(main, [str(each) for each in arguments])
+
+
+def test_copies_of_components_decide_as_the_package_s_do_to_the_bit(own, tmp_path):
+    write_copies(tmp_path, "own", copied=(), final=FINAL, **NUMBERS)
+    finish(tmp_path, "own.yaml")
+    assert_same(own / "own.h5", decisions(tmp_path / "own.h5"))
+    assert_sound(own / "own.h5")
+
+
+def test_the_file_has_the_bytes_and_tells_of_each_component(own):
+    attributes = read_campaign(own / "own.h5").attributes
+    [module] = json.loads(attributes["own_modules"])
+    assert module["source"] == (own / "mine.py").read_text()
+    records = json.loads(attributes["own_components"])
+    assert sorted(records) == sorted(NAMES_OF_ALL)
+    assert records["mine.py:GrowthTarget"]["fields"]["ratio"]["unit"] == "1"
+    assert {each["sha256"] for each in records.values()} == {module["sha256"]}
+
+
+def test_a_campaign_without_own_components_has_no_such_attributes(tmp_path):
+    write_copies(tmp_path, "own", copied=(), **NUMBERS)
+    finish(tmp_path, "own.yaml")
+    assert not [name for name in read_campaign(tmp_path / "own.h5").attributes if "own" in name]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("report", "own.h5"),
+        ("report", "own.h5", "--json"),
+        ("report", "own.h5", "own.h5"),
+        ("report", "own.h5", "--sensitivity"),
+        ("export", "own.h5", "--csv", "tables"),
+        ("export", "own.h5", "--compact", "small.h5"),
+        ("check", "own.h5"),
+    ],
+)
+def test_what_needs_no_code_works_where_the_module_is_not(moved, arguments, monkeypatch):
+    monkeypatch.setattr("agglom_mpi.declaration.own_modules.executed", refuse)
+    done = moved(*arguments)
+    assert done.exit_code == 0, done.output
+    if arguments[0] != "check" and "--compact" not in arguments:
+        assert "own.h5: left out without --allow-code: estimates on fresh samples" in done.output
+
+
+def refuse(own):
+    """Stand for the execution of a module."""
+    raise AssertionError(f"{own.file} is executed")
+
+
+def test_a_check_verifies_rows_and_leaves_out_the_decisions(moved):
+    text = moved("check", "own.h5").stdout
+    assert text.startswith("own.h5: sound")
+    assert "digests: 2 of 2 generations verified" in text
+    assert "replay: left out; " in text
+    text = moved("check", "own.h5", "--allow-code").stdout
+    assert "replay: the samples lead again to 6 of 6 strings, 6 of 6 results and 2 of 2" in text
+
+
+@pytest.mark.parametrize("name", ["own_modules", "own_components"])
+def test_a_damaged_record_of_components_is_one_message(moved, name, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        file.attrs[name] = "{"
+    allowed = ["--allow-code"] if name == "own_modules" else []
+    done = moved("check", "own.h5", *allowed)
+    assert done.exit_code == 1
+    assert "damaged" in done.output
+    assert "Traceback" not in done.output
+
+
+def test_a_module_with_another_digest_is_not_executed(moved, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        text = file.attrs["own_modules"]
+        file.attrs["own_modules"] = text.replace("import math", "1 / 0 #", 1)
+    done = moved("check", "own.h5", "--allow-code")
+    assert done.exit_code == 1
+    assert "ZeroDivisionError" not in done.output
+    assert "no source with the same digest" in done.output
+
+
+def test_the_estimates_are_those_of_the_code_where_it_may_run(own, moved, tmp_path):
+    without = open_campaign(tmp_path / "own.h5").estimates
+    allowed = open_campaign(tmp_path / "own.h5", allow_code=True).estimates
+    assert (len(without), len(allowed)) == (0, 2)
+    assert moved("report", "own.h5", "--allow-code").exit_code == 0
+
+
+def test_a_recorded_sample_is_simulated_again_with_leave_alone(moved):
+    done = moved("simulate", "own.h5", "--string", 1, "--sample", 1)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "--allow-code" in done.stderr
+    done = moved("simulate", "own.h5", "--string", 1, "--sample", 1, "--allow-code")
+    assert done.exit_code == 0
+    assert "identical to the recorded sample" in done.stdout
+
+
+def test_a_resume_with_the_same_module_ends_as_one_run_does(own, tmp_path):
+    write_copies(tmp_path, "own", final=FINAL, **NUMBERS)
+    finish(tmp_path, "own.yaml", "--allow-code", "--generations", "1")
+    assert len(read_campaign(tmp_path / "own.h5").generation_rows()) == 1
+    finish(tmp_path, "own.yaml", "--allow-code")
+    assert_same(tmp_path / "own.h5", decisions(own / "own.h5"))
+
+
+def test_an_edited_module_is_refused_by_its_name(own, tmp_path):
+    write_copies(tmp_path, "own", final=FINAL, **NUMBERS)
+    (tmp_path / "own.h5").write_bytes((own / "own.h5").read_bytes())
+    (tmp_path / "mine.py").write_text((tmp_path / "mine.py").read_text() + "# edited\n")
+    before = (tmp_path / "own.h5").read_bytes()
+    done = invert(tmp_path, "own.yaml", "--allow-code")
+    assert done.returncode == 2
+    lines = [line for line in done.stderr.splitlines() if "source_sha256" in line]
+    assert len(lines) == len(NAMES_OF_ALL)
+    assert all("mine.py was edited" in line for line in lines)
+    assert (tmp_path / "own.h5").read_bytes() == before
+
+
+def test_without_leave_a_run_is_refused(tmp_path):
+    write_copies(tmp_path, "own", **NUMBERS)
+    done = invert(tmp_path, "own.yaml")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == len(NAMES_OF_ALL)
+    assert "own.yaml:" in done.stderr
+    assert not (tmp_path / "own.h5").exists()
+
+
+FAULTS = [
+    ("class Genetic(", "build", "1 / 0", "ZeroDivisionError"),
+    ("class StandardError(", "holds", "raise SystemExit(0)", "raised SystemExit"),
+    ("class StandardError(", "holds", "import os; os._exit(0)", "os._exit would end a rank"),
+    ("class GrowthTarget(", "deviation", "raise KeyError('x')", "KeyError"),
+]
+
+
+@pytest.mark.parametrize(("kind", "method", "fault", "said"), FAULTS)
+def test_a_component_that_fails_ends_the_run_in_one_line(tmp_path, kind, method, fault, said):
+    write_copies(tmp_path, "own", DECIDING, **NUMBERS)
+    source = (tmp_path / "mine.py").read_text()
+    at = source.index(f"    def {method}(", source.index(kind))
+    line = source.index('"""', source.index('"""', at) + 3) + 3
+    (tmp_path / "mine.py").write_text(f"{source[:line]}\n        {fault}{source[line:]}")
+    done = invert(tmp_path, "own.yaml", "--allow-code", alone="_exit" in fault)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert state(tmp_path / "own.h5")[0] == "failed"
+
+
+def test_the_public_interface_simulates_and_estimates(own):
+    campaign = load_campaign(own / "own.yaml", allow_code=True)
+    stored = read_campaign(own / "own.h5")
+    first = stored.parameters[0]
+    outcome = campaign.simulate(first, 0)
+    row = stored.sample_rows(0)[0]
+    assert outcome.mean_radius_ratio == row["mean_radius_ratio"]
+    assert outcome.objective == abs(outcome.mean_radius_ratio / 2.0 - 1.0)
+    assert np.isfinite(campaign.estimate(first, samples=3).mean_radius_ratio.value)
+    assert len(ALL) == len(NAMES_OF_ALL) >= 9
