@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.variables import volume_fraction
 
@@ -22,25 +23,36 @@ def check_ends(campaign: "CampaignSections") -> None:
     """
     if not campaign.variables.paths:
         return
-    problems: dict[str, str] = {}
+    problems: dict[FieldPath, str] = {}
     for name, string in _ends(campaign):
-        allowed = name not in problems and campaign.allowed_strings(string[None])[0]
+        path = ("variables", name)
+        allowed = path not in problems and campaign.allowed_strings(string[None])[0]
         if allowed and (message := _problem(campaign, string)):
             variable = campaign.variables.table[name]
-            value = string[campaign.variables.table.index(name)]
             unit = "" if variable.unit == "1" else f" {variable.unit}"
-            problems[name] = f"reaches {value:g}{unit}, where {message}"
-    source = parse(campaign.text, campaign.name)
+            value = string[campaign.variables.table.index(name)]
+            problems[path] = f"reaches {value:g}{unit}, where {message}"
+    if not problems:
+        problems = dict(_out_of_reach(campaign))
     if problems:
+        source = parse(campaign.text, campaign.name)
         raise CampaignError(
             *(
-                Problem(
-                    *(campaign.name, source.line(("variables", name))),
-                    *(f"variables.{name}", message),
-                )
-                for name, message in problems.items()
+                Problem(campaign.name, source.line(path), ".".join(map(str, path)), message)
+                for path, message in problems.items()
             )
         )
+
+
+def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:
+    """Yield the objective if it wants more growth than the grains of any string allow."""
+    wanted = campaign.objective.wanted_growth
+    if wanted is None or not campaign.scenes.sizes_differ:
+        return
+    (field, ratio), largest = wanted, campaign.most_grains ** (1.0 / 3.0)
+    if field and ratio > largest:
+        grains = f"{campaign.scene.particles} grains in one"
+        yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"
 
 
 def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.float64]]]:

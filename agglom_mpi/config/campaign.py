@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
-    *("at", "objective_at", "scenes", "used_values"),
+    *("at", "most_grains", "objective_at", "scenes", "used_values"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
     *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),

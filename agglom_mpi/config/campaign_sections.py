@@ -1,6 +1,7 @@
 """The sections of a campaign, typed and in SI units, and what follows from them alone."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -168,6 +169,17 @@ class CampaignSections:
     ) -> dict[str, npt.NDArray[np.float64]]:
         """Return the derived quantities of strings, (n, k), in SI units, each (n,), by name."""
         return self.relations.values(self.scenes, self.variables.table.columns_by_name(strings))
+
+    @property
+    def most_grains(self) -> float:
+        """Largest number of grains of the mean radius that have the volume of all in a sample."""
+        if not self.scenes.sizes_differ:
+            return self.scene.equivalent_grains
+        box, found = self.variables, [self.scene.equivalent_grains]
+        for string in (box.lower, box.upper):
+            with suppress(ValueError):  # no search proposes it
+                found.append(self.at(string).section.equivalent_grains)
+        return max(found)
 
     def used_values(self, string: npt.NDArray[np.float64]) -> dict[str, float]:
         """Return the variables of a string, (k,), that the scene uses, by name in SI units."""

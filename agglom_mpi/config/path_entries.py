@@ -16,6 +16,7 @@ from agglom_mpi.config.scene_paths import (
     ScenePath,
     find_path,
     given_at,
+    law_of_entry,
     with_number,
     with_numbers,
 )
@@ -106,6 +107,9 @@ def _known_paths(
     found, problems, refused = [], [], set()
     for key in keys:
         line, field = source.line((SECTION, key)), f"{SECTION}.{key}"
+        if not _has_law(key, scene, reading):  # which the scene's own errors say
+            refused.add(key)
+            continue
         try:
             path = find_path(key, scene, reading)
             if (where := given_at(scene, path)) is not None:
@@ -119,6 +123,17 @@ def _known_paths(
                 problems.append(Problem(source.name, line, field, str(error)))
                 refused.add(key)
     return found, problems, refused
+
+
+def _has_law(key: str, scene: Mapping[str, Any], reading: Reading) -> bool:
+    """Return whether the law that a path leads to is known."""
+    field = key.split(".")[0]
+    if field in SceneSection.model_fields:
+        try:
+            law_of_entry(scene, field, reading)
+        except ValueError:
+            return False
+    return True
 
 
 def _middle(entry: Range) -> float:

@@ -214,7 +214,7 @@ def measurement_of(
         field = "error"
         deviation = read_error(error, value, positive=is_radius)
         field = "measured"
-        largest = campaign.scene.equivalent_grains ** (1.0 / 3.0)
+        largest = campaign.most_grains ** (1.0 / 3.0)
         if is_radius and value - MAX_AWAY_OF_NEAREST * deviation > largest:
             raise ValueError(
                 f"is {shown(measured)}; {campaign.scene.particles} grains in one give "

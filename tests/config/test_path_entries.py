@@ -155,6 +155,27 @@ def test_sizes_that_jam_at_an_end_are_refused():
     assert found == [("variables.sizes.spread", "sizes.spread: [1.05, 1.5]")]
 
 
+@pytest.mark.parametrize(("ratio", "fits"), [(3.5, True), (4.0, False)])
+def test_a_target_is_in_reach_of_some_string(ratio, fits):
+    """N^⅓ is 3.1; with sizes it is (N ⟨b³⟩/⟨b⟩³)^⅓, of the widest 3.66."""
+    variables = COLD_VARIABLES | {"sizes.spread": "[1.05, 1.5]", "size_ratio": "0.5"}
+    text = text_of(COLD | {"sizes": "lognormal"}, variables)
+    text = text.replace("ratio: 1.5", f"ratio: {ratio}")
+    if fits:
+        assert Campaign.from_text(text).most_grains ** (1 / 3) == pytest.approx(3.6624, rel=1e-4)
+        return
+    with pytest.raises(CampaignError) as found:
+        Campaign.from_text(text)
+    assert [each.field for each in found.value.problems] == ["objective.ratio"]
+
+
+@pytest.mark.parametrize("law", ["bouncing", "{law: bouncing}", "own.py:Bouncing"])
+def test_a_law_that_is_unknown_is_the_only_mistake(law):
+    variables = COLD_VARIABLES | {"restitution.value": "[0.2, 0.8]"}
+    [(field, _)] = problems(COLD | {"restitution": law}, variables)
+    assert field.startswith("scene.restitution")
+
+
 def test_start_and_values_by_name_take_paths():
     variables = COLD_VARIABLES | {"restitution.value": "[0.2, 0.9]"}
     start = (
