@@ -100,6 +100,8 @@ class StudyPlan(NamedTuple):
     scenes: dict[str, Campaign]
     study: Study
     quick: bool
+    numbers: Mapping[str, float] = {}
+    """Numbers of the scene that the string gives, in SI units, by path."""
 
 
 class StudyDisplay(Display):
@@ -147,9 +149,12 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
         pool = max(size.pool, options.samples)
         size = size._replace(samples=options.samples, pool=pool, again=options.samples)
     campaign, scenes = _read_sources(options.sources, options.allow_code)
-    parameters = np.zeros(0)
+    parameters, numbers = np.zeros(0), dict[str, float]()
     if campaign is not None:
-        campaign, parameters = closed(campaign, campaign.parameters(options.settings))
+        string = campaign.parameters(options.settings)
+        values = campaign.used_values(string)
+        numbers = {path.name: values[path.name] for path in campaign.variables.paths}
+        campaign, parameters = closed(campaign, string)
     scenes = {name: closed(scene, scene.parameters())[0] for name, scene in scenes.items()}
     history = read_inversion(options.history, options.allow_code) if options.history else None
     setups: dict[str, Setup] = {}
@@ -162,7 +167,7 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
     setups |= extremes.setups(scenes, size.extreme)
     first = campaign or next(iter(scenes.values()))
     study = Study(first, setups, size.budget)
-    return StudyPlan(campaign, parameters, history, scenes, study, options.quick)
+    return StudyPlan(campaign, parameters, history, scenes, study, options.quick, numbers)
 
 
 def _scene_setups(
@@ -265,6 +270,8 @@ def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:
             for variable in TEN.variables
             if variable.name in plan.campaign.variables.used
         )
+        if plan.numbers:
+            yield ", ".join(f"{name} {value:.6g} (SI)" for name, value in plan.numbers.items())
     ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()
     time = format_duration(float(time_on_free_core(rows).sum()))
     yield (

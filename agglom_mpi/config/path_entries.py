@@ -112,12 +112,11 @@ def _known_paths(
             continue
         try:
             path = find_path(key, scene, reading)
+            found.append(path)
             if (where := given_at(scene, path)) is not None:
                 at = source.line(("scene", *where))
-                raise ValueError(
-                    f"is also given by the scene, line {at}; a number stands in one place"
-                )
-            found.append(path)
+                message = f"is also given by the scene, line {at}; a number stands in one place"
+                problems.append(Problem(source.name, line, field, message))
         except ValueError as error:
             if key.split(".")[0] in SceneSection.model_fields or "." in key:
                 problems.append(Problem(source.name, line, field, str(error)))

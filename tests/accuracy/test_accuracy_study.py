@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accuracy_rows import made_up
+from path_campaigns import COLD, COLD_VARIABLES, text_of
 from summary_rows import rows_of
 
 from agglom_mpi.accuracy.command import FULL, QUICK, AccuracyOptions, make_plan
@@ -26,6 +27,7 @@ from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.simulation.engines import FixedSteps
+from agglom_mpi.variables import TEN, volume_fraction
 
 JOB = "jobs/quickstart.yaml"
 
@@ -197,3 +199,23 @@ def test_samples_that_failed_on_either_side_have_no_pair():
 def test_a_long_reference_is_no_mismatch():
     difference = paired_difference(made_up([1.0, 1.0]), made_up([0.0] * 9), "mean_radius_ratio")
     assert difference.samples == 2
+
+
+def test_a_study_has_the_numbers_of_its_string_in_its_scene(tmp_path):
+    """Its set-ups are of the ten variables alone, whatever numbers campaigns search."""
+    scene = {**COLD, "restitution": "constant", "sizes": "lognormal"}
+    numbers = {"restitution.value": "[0.2, 0.8]", "sizes.spread": "[1.1, 1.3]"}
+    fraction = {"size_ratio": None, "volume_fraction": "[0.05, 0.2]"}
+    (tmp_path / "paths.yaml").write_text(text_of(scene, COLD_VARIABLES | numbers | fraction))
+    settings = {"restitution.value": 0.5, "volume_fraction": 0.1}
+    options = AccuracyOptions([str(tmp_path / "paths.yaml")], out=str(tmp_path), settings=settings)
+    plan = make_plan(options._replace(quick=True))
+    assert plan.numbers == pytest.approx({"restitution.value": 0.5, "sizes.spread": 1.2})
+    assert plan.parameters.shape == (TEN.count,)
+    assert plan.campaign.scene.restitution.value == 0.5
+    assert plan.campaign.scene.sizes.spread == pytest.approx(1.2)
+    assert plan.study.variables == TEN
+    fraction = volume_fraction(plan.parameters[1], plan.campaign.scene.third_moment)
+    assert fraction == pytest.approx(0.1)
+    assert all(setup.parameters.shape == (TEN.count,) for setup in plan.study.setups.values())
+    assert dict(next(iter(plan.study.setups.values())).identity())["scene.sizes"] is not None

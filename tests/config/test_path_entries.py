@@ -93,7 +93,8 @@ def test_all_mistakes_are_reported_at_once():
 
 def test_a_number_stands_in_one_place():
     variables = COLD_VARIABLES | {"restitution.value": "[0.2, 0.9]", "half_width": "[1 mm, 1 cm]"}
-    found = problems(COLD, variables)
+    more = "constraints: [restitution.value > 0.3]\n"
+    found = problems(COLD, variables, more)
     assert [field for field, _ in found] == ["variables.restitution.value", "variables.half_width"]
     text = text_of(COLD, variables).splitlines()
     for name in ("restitution", "half_width"):
