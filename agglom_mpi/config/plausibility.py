@@ -6,6 +6,7 @@ values were given.
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -94,11 +95,13 @@ def implausible(
         *_idle(idle),
         *_unusual(box.table, lower, upper),
         *_of_scenes(campaign, lower, upper),
-        *(_growth(campaign) if campaign.plan is not None else ()),
+        *(_growth(campaign, lower, upper) if campaign.plan is not None else ()),
     ]
     source = parse(campaign.text, campaign.name)
     found = []
-    for path, message in findings:
+    for place, message in findings:
+        name = ".".join(map(str, place[1:]))  # perhaps that of a number of the scene
+        path = ("variables", name) if name in box.table.further_names else place
         own = given is not None and path[-1] in given
         field = str(path[-1]) if own else ".".join(map(str, path))
         found.append(Problem(campaign.name, None if own else source.line(path), field, message))
@@ -113,25 +116,26 @@ def _idle(values: Mapping[str, Any]) -> Iterator[Finding]:
         yield ("variables", name), message
 
 
+def _scene_strings(
+    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
+) -> list[np.ndarray]:
+    """Return strings, (k,), whose scenes stand for those of all strings of a box.
+
+    Where numbers of the scene are searched these are the middle and both ends.
+    """
+    one = not campaign.scenes.paths or np.array_equal(lower, upper, equal_nan=True)
+    return [lower] if one else [0.5 * (lower + upper), lower, upper]
+
+
 def _of_scenes(
     campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
 ) -> Iterator[Finding]:
-    """Yield what is unlikely in the scene.
-
-    Where its numbers are searched, only what is unlikely with their lower ends, with their upper
-    ends and in the middle.
-    """
-    middle = 0.5 * (lower + upper) if campaign.scenes.paths else lower
-    found = []
-    for string in (
-        dict.fromkeys(map(tuple, (middle, lower, upper))) if campaign.scenes.paths else ()
-    ):
-        found.append(dict(_of_scene(campaign, np.array(string), lower, upper)))
-    if not found:
-        yield from _of_scene(campaign, lower, lower, upper)
-        return
-    for path, message in found[0].items():
-        if all(path in other for other in found):
+    """Yield what is unlikely in the scene of every string."""
+    strings = _scene_strings(campaign, lower, upper)
+    first, *others = [list(_of_scene(campaign, string, lower, upper)) for string in strings]
+    everywhere = [{path for path, _ in other} for other in others]
+    for path, message in first:
+        if all(path in paths for paths in everywhere):
             yield path, message
 
 
@@ -139,16 +143,16 @@ def _of_scene(
     campaign: "CampaignSections", string: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> Iterator[Finding]:
     """Yield what is unlikely in the scene of a string, with the other variables in their ranges."""
+    scenes = campaign.scenes
     try:
-        scene, values = campaign.at(string)
+        scene, values = scenes.at(string)
     except ValueError:  # reported where the box is checked
         return
-    numbers = {name: values[name] for name in campaign.variables.table.further_names}
-    ends = [
-        campaign.scenes.of_values(TEN.values_by_name(end[: TEN.count]) | numbers).values
+    numbers = {name: values[name] for name in scenes.table.further_names}
+    low, high = (
+        scenes.of_values(TEN.values_by_name(end[: TEN.count]) | numbers).values
         for end in (lower, upper)
-    ]
-    low, high = ends
+    )
     yield from _softening(scene, low, high)
     yield from _speeds(scene, high)
     yield from _bonding(scene, low, high)
@@ -282,16 +286,25 @@ def _expected(scene: "SceneSection", low: Value, high: Value) -> list[float]:
     return counts
 
 
-def _growth(campaign: "CampaignSections") -> Iterator[Finding]:
+def _growth(
+    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
+) -> Iterator[Finding]:
     """Yield the objective if it wants growth of a scene in which nothing can bond."""
-    growth, restitution = campaign.objective.wanted_growth, campaign.scene.restitution
-    if growth is None or restitution.never_bonds is None:
+    growth = campaign.objective.wanted_growth
+    strings = _scene_strings(campaign, lower, upper)
+    reasons = set()
+    for string in strings:
+        with suppress(ValueError):  # reported where the box is checked
+            reasons.add(campaign.at(string).section.restitution.never_bonds)
+    if growth is None or None in reasons or not reasons:
         return
+    alike = f"a {campaign.scene.restitution.name} restitution"
+    reason = reasons.pop() if len(reasons) == 1 else alike
     field, wanted = growth
     if wanted > 1.0:
         grains = pluralise(campaign.scene.particles, "grain")
         message = (
-            f"wants a mean b/b0 of {wanted:.4g}, but with {restitution.never_bonds} no "
+            f"wants a mean b/b0 of {wanted:.4g}, but with {reason} no "
             f"grains bond, and b/b0 stays 1; within reach with bonding are 1 to N^(1/3) of {grains}"
         )
         yield ("objective", *field), message

@@ -22,8 +22,8 @@ from agglom_mpi.storage.schema import (
     STATUS,
     VARIABLE_TABLE,
     table_schemas,
-    variables_of,
 )
+from agglom_mpi.storage.stored_variables import variables_of
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -25,9 +25,9 @@ from agglom_mpi.storage.schema import (
     TableSchema,
     fresh_from,
     table_schemas,
-    variable_attributes,
     variables_schema,
 )
+from agglom_mpi.storage.stored_variables import variable_attributes
 from agglom_mpi.storage.table import Table
 from agglom_mpi.variables import VariableTable
 

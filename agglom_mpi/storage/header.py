@@ -10,7 +10,8 @@ from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.declaration.reading import OWN_COMPONENTS, OWN_MODULES, Reading
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
-from agglom_mpi.storage.schema import fresh_from, quantities_of, variables_of
+from agglom_mpi.storage.schema import fresh_from, quantities_of
+from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import VariableTable
 
 if TYPE_CHECKING:

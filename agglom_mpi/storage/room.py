@@ -14,9 +14,8 @@ from agglom_mpi.storage.schema import (
     TableSchema,
     quantities_text,
     table_schemas,
-    variable_attributes,
-    variables_of,
 )
+from agglom_mpi.storage.stored_variables import variable_attributes, variables_of
 from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:

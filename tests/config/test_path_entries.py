@@ -261,3 +261,32 @@ def test_groups_and_coordinates_know_the_size_of_the_grains():
     assert coordinates_of(sized).of_strings(strings).shape[1] == 3 + len(
         coordinates_of(sized).groups
     )
+
+
+def warned(scene: dict, variables: dict) -> list[str]:
+    """Return the fields that a campaign is warned of."""
+    return [each.field for each in campaign_of(scene, variables).warnings()]
+
+
+def test_what_is_unlikely_is_warned_of_where_all_ends_of_a_number_are_so():
+    """Grains bond from √(6 H β/ρ) on, β the length ratio: 1.5 m/s where it is 1e-3."""
+    slow = HOT_VARIABLES | {"relative_speed": "[0.1, 1]"}
+    hard = warned(HOT, slow | {"duration.length_ratio": "[0.1, 1]"})
+    assert "variables.duration.length_ratio" in hard
+    soft = warned(HOT, slow | {"duration.length_ratio": "[1e-5, 1]"})
+    assert "variables.duration.length_ratio" not in soft
+    own = HOT | {"duration": "{law: compression_recovery, length_ratio: 1}"}
+    assert "scene.duration.length_ratio" in warned(own, slow)
+
+
+def test_a_target_without_bonding_is_warned_of_unless_some_string_bonds():
+    never = warned(FREE, COLD_VARIABLES | {"restitution.value": "[0.2, 0.9]"})
+    assert "objective.ratio" in never
+    some = warned(FREE, COLD_VARIABLES | {"restitution.value": "[0, 0.9]"})
+    assert "objective.ratio" not in some
+
+
+def test_a_size_that_no_grains_have_is_warned_of_at_its_variable():
+    scene = FREE | {"half_width": None}
+    large = COLD_VARIABLES | {"restitution.value": "0.5", "grain_diameter": "[20 cm, 30 cm]"}
+    assert "variables.grain_diameter" in warned(scene, large)

@@ -11,7 +11,8 @@ from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.room import TableSizes, file_bytes
-from agglom_mpi.storage.schema import FURTHER_VARIABLES, parameters_of, variables_of
+from agglom_mpi.storage.schema import parameters_of
+from agglom_mpi.storage.stored_variables import FURTHER_VARIABLES, variables_of
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, Variable, VariableTable
 
