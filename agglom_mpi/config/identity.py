@@ -5,8 +5,6 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from agglom_mpi.config.alternatives import SIZES
-
 if TYPE_CHECKING:
     from agglom_mpi.config.bounds import Bounds
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -48,6 +46,11 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
 
 def _given_as_variables(variables: "Bounds") -> Iterator[str]:
     """Yield the entries of a scene that stand under `variables`, and so in its entries."""
+    if not variables.paths:
+        return
+    # Imported here: a file is read without what reads campaigns.
+    from agglom_mpi.config.alternatives import SIZES
+
     for path in variables.paths:
         yield path.name
         if path.section in SIZES:  # each of which is recorded as the diameter or the half-width

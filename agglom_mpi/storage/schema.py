@@ -3,6 +3,7 @@
 Columns of a sample's outcome are declared in `outcome`, those of the variables in `variables`.
 """
 
+import json
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 

@@ -20,6 +20,7 @@ class History:
     campaign_text = open("jobs/quickstart.yaml").read()  # noqa: SIM115
     max_samples = 150
     identity: ClassVar[dict] = {}
+    allowed = None
     samples_used: ClassVar[dict] = {4: 30, 9: 40}
 
     def generation_rows(self):
@@ -31,11 +32,14 @@ class History:
         rows["seconds"], rows["samples_simulated"] = [1.0, 2.0, 3.0], [100, 200, 300]
         return rows
 
-    def string_rows(self):
-        rows = np.zeros(10, [("string", "i8"), *((name, "f8") for name in TEN.names)])
-        rows["string"] = np.arange(10)
-        rows["size_ratio"] = 0.5 + 0.01 * np.arange(10)
-        return rows
+    @property
+    def parameters(self):
+        strings = np.zeros((10, TEN.count))
+        strings[:, TEN.index("size_ratio")] = 0.5 + 0.01 * np.arange(10)
+        return dict(enumerate(strings))
+
+    def derived(self, compute):
+        return compute(self)
 
 
 def test_every_best_string_is_estimated_once_on_samples_beyond_those_of_the_search():
